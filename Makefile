@@ -3,6 +3,8 @@
 .PHONY: help setup demo test fast lint format figures api docs wheels lock audit clean
 
 FIGURES_OUT ?= runs/figures
+ENGINE ?= mujoco
+DEMO_VENV = $(if $(filter sapien,$(ENGINE)),.venv,.venv-light)
 DEMO_OUT ?= runs/demo
 DEMO_TASKS ?= 1
 DEMO_LONG ?= PlaceGolfBallIntoDrawer
@@ -15,8 +17,9 @@ help: ## list the targets
 setup: ## make .venv/ ready: packages, extension, command line, Vulkan driver
 	@scripts/setup.sh
 
-demo: setup ## design a task from nothing, take a long one from the library, verify both in physics, record both
-	@.venv/bin/gensim2 run-pipeline --assets builtin --from-empty --num-tasks $(DEMO_TASKS) --stored-task $(DEMO_LONG) \
+demo: ## design a task, take a long one from the library, verify and record both in MuJoCo (ENGINE=sapien: in SAPIEN)
+	@scripts/setup.sh $(if $(filter sapien,$(ENGINE)),,light)
+	@$(DEMO_VENV)/bin/gensim2 run-pipeline --engine $(ENGINE) --assets builtin --from-empty --num-tasks $(DEMO_TASKS) --stored-task $(DEMO_LONG) \
 		--episodes $(DEMO_EPISODES) --seed $(DEMO_SEED) --library none --out $(DEMO_OUT) --resume
 
 test: ## setup, then everything that must hold: format, lint, types, Rust and Python tests

@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # Make .venv/ ready: pinned packages, the Rust extension, gensim2 and gensim2-robot, a Vulkan driver for pictures.
 #
+# `scripts/setup.sh light` makes .venv-light/ instead: gensim2[mujoco], without ManiSkill, PyTorch and Vulkan.
+#
 # Every step leaves a stamp in .venv/ and is skipped while what it was made from is unchanged. An existing .venv/ is
 # adopted; nothing in it is removed. Environment:
 #   PYTHON                        interpreter for a new .venv/ (default: the newest of python3.11 and later found)
@@ -67,15 +69,35 @@ sources_of_the_extension() {
         LC_ALL=C sort -z | xargs -0 sha256sum
 }
 
+sources_of_the_package() { find python/gensim2 -type f ! -name '*.pyc' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum; }
+
 require_toolchain
+if [ "${1:-}" = light ]; then
+    venv=$PWD/.venv-light
+    python=$venv/bin/python
+fi
 if [ ! -x "$python" ]; then
     interpreter=$(find_python)
     find_uv "$interpreter"
-    say "making .venv with $("$interpreter" --version)"
+    say "making $(basename "$venv") with $("$interpreter" --version)"
     "$uv" venv --quiet --allow-existing --python "$interpreter" "$venv"
 fi
-is_recent_python "$python" || fail ".venv holds a Python older than 3.$minimum_minor: remove .venv and run make again"
+is_recent_python "$python" || fail "$(basename "$venv") holds a Python older than 3.$minimum_minor: remove it and run make again"
 place="$PWD $("$python" -V) $(cargo --version)"
+
+if [ "${1:-}" = light ]; then
+    light=$({ echo "$place" && cat requirements.lock && sources_of_the_extension && sources_of_the_package; } | digest)
+    if changed light "$light"; then
+        find_uv "$python"
+        say "installing gensim2[mujoco]; the extension is built in release mode (1 to 3 minutes the first time)"
+        CARGO_TERM_QUIET=true CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$PWD/target} \
+            "$uv" pip install --quiet --python "$python" --constraint requirements.lock --reinstall-package gensim2 ".[mujoco]" ||
+            fail "gensim2 could not be installed"
+        stamp light "$light"
+    fi
+    say "ready: .venv-light/bin/gensim2"
+    exit
+fi
 
 packages=$({ echo "$place" && cat requirements.lock; } | digest)
 if changed packages "$packages"; then

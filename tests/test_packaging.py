@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -9,10 +10,12 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 from solver_wheel import readme_lines
 
@@ -181,6 +184,66 @@ def test_wheel_works_away_from_the_clone(wheels: dict[str, Path], tmp_path: Path
     assert result.returncode == 0, result.stderr
     assert result.stdout.split()[1] == "True"
     assert int(result.stdout.split()[0]) >= 8
+
+
+def light_site(wheel: Path, folder: Path) -> Path:
+    """Make a folder of packages: the wheel, and links to what ``gensim2[mujoco]`` depends on, and nothing else."""
+    site = folder / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    waiting = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["mujoco"]]
+    seen = set()
+    while waiting:
+        requirement = Requirement(waiting.pop())
+        extras = requirement.extras or {""}
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        name = canonicalize_name(requirement.name)
+        if name in seen:
+            continue
+        seen.add(name)
+        found = distribution(name)
+        for place in {file.parts[0] for file in found.files or () if file.parts[0] not in ("..", "__pycache__")}:
+            link, target = site / place, Path(str(found.locate_file(place)))
+            if not link.exists():
+                link.symlink_to(target)
+        for line in found.requires or ():
+            inner = Requirement(line)
+            if inner.marker is None or any(inner.marker.evaluate({"extra": extra}) for extra in extras):
+                inner.marker = None
+                waiting.append(str(inner))
+    return site
+
+
+def test_the_light_installation_makes_a_verified_demonstration(wheels: dict[str, Path], tmp_path: Path) -> None:
+    site = light_site(wheels["gensim2"], tmp_path)
+    # -S: without this environment's own packages, in the worker processes as well.
+    home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment = {**os.environ, **home, "PYTHONPATH": str(site)}
+    environment.pop("GENSIM2_ASSETS", None)
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-S", *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+            env=environment,
+        )
+
+    absent = run("-c", "from importlib.util import find_spec as f\nprint(*map(f, ('torch', 'sapien', 'mani_skill')))")
+    assert absent.stdout.split() == ["None"] * 3, absent.stderr
+    made = run("-m", "gensim2.cli", "demo", "CloseBox", "--episodes", "1", "--out", "demo", "--workers", "1")
+    assert made.returncode == 0, made.stderr
+    assert "MuJoCo simulates" in made.stderr
+    assert (tmp_path / "demo/report.html").is_file()
+    assert (tmp_path / "demo/tasks/CloseBox/video.mp4").stat().st_size > 10_000
+    record = json.loads((tmp_path / "demo/run.json").read_text())
+    assert record["arguments"]["engine"] == "mujoco"
+    refused = run("-m", "gensim2.cli", "demo", "CloseBox", "--engine", "sapien", "--out", "other")
+    assert refused.returncode == 2
+    assert "pip install 'gensim2[sim]'" in refused.stderr
 
 
 def test_robots_are_a_distribution_of_their_own(wheels: dict[str, Path], tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gensim2.core.errors import GenSim2Error, MissingExtraError
+from gensim2.core.errors import GenSim2Error
 
 # The probe runs in a subprocess, because a crashing driver would end this process and SAPIEN keeps its settings.
 _VULKAN_PROBE = """
@@ -36,6 +36,9 @@ EXTRAS = {
 """Extras by name: the extra, its packages, and what works without it; extras with a detailed check are not listed."""
 
 
+Status = Literal["ok", "limited", "missing"]
+
+
 @dataclass(frozen=True)
 class Check:
     """One check.
@@ -48,7 +51,7 @@ class Check:
     """
 
     name: str
-    status: Literal["ok", "limited", "missing"]
+    status: Status
     value: str
     remedy: str = ""
 
@@ -126,7 +129,7 @@ def vulkan() -> Check:
 
 def ray_casting() -> Check:
     """Check whether Embree and farthest point sampling work, which point clouds need."""
-    name, remedy = "Ray casting", "pip install 'gensim2[sim]'; all but point clouds works without"
+    name, remedy = "Ray casting", "pip install --force-reinstall embreex fpsample"
     try:
         from gensim2.perception.cloud import farthest_points
         from gensim2.perception.raycast.shapes import Surface
@@ -135,7 +138,7 @@ def ray_casting() -> Check:
         triangle = Surface(corners, np.array([[0, 1, 2]], dtype=np.int32), np.zeros((1, 3), np.uint8))
         met = triangle.scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], dtype=np.float32))
         few = farthest_points(corners, 2)
-    except (ImportError, MissingExtraError) as error:
+    except ImportError as error:
         return Check(name, "limited", str(error), remedy)
     if met.tolist() != [0] or len(few) != 2:
         return Check(name, "limited", f"a ray met {met.tolist()}, {len(few)} of 2 points were taken", remedy)
@@ -221,8 +224,10 @@ def _simulation() -> Check:
     packages = ("mani_skill", "sapien", "torch")
     absent = [package for package in packages if importlib.util.find_spec(package) is None]
     if absent:
-        return Check("Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'")
-    return Check("Simulation", "ok", _versions(packages))
+        status: Status = "missing" if importlib.util.find_spec("mujoco") is None else "limited"
+        remedy = "pip install 'gensim2[sim]'; --engine mujoco works without"
+        return Check("SAPIEN", status, f"not installed: {', '.join(absent)}", remedy)
+    return Check("SAPIEN", "ok", _versions(packages))
 
 
 def _mujoco() -> Check:
@@ -240,7 +245,7 @@ def _video() -> Check:
             return Check("ffmpeg", "ok", Path(imageio_ffmpeg.get_ffmpeg_exe()).name)
         except RuntimeError as error:
             return Check("ffmpeg", "limited", str(error), "install ffmpeg; all but videos works without")
-    return Check("ffmpeg", "limited", "no imageio-ffmpeg", "pip install 'gensim2[sim]'; all but videos works without")
+    return Check("ffmpeg", "limited", "no imageio-ffmpeg", "pip install imageio-ffmpeg; all but videos works without")
 
 
 def _assets(assets: str | Path | None) -> Check:

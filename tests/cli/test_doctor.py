@@ -16,7 +16,7 @@ def test_all_that_is_promised_is_looked_at() -> None:
         "Python",
         "Rust",
         "Solver",
-        "Simulation",
+        "SAPIEN",
         "MuJoCo",
         "Vulkan driver",
         "Ray casting",
@@ -56,7 +56,7 @@ def test_a_package_that_is_not_there_and_one_that_does_not_load_are_told_apart(
 def test_a_ray_is_cast(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ray_casting().status == "ok"
     monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
-    assert (ray_casting().status, "gensim2[sim]" in ray_casting().remedy) == ("limited", True)
+    assert (ray_casting().status, "embreex" in ray_casting().remedy) == ("limited", True)
 
 
 def test_missing_assets_are_named(tmp_path: Path) -> None:

@@ -47,6 +47,14 @@ def test_ten_kills_change_no_byte_of_a_data_set(tmp_path: Path) -> None:
     assert tally.mid_collection >= 5
 
 
+def test_five_kills_change_no_byte_of_what_mujoco_simulates(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    command = dataclasses.replace(COLLECTIONS[0], words=(*COLLECTIONS[0].words, "--engine", "mujoco"))
+    tally, wrong = kill_runs.kill_runs(5, "simulator", seed=4, folder=tmp_path, commands=[command])
+    assert wrong == []
+    assert sum(tally.kills.values()) == 5
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_stopped_run_says_one_line_and_leaves_no_process_and_no_half_file(
     tmp_path: Path, number: signal.Signals, code: int

@@ -277,6 +277,25 @@ def test_nothing_is_written_where_it_may_not_be(tmp_path: Path) -> None:
         TaskStore(target).add(0, *_blank())
 
 
+def test_without_sapiens_renderer_the_ray_caster_draws_the_states(
+    store: TaskStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import imageio.v2 as imageio
+
+    from gensim2.data import video
+    from gensim2.data.video import Replay, film
+
+    monkeypatch.setattr(video, "can_render", lambda: False)
+    replay = Replay.stored(_h5(store))
+    assert replay.states is not None
+    made = film(replay, tmp_path / "video.mp4", still=tmp_path / "still.png", stride=20)
+    assert made.success is None
+    frames = [np.asarray(frame) for frame in imageio.get_reader(tmp_path / "video.mp4")]
+    assert len(frames) == made.frames
+    assert frames[0].shape == (480, 640, 3)
+    assert np.abs(frames[0].astype(int) - frames[-1]).max() > 30  # the arm has moved
+
+
 @pytest.mark.skipif(not can_render(), reason="no Vulkan driver works on this machine")
 def test_a_film_shows_the_recorded_episode(store: TaskStore, tmp_path: Path) -> None:
     import imageio.v2 as imageio
@@ -305,11 +324,9 @@ def test_a_film_shows_the_recorded_episode(store: TaskStore, tmp_path: Path) -> 
     assert told["fps"] == 10  # twice the speed of 5 Hz
     assert "yuv420p" in told["pix_fmt"]  # supported by every browser
     assert imageio.imread(tmp_path / "still.webp").shape == (480, 640, 3)
-    # States of another engine are shown and not simulated again; here SAPIEN's own, which give the same images.
-    elsewhere = {**replay.env_kwargs, "engine": "mujoco"}
-    film(
-        dataclasses.replace(replay, env_kwargs=elsewhere, states=recording.env_states), tmp_path / "shown.mp4", stride=4
-    )
+    # The states of another engine are shown, not simulated again: here SAPIEN's own, which give the same pictures.
+    elsewhere = dataclasses.replace(replay.scene, engine="mujoco")
+    film(dataclasses.replace(replay, scene=elsewhere, states=recording.env_states), tmp_path / "shown.mp4", stride=4)
     pictures = [[*iter(imageio.get_reader(tmp_path / f"{name}.mp4"))] for name in ("quick", "shown")]
     assert len(pictures[0]) == len(pictures[1])
     for one, other in zip(*pictures, strict=True):

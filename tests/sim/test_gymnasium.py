@@ -236,7 +236,7 @@ def test_a_vector_environment_is_described_as_its_environments_are() -> None:
 
 
 def test_a_vector_environment_refuses_odd_modes_and_numbers() -> None:
-    with pytest.raises(InputError, match="vectorization_mode: must be async or sync"):
+    with pytest.raises(InputError, match="vectorization_mode: must be async, sync or thread"):
         gensim2.make_vec_env("CloseBox", 2, "gpu")
     with pytest.raises(InputError, match="num_envs: must be a whole number from 1"):
         gensim2.make_vec_env("CloseBox", 0)

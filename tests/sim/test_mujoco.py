@@ -87,7 +87,7 @@ def test_a_collection_follows_from_its_arguments_alone(tmp_path: Path) -> None:
         files = (path for path in out.rglob("*") if path.is_file() and path.name not in ("run.json", "report.html"))
         return {str(path.relative_to(out)): path.read_bytes() for path in files}
 
-    expected = gather("at once", 3, workers=2)
+    expected = gather("at once", 3, workers=10)
     gather("resumed", 1, workers=1)
     assert gather("resumed", 3, workers=1) == expected
     record = json.loads(expected["dataset.json"])
@@ -246,3 +246,45 @@ def test_a_mesh_that_collides_and_is_damaged_or_a_pipe_is_one_error(tmp_path: Pa
         InputError, match=r"a\.glb: " + ("is a pipe" if content is None else "no mesh that can be read")
     ):
         links_of(tmp_path / "a.urdf")
+
+
+@pytest.mark.parametrize("task", PULL_AND_PLACE)
+def test_a_scene_as_mjcf_is_the_scene_of_the_engine(task: str, tmp_path: Path) -> None:
+    import mujoco
+
+    from gensim2.cli.main import run as command
+
+    out = ["--to", "mjcf", "--assets", "builtin", "--seed", "4", "--out", str(tmp_path)]
+    assert command(["tasks", "export", task, *out]) == 0
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{task}.xml"))
+    env = HeadlessEnv(task, assets="builtin", engine="mujoco")
+    env.reset(4)
+    simulation = env._scene.simulation  # type: ignore[attr-defined]
+    own, data = simulation.model, mujoco.MjData(model)
+    for name in ("nq", "nv", "nu", "nbody", "ngeom", "npair", "neq"):
+        assert getattr(model, name) == getattr(own, name), name
+    for name in ("body_mass", "dof_frictionloss", "dof_armature", "pair_friction", "actuator_forcerange", "jnt_range"):
+        assert getattr(model, name) == pytest.approx(getattr(own, name), rel=1e-4, abs=1e-6), name
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    assert data.qpos == pytest.approx(simulation.raw.qpos, abs=1e-6)
+    start = data.qpos.copy()
+    mujoco.mj_step(model, data, 250)
+    assert np.abs(data.qpos - start).max() < 0.02  # everything rests
+
+
+@pytest.mark.parametrize("which", ["drawer/1", "mug/0"])
+def test_an_object_as_mjcf_stands_on_the_table(which: str, tmp_path: Path) -> None:
+    import mujoco
+
+    from gensim2.cli.main import run as command
+
+    words = ["assets", "export", which, "--to", "mjcf", "--assets", "builtin", "--out", str(tmp_path)]
+    assert command(words) == 0
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{which}.xml"))
+    assert model.nu == 0
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    start = data.qpos.copy()
+    mujoco.mj_step(model, data, 250)
+    assert np.abs(data.qpos - start).max() < 0.005
+    assert command(words) == 2  # it is there already

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
@@ -14,6 +14,9 @@ from gensim2.cli.output import line
 from gensim2.cli.typed import Option
 from gensim2.core.errors import InputError
 from gensim2.core.progress import Progress
+
+if TYPE_CHECKING:
+    from gensim2.objects import Library as LibraryObjects
 
 Library = Annotated[Path, click.Path(path_type=Path, file_okay=False), Option(metavar="LIBRARY")]
 
@@ -60,19 +63,23 @@ def export(
     *,
     assets: str | None,
     every: Every = False,
+    to: Literal["urdf", "mjcf"] = "urdf",
     out: Library,
     force: bool = False,
     seed: int,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Export articulated objects as URDF, meshes and info.json.
+    """Write objects as URDF or MJCF.
 
-    The layout is that of the GenSim2 release, which other tools can load: folder articulated_objs/CLASS/ID in LIBRARY,
-    with mobility.urdf, textured_objs/ and info.json, in metres. WHICH is an id, train, test, new, all or random.
+    WHICH is an id, train, test, new, all or random. urdf writes articulated objects in the layout of the GenSim2
+    release, which other tools load: articulated_objs/CLASS/ID in LIBRARY with mobility.urdf, textured_objs/ and
+    info.json, in metres. mjcf writes articulated and rigid objects as LIBRARY/CLASS/ID.xml, on the table, for
+    python -m mujoco.viewer.
 
     Args:
         every: Export all articulated objects of the library.
-        out: Output folder, usable as --assets; created if missing.
+        to: Format; mjcf needs the extra gensim2[mujoco].
+        out: Folder of objects, usable as --assets; created if missing.
         force: Replace existing objects.
     """
     if not objects and not every:
@@ -81,6 +88,8 @@ def export(
     from gensim2.objects.library.selection import select
 
     library = open_library(assets)
+    if to == "mjcf":
+        return _to_mjcf(library, select(library, objects, every=every, seed=seed), out, force)
     items = select(library, objects, every=every, seed=seed, kind="articulated")
     from gensim2.objects.library.export import export as function
 
@@ -91,6 +100,20 @@ def export(
         folder = str(function(instance, out, force))
         written.append({"class": asset_class, "id": instance_id, "folder": folder, "license": instance.license})
         progress.advance()
+    return {"schema_version": 1, "library": str(out), "objects": written}
+
+
+def _to_mjcf(library: LibraryObjects, items: list[tuple[str, str]], out: Path, force: bool) -> dict[str, Any]:
+    from gensim2.sim.mujoco.mjcf import write_object
+
+    written = []
+    for asset_class, instance_id in items:
+        file = out / asset_class / f"{instance_id}.xml"
+        if file.exists() and not force:
+            raise InputError("is there already", file=file, field="--out", remedy="give --force to replace it")
+        model = library.load(asset_class, instance_id)
+        write_object(model, file)
+        written.append({"class": asset_class, "id": instance_id, "folder": str(file), "license": model.license})
     return {"schema_version": 1, "library": str(out), "objects": written}
 
 

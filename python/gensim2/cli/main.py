@@ -21,7 +21,7 @@ from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, Mod
 
 #: Modules that belong to an optional extra.
 EXTRAS = {
-    **dict.fromkeys(("embreex", "fpsample", "imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
+    **dict.fromkeys(("mani_skill", "sapien", "torch"), "sim"),
     **dict.fromkeys(("httpx2", "json_repair", "openai"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
     "ray": "ray",

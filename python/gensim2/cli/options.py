@@ -62,8 +62,9 @@ class Shared:
             other scenes), no-op, expert (the planner).
         device: Training device, as PyTorch names it; several devices share each batch. auto is the first GPU, else the
             CPU.
-        engine: Physics engine. sapien uses PhysX with ManiSkill's environments. mujoco (extra gensim2[mujoco]) needs
-            neither ManiSkill nor PyTorch, and supports --physics default only.
+        engine: Physics engine. sapien (extra gensim2[sim]) uses PhysX with ManiSkill's environments. mujoco (extra
+            gensim2[mujoco]) needs neither ManiSkill nor PyTorch, and supports --physics default only.  [default: sapien
+            if it is installed, else mujoco]
         instances: Objects to use. train and test split the listed objects nine to one; train-K and test-K, with K from
             1 to 9, use another tenth for testing; new generates objects beyond the listed ones; random is one listed
             object, drawn by --seed.
@@ -100,7 +101,7 @@ class Shared:
     assets: Annotated[str | None, Option(metavar="DIR|builtin|ycb")] = None
     moved_assets: Annotated[str | None, Option("--assets", "DIR|ycb")] = None
     instances: Annotated[str, Option("--instances --instance", "all|train[-K]|test[-K]|new|random|ID")] = "all"
-    engine: Literal["sapien", "mujoco"] = "sapien"
+    engine: Literal["sapien", "mujoco"] | None = None
     physics: Annotated[str, _Physics(), Option(metavar="default|original|MIXTURE|FILE")] = "default"
     redraw: Literal["none", "placement"] | None = None
     randomization: Literal["paper", "paper-half", "wide"] = "paper"
@@ -231,6 +232,12 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
         raise click.UsageError("--resume goes on with what --out holds: give --out, too")
     if given.get("ray") is not None and not is_given(context, "workers"):
         given["workers"] = None  # one for each CPU of the cluster
+    if "engine" in given and given["engine"] is None:
+        from gensim2.scenes.physics import default_engine
+
+        given["engine"] = default_engine()
+        if given["engine"] != "sapien":
+            click.echo("SAPIEN is not installed, so MuJoCo simulates (--engine mujoco)", err=True)
     if "moved_assets" in given:
         given["assets"] = given.pop("moved_assets")
     if (library := given.pop("library", None)) is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import click
 
@@ -184,7 +184,9 @@ def gallery(tasks: tuple[str, ...] = (), *, out: Page, progress: Progress, **giv
 
 
 @command("library", *EPISODES, "workers", show=show_remembered)
-def add(folder: Path, *, episodes: Count = 20, progress: Progress, **given: Any) -> dict[str, Any]:
+def add(
+    folder: Path, *, episodes: Count = 20, engines: Literal["one", "both"] = "one", progress: Progress, **given: Any
+) -> dict[str, Any]:
     """Add the kept tasks of a run, or your own task, to your library.
 
     FOLDER is a run folder of run-pipeline, whose designed and kept tasks are added; or a folder with task.yaml and
@@ -193,13 +195,17 @@ def add(folder: Path, *, episodes: Count = 20, progress: Progress, **given: Any)
 
     Args:
         episodes: Number of episodes that verify your own task.
+        engines: both also verifies your own task in the other physics engine, on the same scenes.
     """
     if (folder / "task.yaml").is_file():
         from gensim2.design.remembering import add_task
 
-        return {"schema_version": 1, **asdict(add_task(folder, episodes=episodes, progress=progress, **given))}
+        return {
+            "schema_version": 1,
+            **asdict(add_task(folder, episodes=episodes, engines=engines, progress=progress, **given)),
+        }
     context = click.get_current_context()
-    for name in ("episodes", *given):
+    for name in ("episodes", "engines", *given):
         if is_given(context, name):
             anew = shlex.join(["gensim2", "tasks", "add", str(folder / "tasks" / "NAME")])
             remedy = f"{anew} verifies one of its tasks anew"
@@ -225,20 +231,27 @@ def remove(names: tuple[str, ...]) -> dict[str, Any]:
     return {"schema_version": 1, "library": str(memory.folder), "removed": list(dict.fromkeys(names))}
 
 
-@command("library", show=_show_exported)
+_OF_SCENES = ("seed", "assets", "instances", "randomization", "robot")
+
+
+@command("library", *_OF_SCENES, show=_show_exported)
 def export(
     names: tuple[str, ...] = (),
     *,
     origin: Name | None = None,
+    to: Literal["library", "mjcf"] = "library",
     out: Annotated[Path, Option(metavar="DIR|FILE.zip")],
+    **scene: Any,
 ) -> dict[str, Any]:
-    """Export tasks with their strategies to a folder or a .zip file.
+    """Write tasks to a folder or a .zip.
 
-    The command exports the tasks NAMES, or all of --origin, with all strategies that they use. Every command accepts
-    the result as --library, and a folder OUT/<Task> also as a task.
+    Writes the tasks NAMES, or all of --origin. Every command accepts a library as --library, and OUT/<Task> of its
+    folder also as a task. mjcf writes the scene of --seed of each task as OUT/<Task>.xml, with the robot, for
+    python -m mujoco.viewer.
 
     Args:
-        origin: Export all tasks proposed by NAME, if no task is named.
+        origin: All tasks that NAME proposed, if no task is named.
+        to: library is task.yaml and the strategies that a task uses; mjcf (extra gensim2[mujoco]) is MuJoCo's XML.
         out: Folder or archive to write.
     """
     from gensim2.tasks.exporting import export as function
@@ -247,7 +260,17 @@ def export(
     if bool(names) == (origin is not None):
         raise InputError("name tasks, or an --origin whose tasks are meant", field="names")
     wanted = list(dict.fromkeys(names)) or list(task_names(origin))
-    function(wanted, out)
+    if to == "library":
+        for name in _OF_SCENES:
+            if is_given(click.get_current_context(), name):
+                raise InputError("is of use with --to mjcf only", field=f"--{name}")
+        function(wanted, out)
+        return {"schema_version": 1, "out": str(out), "exported": wanted}
+    from gensim2.sim.mujoco.mjcf import write_scene
+    from gensim2.tasks.library import load_task
+
+    for name in wanted:
+        write_scene(load_task(name), out / f"{name}.xml", **scene)
     return {"schema_version": 1, "out": str(out), "exported": wanted}
 
 

@@ -125,11 +125,8 @@ def collect(
 def _film(
     store: TaskStore, kept: Sequence[Episode], task: TaskSpec, evaluator: EpisodeRunner, progress: Progress
 ) -> None:
-    """Record videos of demonstrations in workers, by ray casting without a Vulkan driver; report a failure and
-    continue.
-    """
-    from gensim2.data.films import PICTURE_ALONE, film_episode, film_path  # brings the ray caster
-    from gensim2.sim import rendering
+    """Record videos of demonstrations in workers; report a failure and continue."""
+    from gensim2.data.films import film_path  # brings the ray caster
 
     folder = store.folder
     films = [folder / "video.mp4", *(film_path(folder, number) for number in range(1, len(kept)))]
@@ -137,14 +134,9 @@ def _film(
     if not missing:
         return
     progress.start(f"{task.name}: film", len(missing))
-    if rendering.can_render():
-        stills = [folder / "still.png", *([None] * (len(kept) - 1))]
-        jobs = {number: (folder / "trajectory.h5", number, films[number], stills[number]) for number in missing}
-        found = evaluator.each(film_job, jobs, f"{task.name}: film")
-    else:
-        scene = evaluator.scene.with_task(task)
-        cast = {number: (store.path(kept[number].index), scene, PICTURE_ALONE, films[number]) for number in missing}
-        found = evaluator.each(film_episode, cast, f"{task.name}: film")
+    stills = [folder / "still.png", *([None] * (len(kept) - 1))]
+    jobs = {number: (folder / "trajectory.h5", number, films[number], stills[number]) for number in missing}
+    found = evaluator.each(film_job, jobs, f"{task.name}: film")
     try:
         for _ in found:
             pass

@@ -16,6 +16,7 @@ from gensim2.rollout.config import RolloutOptions, nested_options
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally
 from gensim2.scenes.config import SCENE_FIELDS, SceneOptions, SceneRecord
+from gensim2.scenes.physics import Engine
 
 RUN_SCHEMA_VERSION: Literal[4] = 4
 """Version of ``run.json``; a run can be resumed by the same version only."""
@@ -84,6 +85,14 @@ class RunRecord(RunSettings):
         return self.model_copy(update=update)
 
 
+class SecondEngineRecord(Record):
+    """Part of ``verification.json``: the same scenes in the other engine."""
+
+    engine: Engine
+    held: Annotated[int, Field(ge=0)]
+    episodes: Annotated[list[Episode], Field(min_length=1)]
+
+
 class VerificationRecord(Record):
     schema_version: Literal[2]
     threshold: Annotated[float, Field(ge=0, le=1)]
@@ -97,18 +106,21 @@ class VerificationRecord(Record):
     strict_misses: dict[str, int]
     objects: dict[str, int]
     episodes: Annotated[list[Episode], Field(min_length=1)]
+    second: SecondEngineRecord | None = None
 
     @model_validator(mode="after")
     def _counts_are_those_of_the_episodes(self) -> Self:
         told = self.verification
-        counts = self.model_dump(exclude={"schema_version", "threshold", "kept", "instances", "episodes"})
-        if self.kept != told.kept or counts != told.tally.to_dict():
+        counts = self.model_dump(exclude={"schema_version", "threshold", "kept", "instances", "episodes", "second"})
+        wrong = self.second is not None and told.second is not None and self.second.held != told.second.tally.held
+        if self.kept != told.kept or counts != told.tally.to_dict() or wrong:
             raise ValueError("the counts are not those of the episodes")
         return self
 
     @property
     def verification(self) -> Verification:
-        return Verification(tuple(self.episodes), self.threshold, self.instances)
+        second = None if self.second is None else SecondEngine(self.second.engine, tuple(self.second.episodes))
+        return Verification(tuple(self.episodes), self.threshold, self.instances, second)
 
 
 class EnvironmentSummary(BaseModel):
@@ -147,6 +159,29 @@ class RunSummary(BaseModel):
 
 
 @dataclass(frozen=True)
+class SecondEngine:
+    """Episodes on the scenes of a verification in the other physics engine.
+
+    Attributes:
+        engine: physics engine.
+        episodes: episodes in the order of the seeds.
+    """
+
+    engine: Engine
+    episodes: tuple[Episode, ...]
+
+    @cached_property
+    def tally(self) -> Tally:
+        """Counts over the episodes."""
+        return Tally.of(self.episodes)
+
+    @property
+    def rate(self) -> float:
+        """Share of episodes that held."""
+        return self.tally.held / self.tally.episodes
+
+
+@dataclass(frozen=True)
 class Verification:
     """Results of a task and its strategies on new seeds.
 
@@ -155,11 +190,13 @@ class Verification:
         threshold: smallest success rate for keeping the task.
         instances: set of objects. ``"new"`` (generated objects beyond the listed ones) and ``"test"`` were not used in
             the search; ``"all"`` is used if a class is too small to be split.
+        second: episodes on the same scenes in the other engine; None if one engine decides.
     """
 
     episodes: tuple[Episode, ...]
     threshold: float
     instances: Instances
+    second: SecondEngine | None = None
 
     @cached_property
     def tally(self) -> Tally:
@@ -171,10 +208,14 @@ class Verification:
 
     @property
     def kept(self) -> bool:
-        """Whether the success rate reaches the threshold."""
-        return self.rate >= self.threshold
+        """Whether the success rate reaches the threshold in every engine."""
+        return self.rate >= self.threshold and (self.second is None or self.second.rate >= self.threshold)
 
     def to_dict(self) -> dict[str, Any]:
+        second = None
+        if self.second is not None:
+            episodes = [episode.to_dict() for episode in self.second.episodes]
+            second = {"engine": self.second.engine, "held": self.second.tally.held, "episodes": episodes}
         return {
             "schema_version": 2,
             "threshold": self.threshold,
@@ -182,6 +223,7 @@ class Verification:
             "instances": self.instances,
             **self.tally.to_dict(),
             "episodes": [episode.to_dict() for episode in self.episodes],
+            **({} if second is None else {"second": second}),
         }
 
 

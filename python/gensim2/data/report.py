@@ -13,7 +13,7 @@ from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.charts import charts
 from gensim2.data.dataset import DataSet
 from gensim2.data.quality import TaskQuality, qualities
-from gensim2.data.sheet import Shot, contact_sheet, film_seen
+from gensim2.data.sheet import Shot, contact_sheet
 from gensim2.data.store import TaskStore
 from gensim2.data.video import Replay, film
 from gensim2.rollout.record import Episode
@@ -76,24 +76,15 @@ def _section(dataset: DataSet, quality: TaskQuality, videos: int, progress: Prog
     return _Section(quality, interval(quality.held, quality.tried), charts(quality), made, shots)
 
 
-def _film(dataset: DataSet, store: TaskStore, row: Episode, number: int, progress: Progress) -> tuple[str, str] | None:
-    """Record a demonstration's video by replaying it, or from its observations if this machine cannot render."""
-    from gensim2.sim import rendering
-
+def _film(dataset: DataSet, store: TaskStore, row: Episode, number: int, progress: Progress) -> tuple[str, str]:
+    """Record a demonstration's video; return the paths of the video and of a still image."""
     name = f"{MEDIA}/{store.name}" + (f"_{number}" if number else "")
     video, still = f"{name}.mp4", f"{name}.png"
     if (dataset.path / video).exists() and (dataset.path / still).exists():
         return video, still
     progress.start(f"{store.name}: film", 1)
-    if not rendering.can_render():
-        if not film_seen(store, row, dataset.path / video, dataset.path / still):
-            progress.message(f"{store.name}: no video: {rendering.NO_DRIVER}")
-            return None
-    else:
-        recording = store.read(row).recording
-        assert recording is not None
-        scene = dataset.scene
-        replay = Replay.of(recording, store.spec(), scene.assets, scene.environment)
-        film(replay, dataset.path / video, still=dataset.path / still)
+    recording = store.read(row).recording
+    assert recording is not None
+    film(Replay.of(recording, dataset.scene.with_task(store.spec())), dataset.path / video, still=dataset.path / still)
     progress.advance()
     return video, still

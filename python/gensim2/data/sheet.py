@@ -14,9 +14,6 @@ from gensim2.core.files import replacing
 from gensim2.data.formats.columns import RGB, XYZ
 from gensim2.data.observation_file import ObservedEpisode, read_observation
 from gensim2.data.store import TaskStore
-from gensim2.data.video import write_video
-from gensim2.robots import robot
-from gensim2.rollout.record import Episode
 
 Frame = npt.NDArray[np.uint8]
 
@@ -27,7 +24,6 @@ _DOT = 2
 """Width of the border that each point gets on every side, pixels."""
 _PAPER = 244
 """Brightness of pixels without a point."""
-_LARGER = 3
 
 
 @dataclass(frozen=True)
@@ -69,29 +65,6 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
                 imageio.imwrite(path, np.concatenate([first, last]), format="png")
             shots.append(Shot(row.index, file))
     return tuple(shots)
-
-
-def film_seen(store: TaskStore, row: Episode, video: Path, still: Path) -> bool:
-    """Write a video and a still image from a demonstration's observations; return False if there are none to show.
-
-    Raises:
-        InputError: the observation file is damaged.
-        WriteError: a file cannot be written.
-    """
-    path = store.observation_path(row.index)
-    if not path.exists():
-        return False
-    observation = read_observation(path, row.episode_digest)
-    steps = int(observation.description["steps"])
-    frames = [picture(observation, step) for step in range(steps + 1)]
-    large = [frame.repeat(_LARGER, axis=0).repeat(_LARGER, axis=1) for frame in frames if frame is not None]
-    if not large:
-        return False
-    with replacing(video) as file:
-        write_video(file, large, robot(str(observation.description["robot"])).control_hz)
-    with replacing(still) as file:
-        imageio.imwrite(file, large[len(large) // 2])
-    return True
 
 
 def picture(observation: ObservedEpisode, step: int) -> Frame | None:

@@ -1,4 +1,8 @@
-"""Videos and images of recorded episodes, by replaying the actions in a rendering environment."""
+"""Videos and images of recorded episodes.
+
+If SAPIEN's renderer works, it replays the actions, or shows the states that another engine recorded. Otherwise the ray
+caster draws the recorded states.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.errors import InputError
 from gensim2.core.files import replacing
 from gensim2.core.foreign.hdf5 import ForeignHdf5Error, array_in, group_in
 from gensim2.core.foreign.library import read_by_library
@@ -24,13 +28,14 @@ from gensim2.core.record_files import read_record
 from gensim2.data.close_up import CloseUp
 from gensim2.data.episode_file import STATES_DEPTH, read_tree
 from gensim2.data.trajectory import JSON_NAME, env_kwargs
-from gensim2.robots import DEFAULT_ROBOT, robot
+from gensim2.perception.raycast.state_drawing import StateDrawing
+from gensim2.robots import robot
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
-from gensim2.scenes.config import SceneOptions
+from gensim2.scenes.config import SceneConfig, SceneOptions
 from gensim2.scenes.reset_options import RESET_OPTIONS
+from gensim2.sim.driver import can_render
 from gensim2.tasks.parse import parse_task
-from gensim2.tasks.spec import TaskSpec
 
 Frame = npt.NDArray[np.uint8]
 
@@ -83,19 +88,26 @@ class Replay:
         env_id, env_kwargs: environment, for ``gymnasium.make``.
         reset_kwargs: seed and options of the reset.
         actions: (T, m + 1), one for each control step.
-        states: ManiSkill's ``env_states``, (T + 1, ...), which are shown without simulation; None for episodes of
-            SAPIEN, which are simulated again.
+        scene: configuration of the environment.
+        states: ManiSkill's ``env_states``, (T + 1, ...); None if SAPIEN can simulate the actions again.
     """
 
     env_id: str
     env_kwargs: Mapping[str, Any]
     reset_kwargs: Mapping[str, Any]
     actions: npt.NDArray[np.float32]
+    scene: SceneConfig
     states: Tree | None = None
 
     @property
     def control_hz(self) -> int:
-        return robot(self.env_kwargs.get("robot", DEFAULT_ROBOT)).control_hz
+        """Rate of the robot's actions."""
+        return robot(self.scene.robot).control_hz
+
+    @property
+    def is_simulated_again(self) -> bool:
+        """Whether SAPIEN replays the actions, because it simulated the episode."""
+        return self.scene.engine == "sapien"
 
     @staticmethod
     def stored(trajectory: Path, episode: int = 0) -> Replay:
@@ -120,8 +132,8 @@ class Replay:
         if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's options can set arbitrary states
             raise InputError(f"has the option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
-        environment = SceneOptions.from_record(told.model_dump()).environment
-        kwargs = env_kwargs(task, told.assets, told.instances, environment)
+        options = SceneOptions.from_record(told.model_dump())
+        kwargs = env_kwargs(task, told.assets, told.instances, options.environment)
         with (
             read_by_library(trajectory, "record the episodes again"),
             open_regular(trajectory) as stream,
@@ -130,25 +142,20 @@ class Replay:
             group = group_in(file, f"traj_{episode}")
             actions = array_in(group, "actions", np.float32, (None, None))
             states = None
-            if "engine" in environment:
+            if options.engine != "sapien" or not can_render():
                 states = read_tree(group_in(group, "env_states"), STATES_DEPTH)
                 _check_states(states, len(actions) + 1)
-        return Replay(env_id(task), kwargs, reset.model_dump(), actions, states)
+        return Replay(env_id(task), kwargs, reset.model_dump(), actions, options.with_task(task), states)
 
     @staticmethod
-    def of(recording: Recording, task: TaskSpec, assets: str, environment: Mapping[str, Any]) -> Replay:
-        """Return the replay of an episode that was just recorded.
-
-        Args:
-            assets: ``"builtin"``, or a folder.
-            environment: further arguments of the environment.
-        """
+    def of(recording: Recording, scene: SceneConfig) -> Replay:
+        """Return the replay of an episode that was just recorded on a scene of a configuration."""
         from gensim2.sim.registration import env_id
 
         chosen = {name: [each] for name, each in recording.instances.items()}
+        kwargs = env_kwargs(scene.task, scene.assets, chosen, scene.environment)
         reset = {"seed": recording.seed, "options": recording.reset_options}
-        states = recording.env_states if "engine" in environment else None
-        return Replay(env_id(task), env_kwargs(task, assets, chosen, environment), reset, recording.actions, states)
+        return Replay(env_id(scene.task), kwargs, reset, recording.actions, scene, recording.env_states)
 
 
 def _check_states(states: Tree, rows: int) -> None:
@@ -167,17 +174,17 @@ class Film:
 
     Attributes:
         frames: number of frames in the video.
-        success: whether the goal was reached at the end of the replay.
+        success: the task's criteria held at the end of the replay; None where the ray caster drew recorded states.
     """
 
     frames: int
-    success: bool
+    success: bool | None
 
 
 def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
-    """Replay an episode and write it as an H.264 mp4 of 640 x 480 pixels, which browsers can play.
+    """Write an episode as an mp4: H.264, which browsers play, 640 x 480.
 
-    This needs 2.2 GB of memory and, once in each process, 10 s for shaders, so run it in a worker process.
+    SAPIEN's renderer needs 2.2 GB of memory and, once a process, 10 s for shaders: run it in a worker process.
 
     Args:
         video: file to write, atomically.
@@ -185,18 +192,12 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
             selects the format.
         stride: control steps between frames; None: 1, or 2 for long episodes.
         speed: 1 plays in real time, 2 twice as fast.
-
-    Raises:
-        GenSim2Error: no Vulkan driver works on this machine.
     """
-    from gensim2.sim import rendering
-
-    if not rendering.can_render():
-        raise GenSim2Error(rendering.NO_DRIVER)
     shown = _Shown()
+    frames = _frames if can_render() else _drawn
     stride = stride or (1 if len(replay.actions) <= LONG else 2)
     with replacing(video) as path:
-        write_video(path, _frames(replay, shown, stride), speed * replay.control_hz / stride)
+        write_video(path, frames(replay, shown, stride), speed * replay.control_hz / stride)
     if still is not None:
         with replacing(still) as path:
             imageio.imwrite(path, shown.farthest)
@@ -208,12 +209,12 @@ class _Shown:
 
     def __init__(self) -> None:
         self.frames = 0
-        self.success = False
+        self.success: bool | None = None
         self.farthest: Frame | None = None
         self._start: npt.NDArray[np.float64] | None = None
         self._distance = -1.0
 
-    def add(self, frame: Frame, keypoints: npt.NDArray[np.float64], success: bool) -> None:
+    def add(self, frame: Frame, keypoints: npt.NDArray[np.float64], success: bool | None) -> None:
         if self._start is None:
             self._start = keypoints
         distance = float(np.linalg.norm(keypoints - self._start, axis=1).max())
@@ -251,16 +252,33 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
         close_up = CloseUp(world.profile, models, rendering.video_camera().height)
         yield see(outcome)
         for number, action in enumerate(replay.actions, 1):
-            if replay.states is None:
+            if replay.is_simulated_again:
                 outcome = env.step(action)[4]
             if number % stride and number != len(replay.actions):
                 continue
-            if replay.states is not None:
-                world.show(replay.states, number)
-                outcome = world.evaluate()
+            if not replay.is_simulated_again:
+                env.unwrapped.show(replay.states, number)  # type: ignore[attr-defined]
+                outcome = env.unwrapped.evaluate()  # type: ignore[attr-defined]
             yield see(outcome)
     finally:
         env.close()
+
+
+def _drawn(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
+    """Draw the recorded states with the ray caster."""
+    from gensim2.data.observing import objects_of  # needs the ray caster, which SAPIEN's renderer does not
+
+    states = replay.states
+    assert states is not None
+    objects = objects_of(replay.scene, replay.reset_kwargs["options"]["instance"])
+    drawing = StateDrawing(robot(replay.scene.robot), objects)
+    keypoints = drawing.keypoints(states)
+    for number in range(len(replay.actions) + 1):
+        if number % stride and number != len(replay.actions):
+            continue
+        frame = drawing.at(states, number)
+        shown.add(frame, keypoints[number], None)
+        yield frame
 
 
 def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *, exact: bool = False) -> None:

@@ -13,7 +13,7 @@ from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.demonstrations import collect, film_attempt
-from gensim2.data.records import DesignEffort, PipelineResult, TaskOutcome, Verification
+from gensim2.data.records import DesignEffort, PipelineResult, SecondEngine, TaskOutcome, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design import Designer
 from gensim2.design.base import Brief, Declined, Known
@@ -33,6 +33,7 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.solving import draw_plan, plan_steps
 from gensim2.rollout.tally import Tally
+from gensim2.scenes.physics import Engine
 from gensim2.tasks.library import strategies_of
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
@@ -49,6 +50,7 @@ STRIDE = 10
 
 #: File with the episodes of an unfinished verification.
 UNDER_WAY = "verification.jsonl"
+UNDER_WAY_SECOND = "verification_second.jsonl"
 
 
 def verify(
@@ -62,6 +64,7 @@ def verify(
     *,
     episodes: int,
     seed: int,
+    second: Engine | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> Verification:
     """Run fresh episodes of a task and write ``verification.json``; a second call reads the file.
@@ -78,6 +81,7 @@ def verify(
         apart: division of the instances; the episodes use those that the search did not.
         episodes: number of episodes.
         seed: seed of the scenes.
+        second: engine that repeats the verification if the task passes it in the first engine; None for one engine.
         progress: progress listener.
 
     Raises:
@@ -107,8 +111,17 @@ def verify(
             if len(seeds) - failed < threshold * len(seeds):
                 break
         verification = Verification(tuple(found), threshold, apart.kind)
+        if second is not None and verification.kept:
+            there = EpisodeLog(files.path / UNDER_WAY_SECOND, seeds)
+            progress.start(f"{task.name}: verify in {second}", len(seeds))
+            progress.advance(len(there.done))
+            scenes = [replace(config, scene=replace(config.scene, engine=second)) for config in configs]
+            jobs = [(scenes[i], strategies, seeds[i]) for i in range(len(seeds))]
+            again = evaluator.episodes(f"{task.name}: verification in {second}", jobs, log=there)
+            verification = replace(verification, second=SecondEngine(second, tuple(again)))
         files.write_verification(verification)
     log_path.unlink(missing_ok=True)
+    (files.path / UNDER_WAY_SECOND).unlink(missing_ok=True)
     run.add_episodes(library, verification.episodes, files.verification_path)
     run.save()
     return verification
@@ -152,12 +165,14 @@ class Extent:
         demos: number of demonstrations to collect.
         instances: instances that demonstrations use, as in ``--instances``.
         videos: number of episodes of each task to film; 0: no plan is drawn either.
+        second: engine that repeats verifications; None for one engine.
     """
 
     verify: int
     demos: int
     instances: str
     videos: int
+    second: Engine | None = None
 
 
 #: Folder of the episodes of a search that is under way; the search is repeated from them.
@@ -406,8 +421,14 @@ class PipelineRun:
             apart,
             episodes=self._to_verify(task),
             seed=self.seed,
+            second=self.extent.second,
             progress=self.progress,
         )
+        if verification.second is not None:
+            tally, engine = verification.second.tally, verification.second.engine
+            self.notes.append(
+                f"{task.name}: {tally.held} of {tally.episodes} episodes on the same scenes hold in {engine}"
+            )
         if apart.kind == "all" and apart.classes:
             self.notes.append(
                 f"{task.name}: there are too few {', '.join(apart.classes.values())} objects to keep some apart; "

@@ -125,10 +125,10 @@ def film_one_that_holds(
         tried.append(episode)
         if recording is None:
             continue
-        given = config.scene
-        replay = Replay.of(recording, config.task, given.assets, given.environment)
-        filmed = film(replay, folder / VIDEO, still=folder / STILL, stride=STRIDE, speed=SPEED)
-        if not filmed.success:
+        filmed = film(
+            Replay.of(recording, config.scene), folder / VIDEO, still=folder / STILL, stride=STRIDE, speed=SPEED
+        )
+        if filmed.success is False:
             raise GenSim2Error(f"{config.task.name}: the replay of seed {seed} does not end in the goal")
         break
     return tried
@@ -183,7 +183,6 @@ def tasks_gallery(
 
     Raises:
         InputError: an argument cannot be used.
-        GenSim2Error: no Vulkan driver works on this machine.
         NotRunError: some tasks could not be run; the others are finished. Call again with ``resume``.
 
     Example:
@@ -194,10 +193,6 @@ def tasks_gallery(
     """
     execution = Execution.of(scene)
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
-    from gensim2.sim import rendering
-
-    if not rendering.can_render():
-        raise GenSim2Error(rendering.NO_DRIVER)
     options, rollout, library = given[0].scene.options, given[0].rollout, given[0].library
     with (
         RunFolder(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
@@ -12,13 +12,14 @@ from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import read_record
 from gensim2.core.seeding import scene_seeds
-from gensim2.data.records import RunRecord, Verification
+from gensim2.data.records import RunRecord, SecondEngine, Verification
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
 from gensim2.design.unseen import kept_apart
 from gensim2.rollout.config import RunArguments
 from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.tally import interval
+from gensim2.scenes.physics import Engines
 from gensim2.tasks.library import (
     PAPER,
     load_strategies_beside,
@@ -39,6 +40,7 @@ def add_task(
     *,
     episodes: int = LEAST_EPISODES,
     seed: int = 0,
+    engines: Engines = "one",
     memory: Memory | None = None,
     progress: Progress = NULL_PROGRESS,
     **given: Unpack[RunArguments],
@@ -49,6 +51,8 @@ def add_task(
         folder: folder that holds task.yaml and strategies/.
         episodes: number of verification episodes, at least ``LEAST_EPISODES``.
         seed: seed of the scenes.
+        engines: ``"both"`` repeats the verification in the other physics engine and adds the task only if enough
+            episodes hold in both.
         memory: library; default: the user's library.
         progress: progress listener.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
@@ -66,7 +70,7 @@ def add_task(
     memory = memory or Memory()
     library_folder = str(memory.folder)
     read = read_task_input(str(folder), seed=seed, **given)
-    task = read.spec
+    task, second = read.spec, read.scene.second_engine(engines)
     if origin_of(task) is None:
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
@@ -80,11 +84,21 @@ def add_task(
     with EpisodeRunner(read.scene.options, execution, progress, rollout=read.rollout) as evaluator:
         jobs = [(evaluator.config(task, drawn[i]), read.strategies, seeds[i]) for i in range(episodes)]
         found = evaluator.episodes(f"{task.name}: verification", jobs)
-    verification = Verification(tuple(found), LEAST_SHARE, kind)
+        verification = Verification(tuple(found), LEAST_SHARE, kind)
+        if second is not None and verification.kept:
+            jobs = [
+                (replace(config, scene=replace(config.scene, engine=second)), strategies, scene_seed)
+                for config, strategies, scene_seed in jobs
+            ]
+            again = evaluator.episodes(f"{task.name}: verification in {second}", jobs)
+            verification = replace(verification, second=SecondEngine(second, tuple(again)))
     if not verification.kept:
-        causes = ", ".join(f"{count} {cause}" for cause, count in verification.tally.causes.items())
+        tally, where = verification.tally, ""
+        if verification.second is not None:
+            tally, where = verification.second.tally, f" in {verification.second.engine}"
+        causes = ", ".join(f"{count} {cause}" for cause, count in tally.causes.items())
         raise UnverifiedTaskError(
-            f"{task.name}: {verification.tally.held} of {episodes} fresh episodes held ({causes})",
+            f"{task.name}: {tally.held} of {episodes} fresh episodes held{where} ({causes})",
             file=folder,
             remedy=f"{LEAST_SHARE:g} of them must hold",
         )

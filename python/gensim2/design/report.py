@@ -167,7 +167,24 @@ def _verification(verification: Verification | None, spec: TaskSpec | None) -> d
         "threshold": verification.threshold,
         "rate": verification.rate,
         "seen": verification.instances == "all",
+        "second": _second(verification),
         "instances": sum(Tally.of(verification.episodes).objects.values()),
+    }
+
+
+def _second(verification: Verification) -> dict[str, Any] | None:
+    """Return the figures of the other engine, and the scenes on which the engines differ."""
+    if (second := verification.second) is None:
+        return None
+    pairs = list(zip(verification.episodes, second.episodes, strict=True))
+    return {
+        "engine": second.engine,
+        "held": second.tally.held,
+        "trials": second.tally.episodes,
+        "interval": interval(second.tally.held, second.tally.episodes),
+        "lost": [again.seed for one, again in pairs if one.held and not again.held],
+        "won": [again.seed for one, again in pairs if again.held and not one.held],
+        "causes": sorted(second.tally.causes.items()),
     }
 
 
@@ -261,7 +278,10 @@ def _share(stages: list[StageRecord]) -> float | None:
 def _why_rejected(task: dict[str, Any]) -> str:
     if (verification := task["verification"]) is not None:
         held, trials, needed = verification["held"], verification["trials"], verification["threshold"]
-        return f"{held} of {trials} fresh episodes held; {needed:.0%} are needed"
+        where = ""
+        if (second := verification["second"]) is not None:
+            where = f", and {second['held']} of {second['trials']} in {second['engine']}"
+        return f"{held} of {trials} fresh episodes held{where}; {needed:.0%} are needed"
     if (design := task["design"]) is not None and design["notes"]:
         return str(design["notes"][-1])
     return "the run ended before it was verified"

@@ -33,6 +33,7 @@ from gensim2.rollout.inputs import (
     scene_options,
 )
 from gensim2.rollout.runner import EpisodeRunner
+from gensim2.scenes.physics import Engines
 from gensim2.tasks.library import PAPER, load_strategies, load_task, load_task_file, origin_of, task_names
 from gensim2.tasks.spec import DESIGNED, Provenance
 
@@ -54,6 +55,7 @@ def run_pipeline(
     resume: bool = False,
     designer: str | Designer = "offline",
     videos: int = 1,
+    engines: Engines = "one",
     budget: Budget | None = None,
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
@@ -84,6 +86,8 @@ def run_pipeline(
         designer: ``"offline"``, or a :class:`~gensim2.design.base.Designer`.
         videos: number of episodes of each task to film: demonstrations, or failed episodes of a task that is not kept.
             With 0 no plan is drawn either.
+        engines: ``"both"`` repeats each verification in the other physics engine and keeps a task only if enough
+            episodes hold in both.
         budget: episodes and rounds of the search for each task; None: the defaults.
         progress: listener for stages and steps.
         scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``; see
@@ -116,6 +120,7 @@ def run_pipeline(
         target = redesigned(load_task(str(target_task)))
     seeding.check_seed(seed)
     options, rollout = scene_options(**scene), RolloutOptions(open_loop=scene.get("open_loop", False))
+    second = options.second_engine(engines)
     library, instances = open_library(options.assets), instances_word(**scene)
     if target is not None:
         chosen_word(target, library, instances, seed)  # Report a class without such instances before any work starts.
@@ -144,6 +149,7 @@ def run_pipeline(
                 "target_task": None if target is None else target.name,
                 "stored_tasks": [given.spec.name for given in stored],
                 "videos": videos,
+                **({} if second is None else {"engines": "both"}),
                 **execution.to_record(),
             },
             {
@@ -164,7 +170,7 @@ def run_pipeline(
             log=folder.errors_log,
         ) as evaluator,
     ):
-        extent = Extent(verify, episodes, instances, videos)
+        extent = Extent(verify, episodes, instances, videos, second)
         pipeline = PipelineRun(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
         result = pipeline.run(wanted if target is None else Wanted(1), target, stored)
         folder.finish(result.to_dict())

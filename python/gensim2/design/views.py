@@ -42,7 +42,7 @@ OBJECT_SIZE = 300
 #: Length (m) of the drawn frame axes, and the colours of x, y and z.
 AXIS, COLOURS = 0.15, ("#d6273a", "#1b8f4c", "#1f6fd1")
 
-#: Position, target and field of view of the video camera (gensim2.sim.rendering.video_camera).
+#: Position, target and field of view of the video camera (gensim2.perception.raycast.state_drawing).
 EYE, TARGET, FIELD_OF_VIEW = (-0.55, -1.3, 0.8), (-0.13, -0.07, 0.23), np.deg2rad(50)
 
 #: Several threads may ask for the first picture, but only one may start the rendering process.
@@ -105,11 +105,11 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
     """Return the PNG of a scene; runs in the rendering process."""
     from PIL import Image, ImageDraw
 
-    from gensim2.sim import rendering
+    from gensim2.sim.driver import NO_DRIVER, can_render
     from gensim2.sim.env import GenSim2Env
 
-    if not rendering.can_render():
-        raise GenSim2Error(rendering.NO_DRIVER)
+    if not can_render():
+        raise GenSim2Error(NO_DRIVER)
     scene_config = SceneOptions(options.assets, options.physics, options.robot).with_task(task)
     env = GenSim2Env(scene_config, obs_mode="none", render_mode="rgb_array")
     try:

@@ -79,11 +79,11 @@ class Studio:
         try:
             import sapien
 
-            from gensim2.sim import rendering
+            from gensim2.sim.driver import NO_DRIVER, can_render
         except ImportError as error:
             raise MissingExtraError(error.name or "sapien", "sim") from error
-        if not rendering.can_render():
-            raise GenSim2Error(rendering.NO_DRIVER)
+        if not can_render():
+            raise GenSim2Error(NO_DRIVER)
         self.size = size
         self._sapien = sapien
         self._scene = sapien.Scene()

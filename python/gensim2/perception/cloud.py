@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, near
+from gensim2.core.errors import GenSim2Error, InputError, near
 from gensim2.perception.camera import View
 from gensim2.perception.noise import DepthNoise
 
@@ -37,16 +37,11 @@ def farthest_points(points: Points, wanted: int) -> Indices:
     Args:
         points: (N, 3) finite, N at least 1.
         wanted: number of points.
-
-    Raises:
-        MissingExtraError: fpsample is not installed.
     """
     if len(points) <= wanted:
         return np.sort(np.arange(wanted) % len(points))
-    try:
-        import fpsample
-    except ImportError as error:
-        raise MissingExtraError("fpsample", "sim") from error
+    import fpsample
+
     height = min(_TREE_HEIGHT, int(np.log2(len(points))))  # no more buckets than points
     chosen = fpsample.bucket_fps_kdline_sampling(points, wanted, h=height, start_idx=0)
     return np.sort(chosen.astype(np.int64))

@@ -24,7 +24,6 @@ def fr3_files() -> RobotFiles:
     """Return ManiSkill's description of the Panda with the limits of the Research 3, in the user's cache folder.
 
     Raises:
-        MissingExtraError: ManiSkill is not installed.
         InputError: the cache folder cannot be written to.
     """
     source = panda_files()

@@ -1,6 +1,9 @@
-"""The Franka Panda with its own fingers, from ManiSkill's files."""
+"""The Franka Panda with its own fingers, with ManiSkill's drives."""
 
 from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
 
 from gensim2.robots.gripper import SlidingGripper
 from gensim2.robots.maniskill import robot_folder
@@ -8,11 +11,14 @@ from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfi
 
 
 def panda_files() -> RobotFiles:
-    """Return the paths of ManiSkill's description.
+    """Return the paths of ManiSkill's description, or of the package's own if ManiSkill is not installed.
 
-    Raises:
-        MissingExtraError: ManiSkill is not installed.
+    The package's own is a copy of Franka's ``franka_description`` (Apache-2.0). Both have the same joints, inertias and
+    collision meshes. The visual meshes come from the same originals; ManiSkill's also have normals for its renderer.
     """
+    if find_spec("mani_skill") is None:
+        folder = Path(__file__).parent / "franka_description"
+        return RobotFiles(folder / "panda.urdf", folder / "panda.srdf")
     folder = robot_folder("panda")
     return RobotFiles(folder / "panda_v2.urdf", folder / "panda_v2.srdf")
 

@@ -29,7 +29,6 @@ def panda_long_files() -> RobotFiles:
     """Return ManiSkill's description with longer fingers, in the user's cache folder.
 
     Raises:
-        MissingExtraError: ManiSkill is not installed.
         InputError: the cache folder cannot be written to.
     """
     source = panda_files()

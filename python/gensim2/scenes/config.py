@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, TypedDict, Unpack, cast
 
 from pydantic import BeforeValidator
 
-from gensim2.core.errors import MissingExtraError
 from gensim2.objects import open_library
 from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.scenes.arguments import ObjectSource, Words, check_words
@@ -22,9 +20,12 @@ from gensim2.scenes.physics import (
     DEFAULT_ENGINE,
     DEFAULT_PHYSICS,
     Engine,
+    Engines,
     check_engine,
+    default_engine,
     physics_name,
     physics_word,
+    require_engine,
     with_current_scene,
 )
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
@@ -50,7 +51,8 @@ class SceneArguments(TypedDict, total=False):
         redraw: ``"placement"`` or ``"none"``, overriding this setting of ``physics``; None: as ``physics`` says.
         robot: name of a known robot (:func:`gensim2.load_robot` registers your own).
         randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/reference/simulation.md).
-        engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md).
+        engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md). Default: ``"sapien"`` if SAPIEN is
+            installed, else ``"mujoco"``.
     """
 
     assets: str | Path | ObjectSource | None
@@ -105,9 +107,8 @@ class SceneOptions:
             del words["robot"]
         check_words(**words)
         words["physics"] = physics_name(words.get("physics", DEFAULT_PHYSICS), scene.get("redraw"))
-        options = cls("", **cast(Any, words))
-        if options.engine == "mujoco" and find_spec("mujoco") is None:
-            raise MissingExtraError("mujoco", "mujoco")
+        options = cls("", **cast(Any, {"engine": default_engine(), **words}))
+        require_engine(options.engine)
         assets = scene.get("assets")
         library = open_library(assets) if assets is None or isinstance(assets, str | Path) else assets
         return replace(options, assets=str(getattr(library, "location", "")))
@@ -126,6 +127,19 @@ class SceneOptions:
 
     def to_record(self) -> dict[str, Any]:
         return {each.name: getattr(self, each.name) for each in fields(SceneOptions)}
+
+    def second_engine(self, engines: Engines) -> Engine | None:
+        """Return the engine that repeats verifications, or None where one engine decides.
+
+        Raises:
+            InputError: that engine cannot simulate the physics.
+            MissingExtraError: that engine is not installed.
+        """
+        if engines == "one":
+            return None
+        second = replace(self, engine="mujoco" if self.engine == "sapien" else "sapien").engine
+        require_engine(second)
+        return second
 
     def with_task(self, task: TaskSpec, instances: Drawn = "all") -> SceneConfig:
         """Return the configuration of one task's scenes."""

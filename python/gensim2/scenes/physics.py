@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
-from gensim2.core.errors import InputError, near
+from gensim2.core.errors import InputError, MissingExtraError, near
 from gensim2.core.renamed import current
 from gensim2.core.yaml_files import read_yaml
 
@@ -27,8 +28,14 @@ Engine = Literal["sapien", "mujoco"]
 """Engines: ``"sapien"`` is PhysX with ManiSkill's environments and renderer, ``"mujoco"`` is MuJoCo without rendering.
 """
 
+Engines = Literal["one", "both"]
+"""Whether a verification is simulated in one engine or in both."""
+
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 DEFAULT_ENGINE: Engine = "sapien"
+"""Engine of records that name none."""
+
+_EXTRAS: Mapping[Engine, str] = {"sapien": "sim", "mujoco": "mujoco"}
 
 
 @dataclass(frozen=True)
@@ -165,6 +172,21 @@ def _word(switches: PhysicsSwitches) -> str:
         own = [each.name for each in fields(preset) if getattr(switches, each.name) != getattr(preset, each.name)]
         words.append((len(own), "+".join([name, *(f"{each}={getattr(switches, each)}" for each in own)])))
     return min(words, key=lambda found: found[0])[1]
+
+
+def default_engine() -> Engine:
+    """Return ``"sapien"`` where SAPIEN is installed, else ``"mujoco"``."""
+    return "mujoco" if find_spec("sapien") is None else "sapien"
+
+
+def require_engine(engine: Engine) -> None:
+    """Refuse an engine that is not installed.
+
+    Raises:
+        MissingExtraError: the engine is not installed.
+    """
+    if find_spec(engine) is None:
+        raise MissingExtraError(engine, _EXTRAS[engine])
 
 
 def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:

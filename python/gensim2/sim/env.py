@@ -29,6 +29,7 @@ from gensim2.scenes.sampler import SceneSampler
 from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import check_obs_mode, check_one_of, checked_action, checked_seed
 from gensim2.sim.arm import base_pose
+from gensim2.sim.driver import NO_DRIVER, can_render
 from gensim2.sim.gripper import Transmission
 from gensim2.sim.objects import load_object
 from gensim2.sim.observed import RAYCAST, RaycastObservations
@@ -329,5 +330,5 @@ class GenSim2Env(RaycastObservations):
         """
         self._require_open()
         if self.render_mode is not None and not self.scene.can_render():
-            raise GenSim2Error(rendering.NO_DRIVER if not rendering.can_render() else "rendering is switched off")
+            raise GenSim2Error(NO_DRIVER if not can_render() else "rendering is switched off")
         return super().render()

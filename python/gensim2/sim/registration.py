@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec, WrapperSpec, registry
 
 from gensim2.core.errors import InputError
+from gensim2.scenes.physics import Engine, default_engine
 from gensim2.tasks.library import load_task, packaged_names
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -19,6 +21,9 @@ MODULE = "gensim2.sim"
 
 TASK_ENV_ID = "GenSim2-Task-v1"
 """Id of the environment that takes any task: ``gym.make("GenSim2-Task-v1", task={...})``."""
+
+NUMPY_ENV_ID = "GenSim2-Numpy-v1"
+"""Takes any task, too, and makes a :class:`~gensim2.sim.numpy_env.NumpyEnv`."""
 
 _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 
@@ -40,7 +45,9 @@ def env_id(task: TaskSpec) -> str:
 _UNBATCHED = WrapperSpec("Unbatched", "gensim2.sim.unbatched:Unbatched", {})
 
 
-def make_env(task: str | TaskSpec | Mapping[str, Any], *, numpy: bool = False, **kwargs: Any) -> gym.Env[Any, Any]:
+def make_env(
+    task: str | TaskSpec | Mapping[str, Any], *, numpy: bool = False, engine: Engine | None = None, **kwargs: Any
+) -> gym.Env[Any, Any]:
     """Make the gymnasium environment of a task.
 
     Example:
@@ -52,19 +59,26 @@ def make_env(task: str | TaskSpec | Mapping[str, Any], *, numpy: bool = False, *
 
     Args:
         task: name of a library task, a spec, or its fields.
-        numpy: return NumPy arrays, floats and bools without a batch axis, as most libraries for gymnasium expect. By
-            default values are tensors with a leading axis of length one, which ManiSkill's tools expect.
-        kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env`: ``assets``,
-            ``instances``, ``physics``, ``robot``, ``randomization``, ``obs_mode``, ``reward_mode``, ....
+        engine: ``"sapien"`` makes ManiSkill's environment, ``"mujoco"`` a plain environment of NumPy arrays without a
+            batch axis. Default: ``"sapien"`` if it is installed, else ``"mujoco"``.
+        numpy: return NumPy arrays, floats and bools without a batch axis from ManiSkill's environment, too.
+        kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env` or
+            :class:`~gensim2.sim.numpy_env.NumpyEnv`: ``assets``, ``instances``, ``physics``, ``robot``,
+            ``randomization``, ``obs_mode``, ``reward_mode``, ....
 
     Returns:
-        The environment; ``env.unwrapped`` is a :class:`~gensim2.sim.env.GenSim2Env`.
+        The environment; ``env.unwrapped`` is a :class:`~gensim2.sim.env.GenSim2Env` or a
+        :class:`~gensim2.sim.numpy_env.NumpyEnv`.
 
     Raises:
         InputError: the task or an argument is unknown.
         ImportError: the simulator is not installed.
     """
+    if (engine or default_engine()) == "mujoco":
+        return gym.make(NUMPY_ENV_ID, task=task, engine="mujoco", **kwargs)
     id, given = _id_and_arguments(task)
+    if engine is not None:
+        kwargs["engine"] = engine
     return gym.make(_unbatched_spec(id) if numpy else id, **given, **kwargs)
 
 
@@ -73,6 +87,7 @@ def make_vec_env(
     num_envs: int,
     vectorization_mode: str = "async",
     *,
+    engine: Engine | None = None,
     vector_kwargs: Mapping[str, Any] | None = None,
     wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Wrapper[Any, Any, Any, Any]]] = (),
     **kwargs: Any,
@@ -90,7 +105,9 @@ def make_vec_env(
     Args:
         task: as for :func:`make_env`.
         num_envs: number of environments, n.
-        vectorization_mode: ``"async"``, one process for each, or ``"sync"``, all in this process.
+        vectorization_mode: ``"async"``, one process for each, ``"sync"``, all in this process, or ``"thread"``, one
+            thread for each (engine ``mujoco`` only).
+        engine: as for :func:`make_env`.
         vector_kwargs: keyword arguments of gymnasium's vector class.
         wrappers: functions that wrap each environment; the first one is the innermost.
         kwargs: as for :func:`make_env`, the same for all.
@@ -102,10 +119,20 @@ def make_vec_env(
         InputError: the task, the mode or an argument is unknown.
         ImportError: the simulator is not installed.
     """
-    if vectorization_mode not in ("async", "sync"):
-        raise InputError(f"must be async or sync, is {vectorization_mode!r}", field="vectorization_mode")
+    if vectorization_mode not in ("async", "sync", "thread"):
+        raise InputError(f"must be async, sync or thread, is {vectorization_mode!r}", field="vectorization_mode")
     if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
         raise InputError(f"must be a whole number from 1, is {num_envs!r}", field="num_envs")
+    if (engine or default_engine()) == "mujoco":
+        kwargs |= {"task": task, "engine": "mujoco"}
+        if vectorization_mode == "thread":
+            from gensim2.sim.threads import ThreadVectorEnv
+
+            maker = partial(_wrapped, wrappers, kwargs)
+            return ThreadVectorEnv([maker] * num_envs, **(vector_kwargs or {}))
+        return gym.make_vec(NUMPY_ENV_ID, num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers, **kwargs)
+    if vectorization_mode == "thread":
+        raise InputError("thread is of the engine mujoco", field="vectorization_mode", remedy="use async or sync")
     id, given = _id_and_arguments(task)
     envs = gym.make_vec(
         _unbatched_spec(id), num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers, **given, **kwargs
@@ -116,6 +143,13 @@ def make_vec_env(
         if kwargs.get(name) is not None:
             setattr(spec, name, kwargs[name])
     return envs
+
+
+def _wrapped(wrappers: Sequence[Callable[[Any], Any]], kwargs: Mapping[str, Any]) -> gym.Env[Any, Any]:
+    env: gym.Env[Any, Any] = gym.make(NUMPY_ENV_ID, **kwargs)
+    for wrapper in wrappers:
+        env = wrapper(env)
+    return env
 
 
 def _id_and_arguments(task: str | TaskSpec | Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -146,6 +180,8 @@ def register_all() -> None:
         task = load_task(name)
         _register(task.env_id, task.max_episode_steps, {"task": name})
     _register(TASK_ENV_ID, None, {})
+    if NUMPY_ENV_ID not in registry:
+        gym.register(NUMPY_ENV_ID, entry_point="gensim2.sim.numpy_env:NumpyEnv")
 
 
 def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object]) -> None:

@@ -1,10 +1,8 @@
-"""Cameras, lights, and the check whether this machine can render."""
+"""Cameras and lights of SAPIEN's renderer."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,34 +14,20 @@ from mani_skill.utils import sapien_utils
 
 from gensim2.core.errors import InputError
 from gensim2.perception.camera import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, TARGET
+from gensim2.perception.raycast.state_drawing import (
+    VIDEO_EYE,
+    VIDEO_FIELD_OF_VIEW,
+    VIDEO_HEIGHT,
+    VIDEO_TARGET,
+    VIDEO_WIDTH,
+)
 from gensim2.robots import RobotProfile
+from gensim2.sim.driver import NO_DRIVER, can_render
 
 _T_OPENCV_SAPIEN = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 """Axes of SAPIEN's cameras (x forward, y left, z up) in OpenCV's camera frame, as columns."""
 
-NO_DRIVER = (
-    "no Vulkan driver that SAPIEN can use was found, so no pictures can be made "
-    "(on Debian or Ubuntu install mesa-vulkan-drivers 24.3 or newer)"
-)
-
 WITHOUT_RENDERER = "obs_mode 'raycast' (point clouds, depth, segmentation) or 'state', which need none"
-
-
-@cache
-def can_render() -> bool:
-    """Return whether a Vulkan driver works in this process.
-
-    ``sapien.Device("cpu")`` exists even without a driver, so this creates an object that needs one. It takes less than
-    0.1 s and about 80 MB, once per process.
-    """
-    sapien.render.set_log_level("off")
-    try:
-        sapien.render.RenderMaterial()
-    except RuntimeError:
-        return False
-    finally:
-        sapien.render.set_log_level(os.getenv("MS_RENDERER_LOG_LEVEL", "warn"))
-    return True
 
 
 def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
@@ -83,13 +67,10 @@ def observation_cameras(profile: RobotProfile, links: Mapping[str, Any]) -> list
 
 
 def video_camera() -> CameraConfig:
-    """Return the camera for videos: 640 x 480 pixels, from the right.
-
-    It shows the robot, the object's front and surroundings, and the inside behind most doors, which are hinged on the
-    left.
-    """
-    pose = sapien_utils.look_at([-0.55, -1.3, 0.8], [-0.13, -0.07, 0.23])
-    return CameraConfig("render_camera", pose, 640, 480, fov=np.deg2rad(50), near=0.01, far=20, shader_pack="default")
+    """Return the camera for videos."""
+    pose = sapien_utils.look_at(VIDEO_EYE, VIDEO_TARGET)
+    size = (VIDEO_WIDTH, VIDEO_HEIGHT)
+    return CameraConfig("render_camera", pose, *size, fov=VIDEO_FIELD_OF_VIEW, near=0.01, far=20, shader_pack="default")
 
 
 def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:

@@ -16,7 +16,6 @@ from gensim2.design import gallery, tasks_gallery
 from gensim2.design.gallery import TasksGallery
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.rollout import inputs, worker
-from gensim2.sim import rendering
 from gensim2.tasks.library import load_strategies, load_task, using_library
 from gensim2.tasks.spec import Provenance, Verified
 
@@ -43,7 +42,6 @@ def camera(monkeypatch: pytest.MonkeyPatch) -> Camera:
     """The fake camera."""
     found = Camera()
     monkeypatch.setattr(gallery, "film", found.film)
-    monkeypatch.setattr(rendering, "can_render", lambda: True)
     return found
 
 
@@ -152,15 +150,6 @@ def test_a_film_that_does_not_end_in_the_goal_is_none(tmp_path: Path, camera: Ca
     camera.success = False
     with pytest.raises(GenSim2Error, match=r"OpenDrawer: the replay of seed \d+ does not end in the goal"):
         made(tmp_path / "out", tasks=("OpenDrawer",))
-
-
-def test_a_machine_without_pictures_is_told_before_anything_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(rendering, "can_render", lambda: False)
-    with pytest.raises(GenSim2Error, match="no Vulkan driver"):
-        made(tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 def test_tasks_that_a_folder_has_no_objects_for_are_named(

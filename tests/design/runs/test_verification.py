@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,10 +16,14 @@ from gensim2.design.unseen import kept_apart
 from gensim2.design.execution import UNDER_WAY, VERIFY_EPISODES, verify
 from gensim2.core.errors import InputError
 from gensim2.objects import open_library
+from gensim2.design.report import _verification
 from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_task
+from gensim2.tasks.strategies import Strategies
 
 TASK = load_task("OpenDrawer")
 CIRCUMSTANCES = SceneOptions("builtin")
@@ -130,3 +135,30 @@ def test_each_articulated_object_of_a_task_is_a_new_one() -> None:
         assert len(ids) == 5
         assert not ids & set(library.instances(asset_class))
     assert all("ball" not in each for each in drawn)
+
+
+@pytest.mark.parametrize(("odd", "kept"), [(0, True), (1, False)])
+def test_a_task_is_kept_only_if_both_engines_hold_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, odd: int, kept: bool
+) -> None:
+    """The made-up world stands for both engines; three in four episodes of MuJoCo then fail, or none does."""
+    monkeypatch.setattr(execution, "KEEP_THRESHOLD", 0.6)
+    plain = worker.episode
+
+    def judged(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
+        found = plain(config, strategies, seed)
+        return replace(found, held=config.scene.engine == "sapien" or not odd or seed % 4 == 0)
+
+    monkeypatch.setattr(worker, "episode", judged)
+    with RunFolder(tmp_path, {}, {}, resume=True) as run, EpisodeRunner(CIRCUMSTANCES, Execution(0)) as evaluator:
+        files, library = run.task(TASK.name), open_library("builtin")
+        given = (TASK, {}, files, run, evaluator, library, kept_apart(library, TASK))
+        found = verify(*given, episodes=20, seed=0, second="mujoco")
+        assert found.second is not None
+        assert (found.tally.held, found.second.engine, found.kept) == (20, "mujoco", kept)
+        assert [each.seed for each in found.second.episodes] == [each.seed for each in found.episodes]
+        assert verify(*given, episodes=20, seed=0, second="mujoco") == found  # read from the file
+    shown = _verification(found, TASK)
+    assert shown is not None
+    odd_seeds = [each.seed for each in found.episodes if odd and each.seed % 4]
+    assert (shown["second"]["lost"], shown["second"]["won"]) == (odd_seeds, [])

@@ -22,10 +22,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError
 from gensim2.core.files import replacing, write_json
 from gensim2.core.foreign.names import checked_name
 from gensim2.data.formats.arrow_columns import arrow_modules, column_type, to_column
+from gensim2.data.video import pixel_format, write_video
 
 VERSION = "v3.0"
 FILE_BYTES = 100 * 2**20
@@ -255,10 +256,6 @@ class LeRobotWriter:
 
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
         """Write one episode's video of a camera and return its columns for the episode's row."""
-        try:
-            from gensim2.data.video import write_video
-        except ImportError as error:
-            raise MissingExtraError("imageio", "sim") from error
         chunk, file = divmod(number, FILES_PER_CHUNK)
         with replacing(
             self._root / "videos" / camera / f"{PATH.format(chunk_index=chunk, file_index=file)}.mp4"
@@ -293,8 +290,6 @@ class LeRobotWriter:
             names = list(feature.names) if feature.names is not None else None
             described[name] = {"dtype": feature.dtype, "shape": list(feature.shape), "names": names}
             if feature.is_video:
-                from gensim2.data.video import pixel_format  # needs the extra for images
-
                 height, width, channels = feature.shape
                 described[name]["info"] = {
                     "video.height": height,

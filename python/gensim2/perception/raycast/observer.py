@@ -125,7 +125,6 @@ class Observer:
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
-        MissingExtraError: Embree is not installed.
     """
 
     def __init__(

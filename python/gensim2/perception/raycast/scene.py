@@ -37,7 +37,6 @@ class RaycastScene:
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
-        MissingExtraError: Embree is not installed.
     """
 
     def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel], cameras: Sequence[Camera]) -> None:
@@ -198,6 +197,11 @@ class RaycastView:
     @cached_property
     def segmentation(self) -> npt.NDArray[np.int16]:
         return self._caster.segmentation(self._hits.face[self._number])
+
+    @property
+    def face(self) -> npt.NDArray[np.int32]:
+        """(H, W) number of the triangle among those of all solids, in their order; -1 where nothing is seen."""
+        return self._hits.face[self._number]
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
         number, hits = self._number, self._hits

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from gensim2.core.errors import MissingExtraError
 from gensim2.core.foreign.geometry import opened_mesh
 from gensim2.objects.library.urdf import Urdf, shape_elements
 from gensim2.perception.raycast.kinematics import read_urdf
@@ -76,16 +75,10 @@ class Surface:
 
     @cached_property
     def scene(self) -> Any:
-        """Embree scene of the triangles.
+        """Embree scene of the triangles."""
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
 
-        Raises:
-            MissingExtraError: Embree is not installed.
-        """
-        try:
-            from embreex.mesh_construction import TriangleMesh
-            from embreex.rtcore_scene import EmbreeScene
-        except ImportError as error:
-            raise MissingExtraError("embreex", "sim") from error
         scene = EmbreeScene()
         TriangleMesh(scene, self.vertices, self.faces)
         return scene
@@ -96,6 +89,18 @@ class Surface:
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
         return np.column_stack([np.where(signs, high, low), np.ones(8)]).astype(np.float64)
+
+    @cached_property
+    def normals(self) -> npt.NDArray[np.float32]:
+        """(F, 3) unit normals of the faces; zero of a face without an area."""
+        corners = self.vertices[self.faces]
+        found = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True).clip(min=1e-12), dtype=np.float32)
+
+    @cached_property
+    def centers(self) -> npt.NDArray[np.float32]:
+        """(F, 3) centers of the faces, m."""
+        return np.asarray(self.vertices[self.faces].mean(axis=1))
 
     def moved(self, T: Array, scale: float | Array = 1.0) -> Surface:
         """Return the surface scaled and transformed by ``T`` (4, 4)."""

@@ -85,14 +85,19 @@ def steps_of(profile: RobotProfile) -> int:
     return max(1, -(-PHYSICS_HZ // profile.simulation.physics_hz))
 
 
-def build_model(profile: RobotProfile, setup: InitialState, robot: bool) -> mujoco.MjModel:
-    """Compile the model of a scene.
+def build_spec(profile: RobotProfile, setup: InitialState, robot: bool) -> mujoco.MjSpec:
+    """Build the model of a scene.
 
     Args:
         setup: initial state.
         robot: False leaves the robot out.
     """
-    return _Builder(profile, setup, robot).spec.compile()
+    return _Builder(profile, setup, robot).spec
+
+
+def build_model(profile: RobotProfile, setup: InitialState, robot: bool) -> mujoco.MjModel:
+    """Compile the model of a scene; see :func:`build_spec`."""
+    return build_spec(profile, setup, robot).compile()
 
 
 class _Builder:

@@ -1,0 +1,76 @@
+"""Vector environment of gymnasium whose environments run in threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from gensim2.core.errors import InputError
+
+
+class _Done(gym.Wrapper[Any, Any, Any, Any]):
+    """Stands for an environment whose reset or step has been made already."""
+
+    def __init__(self, env: gym.Env[Any, Any], result: Any) -> None:
+        super().__init__(env)
+        self._results = [result]
+
+    def step(self, action: Any) -> Any:
+        return self._results.pop()
+
+    def reset(self, **given: Any) -> Any:
+        return self._results.pop() if self._results else self.env.reset(**given)
+
+
+class ThreadVectorEnv(SyncVectorEnv):
+    """Environments whose steps and resets run in threads; MuJoCo lets other threads run while it simulates.
+
+    Args:
+        makers: function that makes each environment.
+        kwargs: of gymnasium's ``SyncVectorEnv``.
+    """
+
+    def __init__(self, makers: Sequence[Callable[[], gym.Env[Any, Any]]], **kwargs: Any) -> None:
+        super().__init__(makers, **kwargs)
+        self._threads = ThreadPoolExecutor(len(makers))
+
+    def step(self, actions: Any) -> Any:
+        """Step all environments; those whose episode has ended are reset, as in ``SyncVectorEnv``."""
+        again = self._autoreset_envs if self.autoreset_mode == AutoresetMode.NEXT_STEP else [False] * self.num_envs
+        rows = list(gym.vector.utils.iterate(self.action_space, actions))
+
+        def advance(index: int) -> Any:
+            env = self.envs[index]
+            return env.reset() if again[index] else env.step(rows[index])
+
+        return self._with(list(self._threads.map(advance, range(self.num_envs))), super().step, actions)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Any:
+        """Reset all environments, or those of ``options["reset_mask"]``; the first gets ``seed``, the next one more."""
+        if options is not None and "reset_mask" in options:
+            return super().reset(seed=seed, options=options)
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        if len(seeds) != self.num_envs:
+            raise InputError(f"must be {self.num_envs} seeds, are {len(seeds)}", field="seed")
+        made = self._threads.map(
+            lambda pair: pair[0].reset(seed=pair[1], options=options), zip(self.envs, seeds, strict=True)
+        )
+        return self._with(list(made), super().reset)
+
+    def _with(self, results: list[Any], function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function of the base class on results that are there already."""
+        envs = self.envs
+        self.envs = [_Done(env, result) for env, result in zip(envs, results, strict=True)]
+        try:
+            return function(*arguments)
+        finally:
+            self.envs = envs
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads and the environments."""
+        self._threads.shutdown()
+        super().close_extras(**kwargs)
