@@ -189,7 +189,7 @@ def _train(
     else:
         _start_from(network, start, source)
     network.to(devices[0])
-    state = TrainState(network, copy.deepcopy(network).eval(), _optimizer(network, training))
+    state = TrainState(network, copy.deepcopy(network).eval(), optimizer_of(network, training))
     identity = _identity(source, config, training, start)
     folder = out / TRAINING
     if resume and (folder / STATE_JSON).exists():
@@ -231,21 +231,52 @@ def _run(
     devices: Sequence[torch.device],
     progress: Progress,
 ) -> float:
-    """Take all remaining steps and return the mean loss of the last logged interval."""
+    """Take all remaining steps on all devices and return the mean loss of the last logged interval."""
+    share = share_of(training.batch, devices)
+    gradients = GradientStep(state.network, source, config, training, table.to(devices[0]), share)
+    with Replicas(state.network, source, config, training, table, share, devices[1:]) as others:
+
+        def all_gradients(step: int) -> float:
+            others.begin(step)
+            return others.mean_with(gradients(step))
+
+        return take_steps(state, all_gradients, training, folder, identity, progress, lambda: others.cpu_s)
+
+
+def take_steps(
+    state: TrainState,
+    gradients: Callable[[int], float],
+    training: TrainConfig,
+    folder: Path,
+    identity: Identity,
+    progress: Progress = NULL_PROGRESS,
+    more_cpu_s: Callable[[], float] = lambda: 0.0,
+) -> float:
+    """Take all remaining steps and return the mean loss of the last logged interval.
+
+    Args:
+        state: of the training; it is written to ``folder`` now and then, and at the end.
+        gradients: leaves the gradients of a step with the network's parameters, and returns the loss.
+        training: settings.
+        folder: of the state and the curves.
+        identity: everything that the training follows from.
+        progress: listener.
+        more_cpu_s: CPU seconds that other processes have spent since the call.
+
+    Raises:
+        InputError: the loss is not finite, or the gradients cannot be had; the state is written.
+        KeyboardInterrupt: after a signal, once the state is written.
+    """
     parameters = [parameter for parameter in state.network.parameters() if parameter.requires_grad]
     curves = Curves(folder, state.step)
     state.network.train()
     progress.start("training", training.steps)
     progress.advance(state.step)
-    share = share_of(training.batch, devices)
-    gradients = GradientStep(state.network, source, config, training, table.to(devices[0]), share)
-    others = Replicas(state.network, source, config, training, table, share, devices[1:])
     began, spent = time.process_time(), state.cpu_s
-    with curves, others, deferred_signals() as stop:
+    with curves, deferred_signals() as stop:
         while state.step < training.steps:
-            others.begin(state.step)
             try:
-                loss = others.mean_with(gradients(state.step))
+                loss = gradients(state.step)
             except InputError:  # a replica was lost
                 state.save(folder, identity)
                 raise
@@ -256,7 +287,7 @@ def _run(
             state.optimizer.step()
             _average(state.average, state.network, training.ema, state.step)
             state.step += 1
-            state.cpu_s = spent + time.process_time() - began + others.cpu_s
+            state.cpu_s = spent + time.process_time() - began + more_cpu_s()
             state.losses.append(loss)
             if not math.isfinite(state.losses[-1]):
                 message = f"the loss is {state.losses[-1]} at step {state.step}"
@@ -295,7 +326,7 @@ def learning_rate(step: int, training: TrainConfig) -> float:
     return training.learning_rate * 0.5 * (1 + math.cos(math.pi * done))
 
 
-def _optimizer(network: PolicyNetwork, training: TrainConfig) -> torch.optim.AdamW:
+def optimizer_of(network: torch.nn.Module, training: TrainConfig) -> torch.optim.AdamW:
     """Return AdamW with weight decay on the matrices of linear and convolution layers only."""
     matrices = {id(m.weight) for m in network.modules() if isinstance(m, torch.nn.Linear | torch.nn.Conv1d)}
     groups: tuple[list[torch.nn.Parameter], list[torch.nn.Parameter]] = ([], [])
