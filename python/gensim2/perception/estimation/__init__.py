@@ -1,0 +1,20 @@
+"""Estimation of a scene from one point cloud: class, parts, joint and keypoints of articulated objects.
+
+A network (:mod:`~gensim2.perception.estimation.network`) is trained on generated objects that the ray caster looks at
+(:mod:`~gensim2.perception.estimation.examples`); :class:`SceneEstimator` runs it and refines its estimates with the
+geometry of the cloud, and :mod:`~gensim2.perception.estimation.scene` gives the result to the planner.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gensim2.core.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from gensim2.perception.estimation.chain import PerceivingChain
+    from gensim2.perception.estimation.estimator import JointEstimate, ObjectEstimate, SceneEstimator
+
+__all__ = ["JointEstimate", "ObjectEstimate", "PerceivingChain", "SceneEstimator"]
+
+__getattr__ = lazy_names(__name__)

@@ -1,0 +1,192 @@
+"""The chain of steps on estimated scenes: a controller that sees point clouds and the robot's own state alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from gensim2.core.errors import InputError
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.perception.estimation.classes import by_name
+from gensim2.perception.estimation.estimator import ESTIMATOR_JSON, ObjectEstimate, SceneEstimate, SceneEstimator
+from gensim2.perception.estimation.examples import SETTINGS
+from gensim2.perception.estimation.scene import planning_scene
+from gensim2.perception.noise import read_noise
+from gensim2.planning.scene import Scene
+from gensim2.robots import DEFAULT_ROBOT, robot
+from gensim2.rollout.chain import WAIT_SECONDS, ChainController
+from gensim2.rollout.chain_state import ChainPlan
+from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
+from gensim2.rollout.record import Cause, StepRecord
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.parse import parse_task
+from gensim2.tasks.spec import TaskSpec
+
+Array = npt.NDArray[np.float64]
+
+LEAST_CONFIDENCE = 0.05
+"""Probability of the task's class below which the object counts as absent."""
+LEAST_SEEN = 0.25
+"""Share of the object's points in the first cloud below which a look is not believed: something hides the object."""
+DISTRUST = 1.0
+"""Standard deviations by which a joint must have passed its goal before a step counts as done."""
+
+
+class _Chain(ChainController):
+    """The chain on believed scenes, between two looks of which nothing can be seen to drift.
+
+    Attributes:
+        waited: control steps since the last motion ended.
+    """
+
+    @property
+    def waited(self) -> int:
+        return self._waited
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion is under way."""
+        run = self._running
+        return self._retreat is not None or (run is not None and not run.is_over)
+
+    def _look(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
+        return None
+
+
+class PerceivingChain:
+    """Plans each step of a task on the scene that it estimates from a point cloud, and looks again after each motion.
+
+    Whether a step is done is judged by the estimate. The episode ends without an action where the cloud does not show
+    an object of the task's class. Objects of the task must be articulated, and one of them is estimated.
+
+    Args:
+        task: the task, or its fields.
+        strategies: by name, as plain data.
+        estimator: folder that ``gensim2 perceive train`` wrote.
+        robot_name: robot that acts.
+        noise: noise on the simulated depth pictures, as :func:`~gensim2.perception.noise.read_noise` takes it; None:
+            no noise.
+        threads: of PyTorch.
+
+    Raises:
+        InputError: the estimator cannot be read or does not know a class of the task, or the task has rigid objects.
+    """
+
+    @staticmethod
+    def depends_on(estimator: str, **_: object) -> list[Path]:
+        """Return the file that names the weights by their digest."""
+        return [Path(estimator) / ESTIMATOR_JSON]
+
+    def __init__(
+        self,
+        task: Mapping[str, Any] | TaskSpec,
+        strategies: Mapping[str, Mapping[str, Any]],
+        estimator: str,
+        robot_name: str = DEFAULT_ROBOT,
+        noise: str | None = None,
+        threads: int = 1,
+    ) -> None:
+        self._task = task if isinstance(task, TaskSpec) else parse_task(dict(task))
+        self._profile, self._threads = robot(robot_name), threads
+        self._estimator = SceneEstimator.load(estimator, self._profile)
+        if len(self._task.objects) != 1:
+            message = f"{self._task.name} has {len(self._task.objects)} objects; one articulated object is estimated"
+            raise InputError(message, field="objects", remedy="use the true scene")
+        [(self._name, spec)] = self._task.objects.items()
+        self._class = self._estimator.classes[by_name(self._estimator.classes, spec.asset_class)].name
+        self._chain = _Chain(self._task, strategies, self._profile)
+        self._spec = ObservationSpec(cloud=replace(SETTINGS, noise=None if noise is None else read_noise(noise)))
+        self.looks: list[SceneEstimate] = []
+        self._believed: ObjectEstimate | None = None
+
+    @property
+    def observation_spec(self) -> ObservationSpec:
+        """Spec of the next observation: the cameras before a plan and once a motion has come to rest."""
+        waits = 0 < self._chain.waited < self._profile.steps(WAIT_SECONDS) if self.looks else False
+        return PROPRIOCEPTIVE if self.looks and (self._chain.is_moving or waits) else self._spec
+
+    @property
+    def reference(self) -> Reference | None:
+        """Reference of the last action."""
+        return self._chain.reference if self.looks else None
+
+    @property
+    def turn(self) -> str | None:
+        """Name of the step whose turn it is."""
+        return self._chain.turn if self._believed is not None else None
+
+    @property
+    def history(self) -> list[StepRecord]:
+        """A record of each step that was begun."""
+        return self._chain.history if self._believed is not None else []
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """Events so far, in order."""
+        return self._chain.events if self._believed is not None else []
+
+    @property
+    def plans(self) -> list[Any]:
+        """Every plan that was made, with the scene that it was made for."""
+        return self._chain.plans
+
+    def reset(self, observation: Observation, seed: int = 0) -> None:
+        """Begin an episode."""
+        torch.set_num_threads(self._threads)
+        self.looks, self._believed, self._seen_at_first = [], None, 0
+        self._take_in(observation)
+        if self._believed is not None:
+            self._chain.reset(self._with_belief(observation), seed)
+
+    def act(self, observation: Observation) -> Action | None:
+        """Return the next action; None: done, given up, or the object is not there."""
+        if observation.step > 0 and observation.cloud is not None:
+            self._take_in(observation)
+        return None if self._believed is None else self._chain.act(self._with_belief(observation))
+
+    def _take_in(self, observation: Observation) -> None:
+        """Estimate the scene, and believe the estimate unless something hides the object."""
+        assert observation.cloud is not None, "the cameras were asked for"
+        seen = self._estimator.estimate(observation.cloud.xyz, self._class)
+        self.looks.append(seen)
+        if not seen.objects:
+            return
+        [found] = seen.objects
+        if self._believed is None and found.confidence < LEAST_CONFIDENCE:
+            return
+        self._seen_at_first = self._seen_at_first or len(found.points)
+        if len(found.points) >= LEAST_SEEN * self._seen_at_first:
+            self._believed, self._cloud, self._others = found, observation.cloud.xyz, seen.others
+
+    def _with_belief(self, observation: Observation) -> PrivilegedObservation:
+        assert self._believed is not None
+        found, q = self._believed, observation.joint_positions.astype(np.float64)
+
+        def scene() -> Scene:
+            return planning_scene({self._name: found}, self._cloud, self._others, q, self._profile)
+
+        return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
+
+    def _measurement(self, found: ObjectEstimate, q: Array) -> Measurement:
+        """Return the believed measurement; the joint is taken to be farther from the goal than estimated."""
+        T_world_base = self._profile.T_world_base
+        keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
+        doubt = DISTRUST * found.joint.openness_deviation
+        kinds = {each.type for each in self._task.success}
+        opens, closes = "articulated_open" in kinds, "articulated_closed" in kinds
+        openness = found.joint.openness + doubt * (closes - opens)
+        return Measurement(
+            openness={self._name: openness},
+            joint_speed={self._name: 0.0},
+            keypoints={self._name: keypoints},
+            poses={},
+            speeds={},
+            gripper=self._profile.gripper_with(q.tolist()),
+            finger_opening=self._profile.gripper.opening(q[self._profile.arm_size :]),
+        )

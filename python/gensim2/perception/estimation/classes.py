@@ -1,0 +1,85 @@
+"""Constants of the classes of articulated objects that an estimator knows: what no single cloud has to tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
+
+from gensim2.core.errors import InputError
+from gensim2.objects.types import ArticulatedObject
+
+Array = npt.NDArray[np.float64]
+
+SLOTS = 3
+"""Largest number of keypoints of a class."""
+
+DIRECTIONS: Array = np.concatenate([np.eye(3), -np.eye(3)])
+"""(6, 3) axes of a joint in the frame of the default placement: the world's axes either way."""
+
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-100.0, le=100.0)]
+Row = tuple[Number, Number, Number]
+
+
+class ClassConstants(BaseModel):
+    """Constants of a class.
+
+    Attributes:
+        name: of the class.
+        joint_type: of its joint.
+        keypoints: names, in the order of the objects of the class.
+        moving: for each keypoint, whether the joint moves it.
+        object_axis: axis of the object frame that "rotate" motions turn about.
+        frame: (3, 3) object frame at joint value zero in the world, for an object in its default placement.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=100)]
+    joint_type: Literal["revolute", "prismatic"]
+    keypoints: Annotated[tuple[str, ...], Field(min_length=1, max_length=SLOTS)]
+    moving: tuple[bool, ...]
+    object_axis: Literal["x", "y", "z"]
+    frame: tuple[Row, Row, Row]
+
+    @staticmethod
+    def of(model: ArticulatedObject) -> ClassConstants:
+        """Return the constants of an object's class.
+
+        Raises:
+            InputError: the object has more keypoints than an estimator predicts.
+        """
+        if len(model.keypoints) > SLOTS:
+            message = f"{model.asset_class} has {len(model.keypoints)} keypoints; an estimator predicts {SLOTS}"
+            raise InputError(message, field="classes", remedy="leave the class out")
+        turn = model.placement.rotation @ model.joint.T_root_child[:3, :3] @ model.T_link_object[:3, :3]
+        return ClassConstants(
+            name=model.asset_class,
+            joint_type=model.joint.type,
+            keypoints=tuple(model.keypoints),
+            moving=tuple(point.link == model.joint.child_link for point in model.keypoints.values()),
+            object_axis=model.object_axis,
+            frame=turn.tolist(),
+        )
+
+
+def direction_of(model: ArticulatedObject) -> int:
+    """Return the row of ``DIRECTIONS`` nearest to the joint axis of an object in its default placement."""
+    return int(np.argmax(DIRECTIONS @ (model.placement.rotation @ model.joint.axis)))
+
+
+def by_name(classes: Sequence[ClassConstants], name: str) -> int:
+    """Return the number of a class.
+
+    Raises:
+        InputError: the estimator does not know the class.
+    """
+    names = [each.name for each in classes]
+    if name not in names:
+        raise InputError(
+            f"the estimator does not know the class {name!r}", field="class", remedy=f"one of {', '.join(names)}"
+        )
+    return names.index(name)

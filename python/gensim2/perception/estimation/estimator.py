@@ -1,0 +1,302 @@
+"""The estimator: a point cloud in, articulated objects with class, parts, joint and keypoints out."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial.transform import Rotation
+
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
+from gensim2.core.record_files import read_record
+from gensim2.objects.types import joint_motion
+from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by_name
+from gensim2.perception.estimation.network import NEIGHBORS, OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+Points = npt.NDArray[np.float32]
+
+ESTIMATOR_JSON = "estimator.json"
+MAX_BYTES = 10 * 2**20
+"""Of the weights."""
+_REMEDY = "train it again: gensim2 perceive train"
+
+LEAST_POINTS = 24
+"""Points of an articulated object below which none is reported."""
+HYPOTHESES = 3
+"""Directions of a joint that are reported at most."""
+LEAST_SHARE = 0.02
+"""Probability below which a direction is not reported."""
+
+DEVIATIONS = ("openness", "axis", "keypoints")
+"""Estimates with a standard deviation, by which calibration scales it."""
+
+LEVEL = 0.35
+"""Share of the vertical in a normal below which the surface counts as upright."""
+CONCENTRATED = 0.6
+"""Concentration of the upright normals, 0 to 1, from which on an object counts as a box."""
+MOST_REFINED = 0.2
+"""Largest correction of the yaw by the upright surfaces, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointEstimate:
+    """Estimated joint of an object.
+
+    Attributes:
+        type: of the joint.
+        axis: (3,) unit direction in the base frame, of the likeliest hypothesis.
+        origin: (3,) m, a point on the axis in the base frame.
+        origin_deviation: standard deviation of the distance from ``origin`` to the axis, m; of a revolute joint.
+        openness: share of the range, 0 to 1.
+        openness_deviation: standard deviation of ``openness``.
+        lower, upper: limits, rad or m.
+        hypotheses: (3,) directions with their probabilities, the likeliest first.
+    """
+
+    type: Literal["revolute", "prismatic"]
+    axis: Array
+    origin: Array
+    origin_deviation: float
+    openness: float
+    openness_deviation: float
+    lower: float
+    upper: float
+    hypotheses: tuple[tuple[Array, float], ...]
+
+    @property
+    def value(self) -> float:
+        """Value of the joint, rad or m."""
+        return self.lower + self.openness * (self.upper - self.lower)
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectEstimate:
+    """Estimated object.
+
+    Attributes:
+        asset_class: the class that the estimate is made for.
+        confidence: probability of that class.
+        classes: probability of each class that the estimator knows.
+        points: (M,) rows of the cloud that lie on the object.
+        moving: (M,) whether each of these points lies on the moving link.
+        yaw: rad about the vertical by which the object is turned from its default placement.
+        T_base_object: (4, 4) object frame in the base frame.
+        joint: estimated joint.
+        keypoints: (3,) m by name, in the base frame.
+        keypoint_deviations: standard deviation of the distance to each keypoint, m.
+        size: (3,) m along the world's axes in the default placement.
+        object_axis: axis of the object frame that "rotate" motions turn about.
+    """
+
+    asset_class: str
+    confidence: float
+    classes: Mapping[str, float]
+    points: npt.NDArray[np.int64]
+    moving: npt.NDArray[np.bool_]
+    yaw: float
+    T_base_object: Array
+    joint: JointEstimate
+    keypoints: Mapping[str, Array]
+    keypoint_deviations: Mapping[str, float]
+    size: Array
+    object_axis: Literal["x", "y", "z"]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneEstimate:
+    """Estimated scene.
+
+    Attributes:
+        objects: articulated objects.
+        others: (K,) rows of the cloud that lie on other things.
+    """
+
+    objects: tuple[ObjectEstimate, ...]
+    others: npt.NDArray[np.int64]
+
+
+class _Record(BaseModel):
+    """``estimator.json``."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    schema_version: Literal[1] = 1
+    kind: Literal["gensim2-estimator"] = "gensim2-estimator"
+    classes: Annotated[tuple[ClassConstants, ...], Field(min_length=1, max_length=1000)]
+    scales: dict[str, Annotated[float, Field(gt=0, le=1000)]]
+    file: Annotated[str, Field(pattern=r"^weights-[0-9a-f]{16}\.safetensors$")]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class SceneEstimator:
+    """Estimates articulated objects in a point cloud.
+
+    Args:
+        network: in evaluation mode.
+        classes: constants of the classes, in the network's order.
+        profile: robot in whose base frame the clouds are.
+        scales: factors of the predicted deviations, by the names of ``DEVIATIONS``; None: 1.
+        refine: whether upright surfaces correct the yaw.
+
+    Example:
+        >>> estimator = SceneEstimator.load("runs/perceive", robot("panda"))
+        >>> [found] = estimator.estimate(observation.cloud.xyz).objects
+        >>> found.asset_class, found.joint.axis
+    """
+
+    def __init__(
+        self,
+        network: SceneNetwork,
+        classes: Sequence[ClassConstants],
+        profile: RobotProfile,
+        scales: Mapping[str, float] | None = None,
+        *,
+        refine: bool = True,
+    ) -> None:
+        self.network, self.classes, self.profile, self.refine = network, tuple(classes), profile, refine
+        self.scales: dict[str, float] = dict.fromkeys(DEVIATIONS, 1.0) | dict(scales or {})
+
+    @classmethod
+    def load(cls, folder: Path | str, profile: RobotProfile) -> Self:
+        """Read an estimator that ``gensim2 perceive train`` wrote.
+
+        Raises:
+            InputError: a file is missing, damaged or too large.
+        """
+        record = read_record(Path(folder) / ESTIMATOR_JSON, _Record, _REMEDY)
+        path = Path(folder) / record.file
+        network = SceneNetwork(len(record.classes))
+        expected = {name: Shape.of(value) for name, value in network.state_dict().items()}
+        require_shapes(path, read_shapes(path, MAX_BYTES, _REMEDY), expected, _REMEDY)
+        network.load_state_dict(read_tensors(path, MAX_BYTES, record.sha256, _REMEDY))
+        return cls(network.eval(), record.classes, profile, record.scales)
+
+    def save(self, folder: Path) -> None:
+        """Write ``estimator.json`` and the weights, whole or not at all.
+
+        Raises:
+            WriteError: the folder cannot be written to.
+        """
+        from safetensors.torch import save
+
+        content = save({name: value.contiguous().clone() for name, value in self.network.state_dict().items()})
+        digest = hashlib.sha256(content).hexdigest()
+        name = f"weights-{digest[:16]}.safetensors"
+        write_atomic(folder / name, content)
+        record = _Record(classes=self.classes, scales=self.scales, file=name, sha256=digest)
+        write_json(folder / ESTIMATOR_JSON, record.model_dump(mode="json"))
+        for old in folder.glob("weights-*.safetensors"):
+            if old.name != name:
+                old.unlink()
+
+    def estimate(self, xyz: Points, asset_class: str | None = None) -> SceneEstimate:
+        """Estimate the scene of a cloud; without objects where the cloud shows no articulated object.
+
+        All points that are found to lie on an articulated object count as one object.
+
+        Args:
+            xyz: (N, 3) finite, m in the base frame, without the robot.
+            asset_class: class that the object is taken for; None: the likeliest one. The reported probabilities do not
+                depend on it.
+
+        Raises:
+            InputError: the estimator does not know the class.
+        """
+        given = None if asset_class is None else by_name(self.classes, asset_class)
+        if len(xyz) <= NEIGHBORS:
+            return SceneEstimate((), np.arange(len(xyz)))
+        with torch.inference_mode():
+            found = np.asarray(xyz, dtype=np.float32)
+            more = features_of(found)
+            seen = self.network.see(torch.from_numpy(found)[None], torch.from_numpy(more)[None])
+            group = seen.group.argmax(-1)
+            mask, others = group == TARGET, np.flatnonzero(group[0].numpy() == OTHER)
+            if int(mask.sum()) < LEAST_POINTS:
+                return SceneEstimate((), others)
+            return SceneEstimate((self._object(seen, mask, found, more, given),), others)
+
+    def _object(
+        self, seen: EncodedCloud, mask: torch.Tensor, xyz: Points, more: Points, given: int | None
+    ) -> ObjectEstimate:
+        gathered = self.network.gather(seen, mask)
+        chances = self.network.classify(gathered)[0].softmax(-1).numpy()
+        number = int(chances.argmax()) if given is None else given
+        raw = self.network.estimate(seen, gathered, mask, torch.tensor([number]))
+        found = {name: value[0].double().numpy() for name, value in raw.items()}
+        deviations = np.exp(found["log_deviations"])
+        kind = self.classes[number]
+        rows = np.flatnonzero(mask[0].numpy())
+        moving = found["moving"][rows] > 0
+        yaw = float(np.arctan2(found["yaw"][1], found["yaw"][0]))
+        if self.refine:
+            still = ~moving if (~moving).sum() > moving.sum() / 2 else np.ones_like(moving)
+            yaw = squared_yaw(more[rows[still], :3], yaw)
+        turn = np.asarray(Rotation.from_euler("z", yaw).as_matrix())
+        to_base = self.profile.T_world_base[:3, :3].T
+        likely = torch.from_numpy(found["direction"]).softmax(-1).numpy()
+        order = [each for each in np.argsort(-likely)[:HYPOTHESES] if likely[each] >= LEAST_SHARE]
+        hypotheses = tuple((to_base @ turn @ DIRECTIONS[each], float(likely[each])) for each in order)
+        lower, upper = map(float, np.sort(found["limits"]))
+        upper = max(upper, lower + 1e-3)
+        openness = float(np.clip(found["openness"], 0.0, 1.0))
+        joint = JointEstimate(
+            type=kind.joint_type,
+            axis=hypotheses[0][0],
+            origin=found["places"][0],
+            origin_deviation=self.scales["axis"] * float(deviations[2]),
+            openness=openness,
+            openness_deviation=self.scales["openness"] * float(deviations[1]),
+            lower=lower,
+            upper=upper,
+            hypotheses=hypotheses,
+        )
+        T = joint_motion(joint.type, joint.axis, joint.value, joint.origin)
+        T[:3, :3] = T[:3, :3] @ to_base @ turn @ np.array(kind.frame)
+        T[:3, 3] = xyz[rows[moving] if moving.any() else rows].mean(axis=0)
+        return ObjectEstimate(
+            asset_class=kind.name,
+            confidence=float(chances[number]),
+            classes={each.name: float(chance) for each, chance in zip(self.classes, chances, strict=True)},
+            points=rows,
+            moving=moving,
+            yaw=yaw,
+            T_base_object=T,
+            joint=joint,
+            keypoints=dict(zip(kind.keypoints, found["places"][1:], strict=False)),
+            keypoint_deviations={
+                name: self.scales["keypoints"] * float(each)
+                for name, each in zip(kind.keypoints, deviations[3:], strict=False)
+            },
+            size=found["size"],
+            object_axis=kind.object_axis,
+        )
+
+
+def squared_yaw(normals: Points, yaw: float) -> float:
+    """Return a yaw (rad) that is corrected to the upright surfaces of a box; the same yaw where they form no box.
+
+    The angles of upright normals agree up to a quarter turn, so the mean of four times the angle gives the box's yaw.
+
+    Args:
+        normals: (M, 3) unit, in a frame whose z axis is the vertical; either sign.
+        yaw: about the vertical in that frame up to a quarter turn, rad.
+    """
+    upright = normals[np.abs(normals[:, 2]) < LEVEL]
+    if len(upright) < LEAST_POINTS:
+        return yaw
+    mean = np.exp(4j * np.arctan2(upright[:, 1], upright[:, 0])).mean()
+    if abs(mean) < CONCENTRATED:
+        return yaw
+    quarter = 0.5 * np.pi
+    by = (np.angle(mean) / 4 - yaw + quarter / 2) % quarter - quarter / 2
+    return yaw + float(by) if abs(by) <= MOST_REFINED else yaw

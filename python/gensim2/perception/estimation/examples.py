@@ -1,0 +1,278 @@
+"""Labelled clouds: generated objects that are placed at random, looked at by the ray caster, and never simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from gensim2.core.seeding import rng
+from gensim2.objects import ArticulatedObject, Library, ObjectModel
+from gensim2.perception.camera import View, observation_cameras
+from gensim2.perception.cloud import CloudSettings, EmptyCloudError, PointCloud, point_cloud, to_steps
+from gensim2.perception.estimation.classes import SLOTS, direction_of
+from gensim2.perception.estimation.network import OTHER, STRAY, TARGET
+from gensim2.perception.noise import DEPLOYED, DepthNoise
+from gensim2.perception.raycast.scene import RaycastScene
+from gensim2.robots import RobotProfile, robot
+from gensim2.scenes.footprint import keypoint_in_root, swept_points
+from gensim2.scenes.initial_state import PlacedObject
+from gensim2.scenes.randomize import placed
+
+Array = npt.NDArray[np.float64]
+Example = dict[str, npt.NDArray[Any]]
+
+SETTINGS = CloudSettings(robot="none", low=(0.15, -0.62, 0.015), outliers=1.5)
+"""Clouds of the estimator: without the robot, without most strays of a depth camera."""
+
+STRAY_DISTANCE = 0.012
+"""Metres from the nearest surface beyond which a point lies on nothing."""
+
+SPREAD, MOST_YAW = 0.15, 0.8
+"""Metres along x and y, and rad, by which objects stand off their default placement."""
+AT_AN_END = 0.15
+"""Share of the looks in which the joint is closed, and of those in which it is open."""
+NOISY = 0.5
+"""Share of the looks with the noise of a deployed camera."""
+REACHING = 0.5
+"""Share of the looks in which the arm is not near its rest posture."""
+ACCOMPANIED = 0.25
+"""Share of the looks with a rigid object beside the articulated one."""
+TARGET_NAME, OTHER_NAME = "object", "other"
+
+
+@dataclass(frozen=True)
+class LabelledCloud:
+    """A labelled cloud.
+
+    Attributes:
+        cloud: that the cameras see.
+        group: (N,) of each point: ``STRAY``, ``OTHER`` or ``TARGET``.
+        moving: (N,) whether a point lies on the moving link of the articulated object.
+        placed: the articulated object.
+    """
+
+    cloud: PointCloud
+    group: npt.NDArray[np.uint8]
+    moving: npt.NDArray[np.bool_]
+    placed: PlacedObject
+
+
+class Cameras:
+    """Fixed cameras before one articulated object, and a rigid one beside it in some looks.
+
+    Args:
+        profile: of the robot.
+        model: the articulated object.
+        other: the rigid object; None: there is none.
+    """
+
+    def __init__(self, profile: RobotProfile, model: ArticulatedObject, other: ObjectModel | None = None) -> None:
+        self._profile, self._model, self._other = profile, model, other
+        objects: dict[str, ObjectModel] = {TARGET_NAME: model} | ({} if other is None else {OTHER_NAME: other})
+        self._scene = RaycastScene(profile, objects, observation_cameras(profile))
+        tree = self._scene.tree(TARGET_NAME)
+        moving = [name for name, still in zip(tree.names, tree.still, strict=True) if not still]
+        self._moving = set(self._scene.ids(TARGET_NAME, moving))
+        self._target = set(self._scene.ids(TARGET_NAME))
+        self._things = self._target | set(self._scene.ids(OTHER_NAME))
+
+    def look(
+        self, placed: PlacedObject, q: Array, noise: DepthNoise | None, generator: np.random.Generator
+    ) -> LabelledCloud | None:
+        """Return a labelled cloud; None where the articulated object is hidden or outside of the workspace.
+
+        Args:
+            placed: the articulated object where it stands.
+            q: (n,) joints of the robot.
+            noise: of the cameras; it is drawn as that of one episode.
+            generator: of everything that is drawn.
+        """
+        views = self._scene.see(self._scene.poses(self._states(placed, q, generator))[0])
+        points, ids = _surface(views, self._things)
+        if not len(points):
+            return None
+        seen = views if noise is None else tuple(_noisy(views, noise, generator))
+        try:
+            cloud = point_cloud(seen, SETTINGS, self._scene.robot)
+        except EmptyCloudError:
+            return None
+        distance, nearest = cKDTree(points).query(cloud.xyz)
+        owner = ids[nearest]
+        target = np.isin(owner, list(self._target))
+        group = np.where(distance > STRAY_DISTANCE, STRAY, np.where(target, TARGET, OTHER)).astype(np.uint8)
+        if (group == TARGET).sum() < 32:
+            return None
+        return LabelledCloud(cloud, group, np.isin(owner, list(self._moving)), placed)
+
+    def _states(self, placed: PlacedObject, q: Array, generator: np.random.Generator) -> dict[str, Any]:
+        arm = np.zeros((1, 13 + 2 * len(q)), dtype=np.float32)
+        base = self._profile.T_world_base
+        arm[0, :3] = base[:3, 3]
+        arm[0, 3:7] = Rotation.from_matrix(base[:3, :3]).as_quat(scalar_first=True)
+        arm[0, 13 : 13 + len(q)] = q
+        row = np.zeros((1, 15), dtype=np.float32)
+        row[0, :3], row[0, 3:7], row[0, 13] = placed.position, placed.quaternion, placed.joint_value
+        states: dict[str, Any] = {"articulations": {self._profile.agent: arm, TARGET_NAME: row}, "actors": {}}
+        if self._other is not None:
+            states["actors"][OTHER_NAME] = _beside(self._other, placed, generator)
+        return states
+
+
+def _beside(other: ObjectModel, target: PlacedObject, generator: np.random.Generator) -> npt.NDArray[np.float32]:
+    """(1, 13) state of a rigid object on the table, beside what the articulated one may sweep."""
+    swept = target.in_world(swept_points(target.model))
+    radius = float(np.linalg.norm(swept[:, :2] - swept[:, :2].mean(0), axis=1).max()) + 0.08
+    angle = generator.uniform(0.25 * np.pi, 0.75 * np.pi) * generator.choice([-1.0, 1.0])
+    at = swept[:, :2].mean(0) + radius * np.array([-np.cos(angle), np.sin(angle)])
+    position, quaternion = placed(
+        other.placement.position, other.placement.quaternion, 0.0, 0.0, float(generator.uniform(-np.pi, np.pi))
+    )
+    row = np.zeros((1, 13), dtype=np.float32)
+    row[0, :2], row[0, 2], row[0, 3:7] = at, position[2], quaternion
+    return row
+
+
+def _surface(views: Sequence[View], ids: set[int]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
+    """(M, 3) m of all exact pixels that show some of these ids, in the base frame, and (M,) their ids."""
+    points, found = [], []
+    for view in views:
+        segmentation = view.segmentation
+        assert segmentation is not None
+        shown = np.isin(segmentation, list(ids)) & (view.depth > 0)
+        points.append(view.camera.position + view.depth[shown][:, None] * view.camera.rays[shown])
+        found.append(segmentation[shown])
+    return np.concatenate(points), np.concatenate(found)
+
+
+def _noisy(views: Sequence[Any], noise: DepthNoise, generator: np.random.Generator) -> Iterator[View]:
+    """Yield the pictures with the noise and the calibration errors of one episode."""
+    drawn = noise.drawn(generator)
+    for view in views:
+        error = noise.error(generator)
+        depth = error.on(drawn.on(view.depth, generator, None, float(view.camera.intrinsic[1, 1])))
+        yield view.measured(replace(view.camera, T_base_camera=view.camera.T_base_camera @ error.T), depth)
+
+
+def object_looks(
+    library: Library, profile: RobotProfile, asset_class: str, instance: str, count: int, generator: np.random.Generator
+) -> Iterator[LabelledCloud]:
+    """Yield up to ``count`` looks at one object; looks at a hidden object are left out.
+
+    Args:
+        library: of the object.
+        profile: of the robot.
+        asset_class, instance: which object.
+        count: looks that are drawn.
+        generator: of everything that is drawn.
+    """
+    model = library.load(asset_class, instance, "default")
+    assert isinstance(model, ArticulatedObject)
+    rigid = [name for name in library.classes() if library.kind(name) == "rigid"]
+    other = library.load(rigid[int(generator.integers(len(rigid)))], "0", "default")
+    alone, together = Cameras(profile, model), Cameras(profile, model, other)
+    for _ in range(count):
+        cameras = together if generator.random() < ACCOMPANIED else alone
+        thing = _put(model, generator)
+        q = _posture(profile, thing, generator)
+        found = cameras.look(thing, q, DEPLOYED if generator.random() < NOISY else None, generator)
+        if found is not None:
+            yield found
+
+
+def _put(model: ArticulatedObject, generator: np.random.Generator) -> PlacedObject:
+    """Place an object at random, with its joint anywhere."""
+    x, y = generator.uniform(-SPREAD, SPREAD, 2)
+    yaw = float(generator.uniform(-MOST_YAW, MOST_YAW))
+    where = generator.random()
+    openness = 0.0 if where < AT_AN_END else 1.0 if where > 1 - AT_AN_END else float(generator.random())
+    position, quaternion = placed(np.asarray(model.placement.position), model.placement.quaternion, x, y, yaw)
+    return PlacedObject(model, position, quaternion, yaw, openness)
+
+
+@lru_cache(maxsize=4)
+def _postures(name: str) -> tuple[Array, Array]:
+    """(M, n) postures of a robot with the hand above the table, and (M, 3) the tool's place in the base frame."""
+    profile = robot(name)
+    model, size = profile.model, profile.arm_size
+    generator = rng(0, "perception/postures")
+    q = np.tile(np.array(profile.reset_qpos), (4000, 1))
+    low, high = np.array(model.lower[:size]), np.array(model.upper[:size])
+    q[:, :size] = generator.uniform(low, high, (len(q), size))
+    at = np.asarray(model.forward_kinematics(q, profile.tool_link))[:, :3, 3]
+    kept = (at[:, 2] > 0.03) & (at[:, 2] < 0.7) & (at[:, 0] > 0.15)
+    return q[kept], at[kept]
+
+
+def _posture(profile: RobotProfile, thing: PlacedObject, generator: np.random.Generator) -> Array:
+    """(n,) joints of the robot: about the rest posture, or with the hand near the first keypoint."""
+    if generator.random() >= REACHING:
+        q = np.array(profile.reset_qpos)
+        q[: profile.arm_size] += 0.1 * generator.standard_normal(profile.arm_size)
+        return np.asarray(np.clip(q, profile.model.lower, profile.model.upper))
+    postures, tools = _postures(profile.name)
+    model = thing.model
+    assert isinstance(model, ArticulatedObject)
+    point = thing.in_world(keypoint_in_root(model, next(iter(model.keypoints)), thing.joint_value))
+    base = (np.linalg.inv(profile.T_world_base) @ np.append(point, 1.0))[:3]
+    order = np.argsort(np.linalg.norm(tools - base, axis=1))
+    return np.asarray(postures[order[int(generator.integers(min(60, len(order))))]])
+
+
+def example(look: LabelledCloud, classes: Sequence[str], profile: RobotProfile) -> Example:
+    """Return the arrays of a labelled cloud: the points with their labels, and the truth about the object.
+
+    ``points`` (N, 3) int16 by :func:`~gensim2.perception.cloud.to_steps`, ``group`` (N,), ``moving`` (N,), ``class``,
+    ``direction``: row of ``DIRECTIONS``, ``revolute``, ``axis`` and ``origin`` (3,) in the base frame, ``yaw`` (2,)
+    cosine and sine, ``openness``, ``value``, ``limits`` (2,), ``keypoints`` (SLOTS, 3) m with ``known`` (SLOTS,),
+    ``size`` (3,) m.
+    """
+    thing, model = look.placed, look.placed.model
+    assert isinstance(model, ArticulatedObject)
+    T = np.linalg.inv(profile.T_world_base)
+    joint, turn = model.joint, Rotation.from_quat(thing.quaternion, scalar_first=True).as_matrix()
+    keypoints, known = np.zeros((SLOTS, 3)), np.zeros(SLOTS, dtype=np.uint8)
+    for slot, name in enumerate(model.keypoints):
+        at = thing.in_world(keypoint_in_root(model, name, thing.joint_value))
+        keypoints[slot], known[slot] = T[:3, :3] @ at + T[:3, 3], 1
+    whole = np.concatenate(thing.hulls_in_world()) @ Rotation.from_euler("z", thing.yaw).as_matrix()
+    return {
+        "points": to_steps(look.cloud.xyz),
+        "group": look.group,
+        "moving": look.moving.astype(np.uint8),
+        "class": np.int16(list(classes).index(model.asset_class)),
+        "direction": np.int8(direction_of(model)),
+        "revolute": np.uint8(joint.type == "revolute"),
+        "axis": (T[:3, :3] @ turn @ joint.axis).astype(np.float32),
+        "origin": (T[:3, :3] @ thing.in_world(joint.origin) + T[:3, 3]).astype(np.float32),
+        "yaw": np.array([np.cos(thing.yaw), np.sin(thing.yaw)], dtype=np.float32),
+        "openness": np.float32(thing.openness),
+        "value": np.float32(thing.joint_value),
+        "limits": np.array([joint.lower, joint.upper], dtype=np.float32),
+        "keypoints": keypoints.astype(np.float32),
+        "known": known,
+        "size": np.ptp(whole, axis=0).astype(np.float32),
+    }
+
+
+def stacked(examples: Sequence[Example]) -> Example:
+    """Return arrays of all examples, one row each."""
+    return {name: np.stack([each[name] for each in examples]) for name in examples[0]}
+
+
+def training_instances(
+    library: Library, classes: Sequence[str], count: int, seed: int
+) -> Mapping[str, tuple[str, ...]]:
+    """Return instances to train on: generated objects that neither ``all`` nor ``new`` stands for."""
+    found: dict[str, tuple[str, ...]] = {}
+    for name in classes:
+        kept_out = {*library.choose(name, "all"), *library.choose(name, "new")}
+        drawn = library.sample(name, count + len(kept_out), seed)
+        found[name] = tuple(each for each in drawn if each not in kept_out)[:count]
+    return found

@@ -1,0 +1,128 @@
+"""Figures of an estimator: estimates beside the truth of labelled clouds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.perception.cloud import from_steps
+from gensim2.perception.estimation.estimator import DEVIATIONS, ObjectEstimate, SceneEstimator
+from gensim2.policy.array_file import Arrays
+
+Array = npt.NDArray[np.float64]
+
+MISSED = {
+    "axis_degrees": 180.0,
+    "axis_m": 0.5,
+    "keypoint_m": 0.5,
+    "openness": 1.0,
+    "part_iou": 0.0,
+    "yaw_degrees": 180.0,
+}
+"""Values that count for an object that is not found."""
+ONE_SIGMA = 0.6827
+
+
+def row_of(arrays: Arrays, row: int, found: ObjectEstimate | None) -> dict[str, Any]:
+    """Return the errors of one estimate.
+
+    Args:
+        arrays: labelled clouds.
+        row: of the cloud.
+        found: the estimate; None: no object was found.
+    """
+    revolute = bool(arrays["revolute"][row])
+    if found is None:
+        return {**MISSED, "missed": True, "revolute": revolute}
+    known = arrays["known"][row].astype(bool)
+    axis, origin = arrays["axis"][row].astype(np.float64), arrays["origin"][row].astype(np.float64)
+    angle = float(np.degrees(np.arccos(np.clip(axis @ found.joint.axis, -1.0, 1.0))))
+    away = found.joint.origin - origin
+    distance = float(np.linalg.norm(away - (away @ axis) * axis))
+    truth = arrays["keypoints"][row][known]
+    places = np.array(list(found.keypoints.values()))
+    same = len(places) == len(truth)
+    errors = np.linalg.norm(places - truth, axis=1) if same else np.full(len(truth), MISSED["keypoint_m"])
+    moving = np.zeros(arrays["group"].shape[1], dtype=bool)
+    moving[found.points[found.moving]] = True
+    still = np.zeros_like(moving)
+    still[found.points[~found.moving]] = True
+    on_it = arrays["group"][row] == 2
+    parts = [(moving, on_it & (arrays["moving"][row] > 0)), (still, on_it & (arrays["moving"][row] == 0))]
+    ious = [float((ours & theirs).sum() / (ours | theirs).sum()) for ours, theirs in parts if theirs.any()]
+    yaw = np.arctan2(arrays["yaw"][row][1], arrays["yaw"][row][0])
+    off = abs((found.yaw - yaw + np.pi) % (2 * np.pi) - np.pi)
+    likeliest = max(found.classes, key=lambda name: found.classes[name])
+    deviations = list(found.keypoint_deviations.values()) if same else []
+    return {
+        "likeliest": likeliest,
+        "missed": False,
+        "revolute": revolute,
+        "axis_degrees": angle,
+        "axis_m": distance if revolute else None,
+        "keypoint_m": float(errors.mean()),
+        "openness": abs(found.joint.openness - float(arrays["openness"][row])),
+        "part_iou": float(np.mean(ious)),
+        "yaw_degrees": float(np.degrees(off)),
+        "ratios": {
+            "openness": [abs(found.joint.openness - float(arrays["openness"][row])) / found.joint.openness_deviation],
+            "axis": [distance / found.joint.origin_deviation] if revolute else [],
+            "keypoints": [float(error / each) for error, each in zip(errors, deviations, strict=False)],
+        },
+    }
+
+
+def measured(estimator: SceneEstimator, arrays: Arrays, *, given: bool = False) -> list[dict[str, Any]]:
+    """Return the errors of the estimates of all clouds, with the classes given or estimated."""
+    names = [each.name for each in estimator.classes]
+    rows = []
+    for row, number in enumerate(arrays["class"]):
+        truth = names[int(number)]
+        found = estimator.estimate(from_steps(arrays["points"][row]), truth if given else None).objects
+        each = row_of(arrays, row, found[0] if found else None)
+        rows.append({**each, "name": truth, "class": not each["missed"] and each["likeliest"] == truth})
+    return rows
+
+
+def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return medians and 90th percentiles of errors; objects that were missed count with ``MISSED``."""
+
+    def of(name: str) -> list[float]:
+        return [row[name] for row in rows if row.get(name) is not None]
+
+    found: dict[str, Any] = {
+        "clouds": len(rows),
+        "missed": sum(row["missed"] for row in rows),
+        "class": float(np.mean([row["class"] for row in rows])),
+        "part_iou": float(np.mean(of("part_iou"))),
+    }
+    for name in ("axis_degrees", "axis_m", "keypoint_m", "openness", "yaw_degrees"):
+        values = of(name)
+        if values:
+            found[name] = [round(float(np.median(values)), 4), round(float(np.quantile(values, 0.9)), 4)]
+    ratios = [row["ratios"] for row in rows if "ratios" in row]
+    found["within_one_deviation"] = {
+        name: round(float(np.mean([ratio <= 1 for each in ratios for ratio in each[name]])), 3)
+        for name in DEVIATIONS
+        if any(each[name] for each in ratios)
+    }
+    return found
+
+
+def calibrated(estimator: SceneEstimator, arrays: Arrays) -> dict[str, Any]:
+    """Scale an estimator's deviations so that ``ONE_SIGMA`` of the errors lie within one, and return its figures.
+
+    Args:
+        estimator: whose ``scales`` are set.
+        arrays: labelled clouds of objects that were not trained on.
+    """
+    estimator.scales = dict.fromkeys(DEVIATIONS, 1.0)
+    rows = measured(estimator, arrays, given=True)
+    for name in DEVIATIONS:
+        ratios = [ratio for row in rows if "ratios" in row for ratio in row["ratios"][name]]
+        if ratios:
+            estimator.scales[name] = max(float(np.quantile(ratios, ONE_SIGMA)), 1e-3)
+    return figures(measured(estimator, arrays, given=True))

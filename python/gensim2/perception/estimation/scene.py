@@ -1,0 +1,107 @@
+"""Estimates as the planner's scene: parts as boxes about the cloud's points, joints whose ends are uncertain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.perception.estimation.estimator import ObjectEstimate, Points
+from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
+from gensim2.planning.world import TABLE
+from gensim2.robots import RobotProfile
+from gensim2.scenes.table import HALF_SIZE, corners
+
+Array = npt.NDArray[np.float64]
+
+CELL = 0.04
+"""Metres of the cells whose points become a box."""
+SKIN = 0.002
+"""Metres by which a box is larger than its points."""
+LEAST_IN_CELL = 2
+"""Points of a cell that become a box; a single point may be a stray."""
+BEYOND = {"revolute": 0.2, "prismatic": 0.02}
+"""Rad or m beyond the estimated ends of a joint to which it may be moved, so that no push stops short."""
+
+_TABLE_HULLS = (corners(),)
+
+
+def planning_scene(
+    objects: Mapping[str, ObjectEstimate], cloud: Points, others: npt.NDArray[np.int64], q: Array, profile: RobotProfile
+) -> Scene:
+    """Return the scene that the planner plans in.
+
+    Args:
+        objects: estimates by the name of the task's object.
+        cloud: (N, 3) m in the base frame, of which the estimates were made.
+        others: rows of the cloud that lie on other things; they become obstacles.
+        q: (n,) joints of the robot.
+        profile: of the robot.
+    """
+    table = np.eye(4)
+    table[2, 3] = -HALF_SIZE[2]
+    fixtures = [SceneBody(TABLE, _TABLE_HULLS, np.linalg.inv(profile.T_world_base) @ table)]
+    hulls = boxes(cloud[others])
+    if hulls:
+        fixtures.append(SceneBody("others", hulls, np.eye(4)))
+    return Scene(
+        q=q,
+        qvel=np.zeros_like(q),
+        T_world_base=profile.T_world_base,
+        objects={name: scene_object(name, each, cloud) for name, each in objects.items()},
+        fixtures=tuple(fixtures),
+    )
+
+
+def scene_object(name: str, found: ObjectEstimate, cloud: Points) -> SceneObject:
+    """Return an estimate as an object of the planner's scene.
+
+    Args:
+        name: of the object in the task.
+        found: the estimate.
+        cloud: (N, 3) m in the base frame, of which the estimate was made.
+    """
+    bodies = []
+    for link, rows in (("base", found.points[~found.moving]), ("moving", found.points[found.moving])):
+        hulls = boxes(cloud[rows])
+        if hulls:
+            bodies.append(SceneBody(f"{name}/{link}", hulls, np.eye(4)))
+    joint, beyond = found.joint, BEYOND[found.joint.type]
+    return SceneObject(
+        name=name,
+        bodies=tuple(bodies),
+        T_base_object=found.T_base_object,
+        keypoints=dict(found.keypoints),
+        joint=JointState(
+            type=joint.type,
+            origin=joint.origin,
+            axis=joint.axis,
+            value=joint.value,
+            lower=joint.lower - beyond,
+            upper=joint.upper + beyond,
+            moves=tuple(body.name for body in bodies if body.name.endswith("/moving")),
+        ),
+        object_axis=found.object_axis,
+        yaw=found.yaw,
+    )
+
+
+def boxes(points: Points) -> tuple[Array, ...]:
+    """Return (8, 3) corners of the boxes about the points of each cell of a grid, along the axes.
+
+    Args:
+        points: (N, 3) m.
+    """
+    if not len(points):
+        return ()
+    cells, rows = np.unique(np.floor(points / CELL).astype(np.int64), axis=0, return_inverse=True)
+    order = np.argsort(rows.reshape(-1), kind="stable")
+    counts = np.bincount(rows.reshape(-1), minlength=len(cells))
+    signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
+    found = []
+    for part in np.split(points[order].astype(np.float64), np.cumsum(counts)[:-1]):
+        if len(part) >= LEAST_IN_CELL:
+            low, high = part.min(axis=0) - SKIN, part.max(axis=0) + SKIN
+            found.append(np.where(signs, high, low))
+    return tuple(found)

@@ -1,0 +1,245 @@
+"""``gensim2 perceive train``: generated objects in, the weights of an estimator out."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.resumable import ResumableFolder, RunSettings
+from gensim2.core.seeding import rng
+from gensim2.objects import ArticulatedObject, Library, open_library
+from gensim2.perception.cloud import from_steps
+from gensim2.perception.estimation.classes import ClassConstants
+from gensim2.perception.estimation.estimator import SceneEstimator
+from gensim2.perception.estimation.examples import Example, example, object_looks, stacked, training_instances
+from gensim2.perception.estimation.measuring import calibrated
+from gensim2.perception.estimation.network import TARGET, WEIGHTS, SceneNetwork, features_of, losses
+from gensim2.policy.array_file import Arrays, read_arrays, write_arrays
+from gensim2.policy.config import TrainConfig
+from gensim2.policy.train import optimizer_of, take_steps
+from gensim2.policy.train_state import STATE_JSON, Identity, TrainState
+from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
+
+MARKER = "perceive.json"
+EXAMPLES, TRAINING = "examples", "training"
+OBJECTS_A_FILE = 4
+CALIBRATION = 3
+"""Objects of each class, beside those of the training, by which deviations are calibrated."""
+ROOM = 1_000_000
+"""Most looks of a training: 14 GB of memory."""
+VOTERS = 384
+"""Points of a cloud that are asked for their votes in a step of the training."""
+MOST_TURN, MOST_SHIFT = 0.4, 0.06
+"""Largest yaw (rad) about the robot's base, and shift (m) on the table, by which a cloud is moved in training."""
+
+
+class PerceiveSettings(RunSettings):
+    """Settings that the weights follow from."""
+
+    FREE: ClassVar[frozenset[str]] = frozenset()
+
+    schema_version: Literal[1] = 1
+    classes: tuple[str, ...]
+    assets: str
+    robot: str
+    objects: int
+    looks: int
+    steps: int
+    batch: int
+    seed: int
+
+
+def train_estimator(
+    out: Path,
+    *,
+    classes: Sequence[str] = (),
+    assets: Path | str | None = "builtin",
+    robot_name: str = DEFAULT_ROBOT,
+    objects: int = 60,
+    looks: int = 12,
+    steps: int = 4000,
+    batch: int = 24,
+    seed: int = 0,
+    resume: bool = False,
+    progress: Progress = NULL_PROGRESS,
+) -> dict[str, Any]:
+    """Draw labelled clouds, train an estimator and calibrate its deviations; an interrupted call is gone on with.
+
+    Args:
+        out: folder for the examples, the state of the training and the estimator (``config.json`` and
+            ``weights.safetensors``).
+        classes: of articulated objects; none: all of the library.
+        assets: library of the objects, as :func:`~gensim2.objects.open_library` takes it.
+        robot_name: robot before which the objects stand.
+        objects: number of objects of each class to learn from; all objects of a class that has fewer.
+        looks: number of clouds of each object.
+        steps: gradient steps.
+        batch: clouds a step.
+        seed: of everything that is drawn.
+        resume: go on with the training in ``out``.
+        progress: listener.
+
+    Returns:
+        Plain data: the folder, the number of clouds, the loss, CPU seconds of the steps, the calibration.
+
+    Raises:
+        InputError: a class is unknown or rigid, or ``out`` holds another training.
+    """
+    library, profile = open_library(assets), robot(robot_name)
+    names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")
+    for name in names:
+        library.check_kind(name, "articulated")
+    if objects * looks * len(names) > ROOM:
+        raise InputError(f"are more than {ROOM} clouds", field="objects", remedy="give fewer objects or looks")
+    settings = PerceiveSettings(
+        classes=names,
+        assets=str(library.location),
+        robot=robot_name,
+        objects=objects,
+        looks=looks,
+        steps=steps,
+        batch=batch,
+        seed=seed,
+    )
+    with ResumableFolder(out, MARKER, settings, holds="a training of an estimator", resume=resume):
+        constants, arrays, held_out = _examples(library, profile, settings, out / EXAMPLES, progress)
+        training = TrainConfig(steps=steps, batch=batch, seed=seed, ema=0.99, learning_rate=1.5e-3)
+        torch.set_num_threads(training.threads)
+        torch.manual_seed(seed)
+        network = SceneNetwork(len(names))
+        state = TrainState(network, copy.deepcopy(network).eval(), optimizer_of(network, training))
+        digest = hashlib.sha256(b"".join(arrays[name].tobytes() for name in sorted(arrays))).hexdigest()
+        identity = Identity(
+            {"policy": {"classes": list(names)}, "training": training.to_dict(), "data": {"digest": digest}}
+        )
+        if (out / TRAINING / STATE_JSON).exists():
+            state.load(out / TRAINING, identity)
+        source = Examples(arrays)
+
+        def gradients(step: int) -> float:
+            found = losses(network, source.batch(rng(seed, "perception/step", step), batch))
+            total = sum((WEIGHTS[name] * value for name, value in found.items()), torch.zeros(()))
+            network.zero_grad(set_to_none=True)
+            total.backward()
+            return float(total.detach())
+
+        loss = take_steps(state, gradients, training, out / TRAINING, identity, progress)
+        estimator = SceneEstimator(copy.deepcopy(state.average).eval(), constants, profile)
+        calibration = calibrated(estimator, held_out)
+        estimator.save(out)
+    return {
+        "schema_version": 1,
+        "folder": str(out),
+        "classes": list(names),
+        "clouds": len(arrays["class"]),
+        "steps": state.step,
+        "cpu_s": round(state.cpu_s, 1),
+        "loss": loss,
+        "parameters": sum(each.numel() for each in network.parameters()),
+        "calibration": calibration,
+    }
+
+
+def _examples(
+    library: Library, profile: RobotProfile, settings: PerceiveSettings, folder: Path, progress: Progress
+) -> tuple[tuple[ClassConstants, ...], Arrays, Arrays]:
+    """Return the constants of the classes, the examples to train on and those to calibrate by; made where missing."""
+    instances = training_instances(library, settings.classes, settings.objects + CALIBRATION, settings.seed)
+    constants: list[ClassConstants] = []
+    training: list[Arrays] = []
+    held_out: list[Arrays] = []
+    progress.start("looking at objects", sum(-(-len(ids) // OBJECTS_A_FILE) for ids in instances.values()))
+    for name, ids in instances.items():
+        model = library.load(name, ids[0], "default")
+        assert isinstance(model, ArticulatedObject)
+        constants.append(ClassConstants.of(model))
+        kept = max(len(ids) - CALIBRATION, 1)
+        groups = [ids[first : min(first + OBJECTS_A_FILE, kept)] for first in range(0, kept, OBJECTS_A_FILE)]
+        for number, group in enumerate([*groups, ids[kept:]]):
+            found = _file_of(library, profile, settings, folder / f"{name}-{number}.npz", name, group)
+            if found is not None:
+                (held_out if number == len(groups) else training).append(found)
+            progress.advance()
+    return tuple(constants), _joined(training), _joined(held_out or training[:1])
+
+
+def _file_of(
+    library: Library, profile: RobotProfile, settings: PerceiveSettings, path: Path, name: str, ids: Sequence[str]
+) -> Arrays | None:
+    """Return the examples of some objects, from their file where it exists; None: the objects cannot be seen."""
+    if path.exists():
+        return read_arrays(path)
+    found: list[Example] = []
+    for each in ids:
+        generator = rng(settings.seed, f"perception/{name}/{each}")
+        for look in object_looks(library, profile, name, each, settings.looks, generator):
+            arrays = example(look, settings.classes, profile)
+            arrays["features"] = np.rint(127 * features_of(look.cloud.xyz)).astype(np.int8)
+            found.append(arrays)
+    if not found:
+        return None
+    write_arrays(path, stacked(found))
+    return read_arrays(path)
+
+
+def _joined(parts: Sequence[Arrays]) -> Arrays:
+    if not parts:
+        raise InputError("none of the objects is seen by the cameras", field="classes", remedy="give other classes")
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+class Examples:
+    """Batches of labelled clouds.
+
+    Args:
+        arrays: as :func:`~gensim2.perception.estimation.examples.example` names them, with one row each, and
+            ``features`` (..., N, 5) int8.
+    """
+
+    def __init__(self, arrays: Arrays) -> None:
+        self._arrays = arrays
+        _, self._number, counts = np.unique(arrays["class"], return_inverse=True, return_counts=True)
+        self._chance = 1.0 / counts[self._number]
+        self._chance /= self._chance.sum()
+
+    def batch(self, generator: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
+        """Draw a batch, each class as often as another, and move each cloud."""
+        rows = generator.choice(len(self._chance), size, p=self._chance)
+        turn = generator.uniform(-MOST_TURN, MOST_TURN, size)
+        shift = np.concatenate([generator.uniform(-MOST_SHIFT, MOST_SHIFT, (size, 2)), np.zeros((size, 1))], axis=1)
+        arrays = {name: values[rows] for name, values in self._arrays.items()}
+        # Points of the object come first, so that no object is without any; ties are broken at random.
+        order = generator.random(arrays["group"].shape) - 0.5 * (arrays["group"] == TARGET)
+        chosen = torch.from_numpy(np.argsort(order, axis=1)[:, :VOTERS])
+        return {**tensors(arrays, turn, shift), "rows": chosen}
+
+
+def tensors(arrays: Arrays, turn: npt.NDArray[np.float64], shift: npt.NDArray[np.float64]) -> dict[str, torch.Tensor]:
+    """Return examples as the losses take them, each turned (B,) rad about the base's z axis and shifted (B, 3) m."""
+    cos, sin = np.cos(turn), np.sin(turn)
+    R = np.zeros((len(turn), 3, 3))
+    R[:, 0, 0], R[:, 0, 1], R[:, 1, 0], R[:, 1, 1], R[:, 2, 2] = cos, -sin, sin, cos, 1.0
+    xyz, features = from_steps(arrays["points"]), arrays["features"].astype(np.float32) / 127
+    normals = np.einsum("bij,bnj->bni", R, features[..., :3])
+    yaw = arrays["yaw"]
+    found = {
+        "xyz": np.einsum("bij,bnj->bni", R, xyz) + shift[:, None],
+        "features": np.concatenate([normals, features[..., 3:]], -1),
+        "axis": np.einsum("bij,bj->bi", R, arrays["axis"]),
+        "origin": np.einsum("bij,bj->bi", R, arrays["origin"]) + shift,
+        "keypoints": np.einsum("bij,bnj->bni", R, arrays["keypoints"]) + shift[:, None],
+        "yaw": np.einsum("bij,bj->bi", R[:, :2, :2], yaw),
+        **{name: arrays[name] for name in ("openness", "limits", "size", "moving", "known", "revolute")},
+    }
+    return {name: torch.from_numpy(np.asarray(each, dtype=np.float32)) for name, each in found.items()} | {
+        name: torch.from_numpy(arrays[name].astype(np.int64)) for name in ("group", "class", "direction")
+    }

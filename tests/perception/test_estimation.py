@@ -1,0 +1,396 @@
+"""Labelled clouds, the estimator and the planner's scene that is made of its estimates."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import rng
+from gensim2.objects import ArticulatedObject, open_library
+from gensim2.perception import ObservationSpec
+from gensim2.perception.estimation import PerceivingChain, SceneEstimator
+from gensim2.perception.estimation.classes import ClassConstants, by_name
+from gensim2.perception.estimation.estimator import ESTIMATOR_JSON, JointEstimate, ObjectEstimate, squared_yaw
+from gensim2.perception.estimation.examples import (
+    STRAY_DISTANCE,
+    Cameras,
+    LabelledCloud,
+    example,
+    object_looks,
+    stacked,
+    training_instances,
+)
+from gensim2.perception.estimation.measuring import calibrated, figures, measured, row_of
+from gensim2.perception.estimation.network import OTHER, STRAY, TARGET, SceneNetwork, features_of, losses
+from gensim2.perception.estimation.scene import boxes, planning_scene
+from gensim2.perception.estimation.training import Examples, tensors, train_estimator
+from gensim2.perception.noise import DEPLOYED
+from gensim2.perception.raycast.observer import Observer
+from gensim2.planning import StepPlanner, parse_strategy
+from gensim2.robots import robot
+from gensim2.scenes.initial_state import PlacedObject
+from gensim2.scenes.randomize import placed
+from gensim2.tasks.library import load_strategies, load_task
+
+Array = npt.NDArray[np.float64]
+PANDA = robot("panda")
+LIBRARY = open_library("builtin")
+CLASSES = ("box_rotate", "drawer")
+SMALL: dict[str, Any] = {"classes": CLASSES, "objects": 1, "looks": 2, "batch": 4, "seed": 3}
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """PyTorch with one thread: the network is small, and other tests run beside these."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def model_of(asset_class: str) -> ArticulatedObject:
+    """Return a generated object."""
+    model = LIBRARY.load(asset_class, "7", "default")
+    assert isinstance(model, ArticulatedObject)
+    return model
+
+
+def put(model: ArticulatedObject, openness: float, yaw: float = 0.3) -> PlacedObject:
+    """Return an object on the table before the robot."""
+    position, quaternion = placed(np.asarray(model.placement.position), model.placement.quaternion, 0.02, -0.05, yaw)
+    return PlacedObject(model, position, quaternion, yaw, openness)
+
+
+def look_at(asset_class: str, openness: float, *, noisy: bool = False) -> LabelledCloud:
+    """Return a labelled cloud of a generated object."""
+    model = model_of(asset_class)
+    q = np.array(PANDA.reset_qpos)
+    found = Cameras(PANDA, model).look(put(model, openness), q, DEPLOYED if noisy else None, rng(0, "test"))
+    assert found is not None
+    return found
+
+
+def truth(look: LabelledCloud) -> ObjectEstimate:
+    """Return the estimate of an observer that makes no mistake."""
+    arrays = stacked([example(look, CLASSES, PANDA)])
+    model = look.placed.model
+    assert isinstance(model, ArticulatedObject)
+    T = np.linalg.inv(PANDA.T_world_base)
+    turn = Rotation.from_quat(look.placed.quaternion, scalar_first=True).as_matrix()
+    T_object = np.eye(4)
+    T_object[:3, :3] = (
+        T[:3, :3] @ turn @ model.joint.T_root_child_at(look.placed.joint_value)[:3, :3] @ model.T_link_object[:3, :3]
+    )
+    axis, rows = arrays["axis"][0].astype(np.float64), np.flatnonzero(look.group == TARGET)
+    lower, upper = map(float, arrays["limits"][0])
+    openness = float(arrays["openness"][0])
+    joint = JointEstimate(
+        model.joint.type,
+        axis,
+        arrays["origin"][0].astype(np.float64),
+        0.01,
+        openness,
+        0.02,
+        lower,
+        upper,
+        ((axis, 1.0),),
+    )
+    keypoints = dict(zip(model.keypoints, arrays["keypoints"][0].astype(np.float64), strict=False))
+    return ObjectEstimate(
+        asset_class=model.asset_class,
+        confidence=1.0,
+        classes={model.asset_class: 1.0},
+        points=rows,
+        moving=look.moving[rows],
+        yaw=look.placed.yaw,
+        T_base_object=T_object,
+        joint=joint,
+        keypoints=keypoints,
+        keypoint_deviations=dict.fromkeys(keypoints, 0.01),
+        size=arrays["size"][0],
+        object_axis=model.object_axis,
+    )
+
+
+def test_labels_of_an_exact_cloud_are_those_of_the_geometry() -> None:
+    look = look_at("drawer", 0.5)
+    assert set(np.unique(look.group)) == {TARGET}
+    assert 0.03 < look.moving.mean() < 0.6
+    joint = model_of("drawer").joint
+    # Opening the drawer by half of its range moves exactly the points that are labelled as moving.
+    closed = look_at("drawer", 0.0)
+    assert closed.moving.any()
+    arrays = example(look, CLASSES, PANDA)
+    assert arrays["value"] == pytest.approx(joint.lower + 0.5 * (joint.upper - joint.lower))
+    assert np.linalg.norm(arrays["axis"]) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_strays_of_a_noisy_cloud_are_labelled_and_few_after_outliers_are_dropped() -> None:
+    exact, noisy = look_at("box_rotate", 0.6), look_at("box_rotate", 0.6, noisy=True)
+    assert 0.0 < (noisy.group == STRAY).mean() < 0.35
+    far = np.array([np.linalg.norm(exact.cloud.xyz - point, axis=1).min() for point in noisy.cloud.xyz])
+    assert far[noisy.group == STRAY].min() > STRAY_DISTANCE / 2
+    assert np.median(far[noisy.group == TARGET]) < STRAY_DISTANCE
+
+
+def test_the_joint_of_an_example_is_that_of_the_object_in_the_base_frame() -> None:
+    look = look_at("box_rotate", 0.4)
+    arrays, model = example(look, CLASSES, PANDA), model_of("box_rotate")
+    later = stacked([example(look_at("box_rotate", 0.9), CLASSES, PANDA)])
+    turned = Rotation.from_rotvec((later["value"][0] - arrays["value"]) * arrays["axis"]).as_matrix()
+    for slot, name in enumerate(model.keypoints):
+        at = arrays["keypoints"][slot] - arrays["origin"]
+        moves = model.keypoints[name].link == model.joint.child_link
+        expected = arrays["origin"] + (turned @ at if moves else at)
+        assert np.allclose(later["keypoints"][0, slot], expected, atol=1e-4), name
+
+
+def test_rigid_objects_beside_the_articulated_one_are_labelled() -> None:
+    model, other = model_of("drawer"), LIBRARY.load("cracker_box", "0", "default")
+    found = Cameras(PANDA, model, other).look(put(model, 0.2), np.array(PANDA.reset_qpos), None, rng(1, "test"))
+    assert found is not None
+    assert (found.group == OTHER).sum() > 10
+    assert not found.moving[found.group == OTHER].any()
+
+
+def test_looks_follow_from_the_seed() -> None:
+    one, same, other = (
+        [look.cloud.xyz for look in object_looks(LIBRARY, PANDA, "drawer", "7", 2, rng(seed, "test"))]
+        for seed in (0, 0, 1)
+    )
+    assert all(np.array_equal(a, b) for a, b in zip(one, same, strict=True))
+    assert not np.array_equal(one[0], other[0])
+
+
+def test_training_takes_no_object_that_evaluations_draw() -> None:
+    found = training_instances(LIBRARY, CLASSES, 20, 0)
+    for name, ids in found.items():
+        assert len(ids) == 20
+        assert not set(ids) & {*LIBRARY.choose(name, "all"), *LIBRARY.choose(name, "new")}
+
+
+def test_class_constants_refuse_an_unknown_class() -> None:
+    constants = [ClassConstants.of(model_of(name)) for name in CLASSES]
+    assert by_name(constants, "drawer") == 1
+    with pytest.raises(InputError, match="does not know the class 'door'"):
+        by_name(constants, "door")
+
+
+@pytest.mark.parametrize("angle", [-0.7, -0.1, 0.0, 0.4])
+def test_the_yaw_of_a_box_follows_from_its_sides(angle: float) -> None:
+    sides = np.repeat([[1.0, 0, 0], [0, -1.0, 0], [-1.0, 0, 0]], 20, axis=0) + 0.05 * rng(0, "n").standard_normal(
+        (60, 3)
+    )
+    normals = Rotation.from_euler("z", angle).apply(sides / np.linalg.norm(sides, axis=1, keepdims=True))
+    assert squared_yaw(normals.astype(np.float32), angle + 0.15) == pytest.approx(angle, abs=0.02)
+    assert squared_yaw(normals.astype(np.float32), angle + 0.6) == pytest.approx(angle + 0.6)  # too far to be noise
+
+
+def test_the_yaw_of_a_round_object_stays() -> None:
+    around = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    normals = np.column_stack([np.cos(around), np.sin(around), np.zeros(200)]).astype(np.float32)
+    assert squared_yaw(normals, 0.3) == 0.3
+
+
+def test_the_order_of_the_points_has_no_say() -> None:
+    torch.manual_seed(0)
+    network = SceneNetwork(2).eval()
+    estimator = SceneEstimator(network, [ClassConstants.of(model_of(name)) for name in CLASSES], PANDA)
+    network.groups.bias.data[TARGET] = 100.0
+    xyz = look_at("drawer", 0.5).cloud.xyz
+    order = rng(0, "order").permutation(len(xyz))
+    [one], [other] = (estimator.estimate(points, "drawer").objects for points in (xyz, xyz[order]))
+    assert np.allclose(one.joint.axis, other.joint.axis, atol=1e-3)
+    assert one.joint.openness == pytest.approx(other.joint.openness, abs=1e-3)
+
+
+def test_losses_of_a_batch_have_gradients_for_every_weight() -> None:
+    looks = [look_at(name, 0.5) for name in CLASSES]
+    arrays = stacked([example(look, CLASSES, PANDA) for look in looks])
+    arrays["features"] = np.stack([np.rint(127 * features_of(look.cloud.xyz)).astype(np.int8) for look in looks])
+    torch.manual_seed(0)
+    network = SceneNetwork(2)
+    found = losses(network, Examples(arrays).batch(rng(0, "batch"), 4))
+    assert all(torch.isfinite(value) for value in found.values())
+    sum(found.values(), torch.zeros(())).backward()
+    lacking = [name for name, weight in network.named_parameters() if weight.grad is None]
+    assert not lacking
+
+
+def test_a_moved_example_keeps_its_geometry() -> None:
+    look = look_at("box_rotate", 0.5)
+    arrays = stacked([example(look, CLASSES, PANDA)])
+    arrays["features"] = np.rint(127 * features_of(look.cloud.xyz)).astype(np.int8)[None]
+    still, moved = (
+        tensors(arrays, np.array([turn]), np.array([[shift, 0.0, 0.0]])) for turn, shift in ((0.0, 0.0), (0.3, 0.05))
+    )
+    for name in ("origin", "keypoints"):
+        between = [(each["xyz"] - each[name].reshape(1, -1, 3)[:, :1]).norm(dim=-1) for each in (still, moved)]
+        assert torch.allclose(*between, atol=1e-4), name
+    angle = [torch.atan2(each["yaw"][0, 1], each["yaw"][0, 0]) for each in (still, moved)]
+    assert float(angle[1] - angle[0]) == pytest.approx(0.3, abs=1e-5)
+
+
+def test_boxes_hold_their_points() -> None:
+    points = rng(0, "boxes").uniform(-0.1, 0.1, (3000, 3)).astype(np.float32)
+    found = boxes(points)
+    inside = [((points > box.min(0)) & (points < box.max(0))).all(1) for box in found]
+    assert np.any(inside, axis=0).mean() > 0.99
+    assert boxes(points[:0]) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "asset_class", "openness"), [("OpenBox", "box_rotate", 0.4), ("CloseBox", "box_rotate", 0.6)]
+)
+def test_true_estimates_can_be_planned_on(name: str, asset_class: str, openness: float) -> None:
+    look, task, strategies = look_at(asset_class, openness), load_task(name), load_strategies(name)
+    [role] = task.objects
+    q = np.array(PANDA.reset_qpos)
+    scene = planning_scene({role: truth(look)}, look.cloud.xyz, np.flatnonzero(look.group == OTHER), q, PANDA)
+    planner, step = StepPlanner(PANDA), task.steps[0]
+    plans = [planner.plan(scene, step, parse_strategy(strategies[way], way)) for way in step.strategies]
+    assert any(plan.is_solved for plan in plans), [plan.reason for plan in plans]
+
+
+def test_a_true_estimate_has_no_errors() -> None:
+    look = look_at("box_rotate", 0.4)
+    arrays = stacked([example(look, CLASSES, PANDA)])
+    row = row_of(arrays, 0, truth(look))
+    assert max(row["axis_degrees"], row["axis_m"], row["keypoint_m"], row["openness"], row["yaw_degrees"]) < 0.05
+    assert row["part_iou"] == 1.0
+    missed = row_of(arrays, 0, None)
+    assert missed["missed"]
+    assert missed["keypoint_m"] > 0.1
+    found = figures([{**row, "class": True}, {**missed, "class": False}])
+    assert (found["missed"], found["class"], found["part_iou"]) == (1, 0.5, 0.5)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of an estimator after six steps."""
+    out = tmp_path_factory.mktemp("perceive") / "whole"
+    result = train_estimator(out, steps=6, **SMALL)
+    assert result["steps"] == 6
+    return out
+
+
+def weights(folder: Path) -> bytes:
+    """Return the bytes of an estimator's weights."""
+    [file] = folder.glob("weights-*.safetensors")
+    return file.read_bytes()
+
+
+def test_an_interrupted_training_ends_with_the_same_bytes(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import gensim2.perception.estimation.training as module
+
+    count = 0
+
+    def fails(*given: Any) -> Any:
+        nonlocal count
+        count += 1
+        if count == 4:
+            raise InputError("stopped")
+        return losses(*given)
+
+    monkeypatch.setattr(module, "losses", fails)
+    with pytest.raises(InputError, match="stopped"):
+        train_estimator(tmp_path / "cut", steps=6, **SMALL)
+    assert not (tmp_path / "cut" / ESTIMATOR_JSON).exists()
+    monkeypatch.undo()
+    with pytest.raises(InputError, match="holds a training"):
+        train_estimator(tmp_path / "cut", steps=6, **SMALL)
+    with pytest.raises(InputError, match="steps"):
+        train_estimator(tmp_path / "cut", steps=7, resume=True, **SMALL)
+    train_estimator(tmp_path / "cut", steps=6, resume=True, **SMALL)
+    assert weights(tmp_path / "cut") == weights(trained)
+
+
+def test_an_estimator_is_read_as_it_was_written(trained: Path) -> None:
+    estimator = SceneEstimator.load(trained, PANDA)
+    assert [each.name for each in estimator.classes] == list(CLASSES)
+    assert len(weights(trained)) < 10 * 2**20
+    xyz = look_at("drawer", 0.5).cloud.xyz
+    for each in estimator.estimate(xyz, "drawer").objects:
+        assert each.asset_class == "drawer"
+        assert sum(each.classes.values()) == pytest.approx(1.0, abs=1e-5)
+        assert min(each.joint.openness_deviation, each.joint.origin_deviation) > 0
+        assert set(each.keypoints) == set(model_of("drawer").keypoints)
+
+
+@pytest.mark.parametrize("xyz", [np.zeros((0, 3), np.float32), np.zeros((5, 3), np.float32)])
+def test_a_cloud_of_nothing_shows_no_object(trained: Path, xyz: npt.NDArray[np.float32]) -> None:
+    assert SceneEstimator.load(trained, PANDA).estimate(xyz).objects == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda record: record.update(schema_version=9), "schema_version"),
+        (lambda record: record.update(sha256="0" * 64), "digest"),
+        (lambda record: record.update(classes=record["classes"][:1]), "shape|must be|is "),
+        (lambda record: record["classes"][0].update(frame=[[9e9] * 3] * 3), "frame"),
+        (lambda record: record.update(file="../weights-0000000000000000.safetensors"), "file"),
+    ],
+)
+def test_a_damaged_estimator_is_refused(trained: Path, tmp_path: Path, change: Any, message: str) -> None:
+    for file in (ESTIMATOR_JSON, next(trained.glob("weights-*")).name):
+        (tmp_path / file).write_bytes((trained / file).read_bytes())
+    record = json.loads((tmp_path / ESTIMATOR_JSON).read_text())
+    change(record)
+    (tmp_path / ESTIMATOR_JSON).write_text(json.dumps(record))
+    with pytest.raises(InputError, match=message):
+        SceneEstimator.load(tmp_path, PANDA)
+
+
+def test_calibrated_deviations_hold_two_thirds_of_the_errors(trained: Path) -> None:
+    looks = list(object_looks(LIBRARY, PANDA, "drawer", "8", 6, rng(0, "calibration")))
+    arrays = stacked([example(look, CLASSES, PANDA) for look in looks])
+    estimator = SceneEstimator.load(trained, PANDA)
+    estimator.network.groups.bias.data[TARGET] = 100.0
+    found = calibrated(estimator, arrays)["within_one_deviation"]
+    assert 0.5 <= found["keypoints"] <= 0.85
+    again = figures(measured(estimator, arrays, given=True))
+    assert again["within_one_deviation"] == found
+
+
+def test_the_chain_refuses_tasks_that_it_cannot_perceive(trained: Path) -> None:
+    for name in ("PlaceGolfBallIntoBox", "TurnOnFaucet"):
+        with pytest.raises(InputError, match=r"one articulated object|does not know the class"):
+            PerceivingChain(load_task(name), load_strategies(name), str(trained))
+
+
+def test_an_object_that_is_not_there_is_not_acted_on(trained: Path) -> None:
+    model = model_of("drawer")
+    task = load_task("OpenBox")
+    chain = PerceivingChain(task, load_strategies("OpenBox"), str(trained))
+    chain._estimator.network.groups.bias.data[TARGET] = -100.0
+    cameras = Cameras(PANDA, model)
+    states = cameras._states(put(model, 0.5), np.array(PANDA.reset_qpos), rng(0, "test"))
+    seen = Observer(PANDA, {"object": model}, ObservationSpec.of(chain.observation_spec), 0).observe(states, 0)
+    chain.reset(seen, 0)
+    assert chain.act(seen) is None
+    assert len(chain.looks) == 1
+    assert chain.history == []
+
+
+def test_a_step_is_done_only_beyond_the_doubt_of_the_estimate(trained: Path) -> None:
+    look = look_at("box_rotate", 0.15)
+    found = truth(look)
+    for name, sign in (("CloseBox", 1.0), ("OpenBox", -1.0)):
+        chain = PerceivingChain(load_task(name), load_strategies(name), str(trained))
+        doubtful = replace(found, joint=replace(found.joint, openness_deviation=0.1))
+        measurement = chain._measurement(doubtful, np.array(PANDA.reset_qpos))
+        [openness] = measurement.openness.values()
+        assert openness == pytest.approx(0.15 + sign * 0.1)
