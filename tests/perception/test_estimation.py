@@ -179,6 +179,18 @@ def test_training_takes_no_object_that_evaluations_draw() -> None:
         assert not set(ids) & {*LIBRARY.choose(name, "all"), *LIBRARY.choose(name, "new")}
 
 
+def test_of_a_folder_of_objects_the_training_split_is_learned() -> None:
+    class Folder:
+        def source(self, _: str) -> str:
+            return "real"
+
+        def choose(self, _: str, which: str) -> tuple[str, ...]:
+            return {"train": ("a", "b", "c"), "all": ("a", "b", "c", "d")}[which]
+
+    library: Any = Folder()
+    assert training_instances(library, ["door"], 2, 0) == {"door": ("a", "b")}
+
+
 def test_class_constants_refuse_an_unknown_class() -> None:
     constants = [ClassConstants.of(model_of(name)) for name in CLASSES]
     assert by_name(constants, "drawer") == 1
@@ -352,6 +364,28 @@ def test_a_damaged_estimator_is_refused(trained: Path, tmp_path: Path, change: A
     (tmp_path / ESTIMATOR_JSON).write_text(json.dumps(record))
     with pytest.raises(InputError, match=message):
         SceneEstimator.load(tmp_path, PANDA)
+
+
+def test_the_commands_measure_an_estimator_and_draw_the_worst(trained: Path, tmp_path: Path) -> None:
+    from click.testing import CliRunner
+    from PIL import Image
+
+    from gensim2.cli.perceive import perceive
+
+    given = ["--assets", "builtin", "--class", "drawer", "--objects", "1", "--looks", "2"]
+    written = tmp_path / "result.json"
+    run = CliRunner().invoke(
+        perceive,
+        ["measure", str(trained), *given, "--out", str(tmp_path), "--json", str(written)],
+        catch_exceptions=False,
+    )
+    assert run.exit_code == 0, run.output
+    result = json.loads(written.read_text())
+    assert (result["objects"], result["estimated"]["clouds"]) == (1, 2)
+    assert list(result["classes"]) == ["drawer"]
+    assert np.asarray(Image.open(tmp_path / "worst.png")).std() > 1
+    unknown = CliRunner().invoke(perceive, ["measure", str(trained), "--class", "door", "--assets", "builtin"])
+    assert isinstance(unknown.exception, InputError)
 
 
 def test_calibrated_deviations_hold_two_thirds_of_the_errors(trained: Path) -> None:

@@ -49,6 +49,7 @@ COMMANDS = {
     "render": "gensim2.cli.render:render",
     "train": "gensim2.cli.train:train",
     "policy": "gensim2.cli.policy:policy",
+    "perceive": "gensim2.cli.perceive:perceive",
     "data": "gensim2.cli.data:data",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",

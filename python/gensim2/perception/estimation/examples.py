@@ -39,11 +39,11 @@ SPREAD, MOST_YAW = 0.15, 0.8
 AT_AN_END = 0.15
 """Share of the looks in which the joint is closed, and of those in which it is open."""
 NOISY = 0.5
-"""Share of the looks with the noise of a deployed camera."""
+"""Share of the training's looks with the noise of a deployed camera."""
 REACHING = 0.5
 """Share of the looks in which the arm is not near its rest posture."""
 ACCOMPANIED = 0.25
-"""Share of the looks with a rigid object beside the articulated one."""
+"""Share of the training's looks with a rigid object beside the articulated one."""
 TARGET_NAME, OTHER_NAME = "object", "other"
 
 
@@ -161,7 +161,15 @@ def _noisy(views: Sequence[Any], noise: DepthNoise, generator: np.random.Generat
 
 
 def object_looks(
-    library: Library, profile: RobotProfile, asset_class: str, instance: str, count: int, generator: np.random.Generator
+    library: Library,
+    profile: RobotProfile,
+    asset_class: str,
+    instance: str,
+    count: int,
+    generator: np.random.Generator,
+    *,
+    noisy: float = NOISY,
+    accompanied: float = ACCOMPANIED,
 ) -> Iterator[LabelledCloud]:
     """Yield up to ``count`` looks at one object; looks at a hidden object are left out.
 
@@ -171,6 +179,8 @@ def object_looks(
         asset_class, instance: which object.
         count: looks that are drawn.
         generator: of everything that is drawn.
+        noisy: share of the looks with the noise of a deployed camera.
+        accompanied: share of the looks with a rigid object beside the articulated one.
     """
     model = library.load(asset_class, instance, "default")
     assert isinstance(model, ArticulatedObject)
@@ -178,10 +188,10 @@ def object_looks(
     other = library.load(rigid[int(generator.integers(len(rigid)))], "0", "default")
     alone, together = Cameras(profile, model), Cameras(profile, model, other)
     for _ in range(count):
-        cameras = together if generator.random() < ACCOMPANIED else alone
+        cameras = together if generator.random() < accompanied else alone
         thing = _put(model, generator)
         q = _posture(profile, thing, generator)
-        found = cameras.look(thing, q, DEPLOYED if generator.random() < NOISY else None, generator)
+        found = cameras.look(thing, q, DEPLOYED if generator.random() < noisy else None, generator)
         if found is not None:
             yield found
 
@@ -269,9 +279,15 @@ def stacked(examples: Sequence[Example]) -> Example:
 def training_instances(
     library: Library, classes: Sequence[str], count: int, seed: int
 ) -> Mapping[str, tuple[str, ...]]:
-    """Return instances to train on: generated objects that neither ``all`` nor ``new`` stands for."""
+    """Return instances to train on, by class.
+
+    Generated objects are those that neither ``all`` nor ``new`` stands for; of a folder they are the training split.
+    """
     found: dict[str, tuple[str, ...]] = {}
     for name in classes:
+        if library.source(name) == "real":
+            found[name] = library.choose(name, "train")[:count]
+            continue
         kept_out = {*library.choose(name, "all"), *library.choose(name, "new")}
         drawn = library.sample(name, count + len(kept_out), seed)
         found[name] = tuple(each for each in drawn if each not in kept_out)[:count]

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.seeding import rng
+from gensim2.objects import open_library
 from gensim2.perception.cloud import from_steps
+from gensim2.perception.estimation.classes import by_name
 from gensim2.perception.estimation.estimator import DEVIATIONS, ObjectEstimate, SceneEstimator
+from gensim2.perception.estimation.examples import Example, example, object_looks, stacked
 from gensim2.policy.array_file import Arrays
+from gensim2.robots import DEFAULT_ROBOT, robot
 
 Array = npt.NDArray[np.float64]
 
@@ -110,6 +118,74 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         if any(each[name] for each in ratios)
     }
     return found
+
+
+def measure(
+    folder: Path | str,
+    *,
+    out: Path | None = None,
+    assets: Path | str | None = None,
+    instances: str = "new",
+    objects: int = 4,
+    looks: int = 4,
+    noisy: bool = False,
+    classes: Sequence[str] = (),
+    robot_name: str = DEFAULT_ROBOT,
+    seed: int = 0,
+    progress: Progress = NULL_PROGRESS,
+) -> dict[str, Any]:
+    """Measure an estimator on clouds of articulated objects that stand alone.
+
+    Args:
+        folder: that ``gensim2 perceive train`` wrote.
+        out: folder for ``worst.png``, a picture of the clouds with the largest errors; None: no picture.
+        assets: library of the objects, as :func:`~gensim2.objects.open_library` takes it.
+        instances: word for the objects, as in ``--instances``.
+        objects: number of objects of each class, at most.
+        looks: number of clouds of each object.
+        noisy: whether the depth pictures have the noise of a deployed camera.
+        classes: to measure; none: all of the estimator.
+        robot_name: robot before which the objects stand.
+        seed: of everything that is drawn.
+        progress: listener.
+
+    Returns:
+        Plain data: figures with the class estimated and given, and by class with the class estimated.
+
+    Raises:
+        InputError: the estimator cannot be read, or there is no such class or object.
+    """
+    from gensim2.perception.estimation.pictures import save_worst
+
+    profile = robot(robot_name)
+    estimator, library = SceneEstimator.load(folder, profile), open_library(assets)
+    names = [each.name for each in estimator.classes]
+    drawn = [names[by_name(estimator.classes, name)] for name in classes] or names
+    ids = [(name, each) for name in drawn for each in library.choose(name, instances)[:objects]]
+    progress.start("looking at objects", len(ids))
+    clouds: list[Example] = []
+    for name, each in ids:
+        generator = rng(seed, f"perception/measure/{name}/{each}")
+        found = object_looks(library, profile, name, each, looks, generator, noisy=float(noisy), accompanied=0.0)
+        clouds += [example(look, names, profile) for look in found]
+        progress.advance()
+    if not clouds:
+        raise InputError("none of the objects is seen by the cameras", field="classes", remedy="give other classes")
+    arrays = stacked(clouds)
+    rows = measured(estimator, arrays)
+    if out is not None:
+        save_worst(out / "worst.png", estimator, arrays, rows)
+    return {
+        "schema_version": 1,
+        "estimator": str(folder),
+        "assets": str(library.location),
+        "instances": instances,
+        "noise": "deployed" if noisy else None,
+        "objects": len(ids),
+        "estimated": figures(rows),
+        "given": figures(measured(estimator, arrays, given=True)),
+        "classes": {name: figures([row for row in rows if row["name"] == name]) for name in drawn},
+    }
 
 
 def calibrated(estimator: SceneEstimator, arrays: Arrays) -> dict[str, Any]:

@@ -1,0 +1,146 @@
+"""``gensim2 perceive``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import click
+
+from gensim2.cli.options import command
+from gensim2.cli.output import line, table
+from gensim2.cli.typed import Count, Folder, Option
+from gensim2.core.progress import Progress
+
+Classes = Annotated[tuple[str, ...], Option("--class", "NAME")]
+
+
+def _show_training(result: dict[str, Any]) -> None:
+    table(
+        ("what", "value"),
+        [
+            ("classes", ", ".join(result["classes"])),
+            ("clouds", str(result["clouds"])),
+            ("steps", str(result["steps"])),
+            ("CPU s of the steps", f"{result['cpu_s']:.0f}"),
+            ("weights", str(result["parameters"])),
+        ],
+    )
+    line(f"estimator: {result['folder']}")
+
+
+def _show_measure(result: dict[str, Any]) -> None:
+    rows = [
+        ("all, class given", result["given"]),
+        ("all", result["estimated"]),
+        *result["classes"].items(),
+    ]
+    heads = ("clouds", "missed", "class", "axis, degrees", "axis, mm", "keypoints, mm", "openness", "part IoU")
+    table(("of", *heads), [(name, *_cells(found)) for name, found in rows])
+    line("pairs of numbers are the median and the 90th percentile")
+
+
+def _cells(found: dict[str, Any]) -> tuple[str, ...]:
+    def pair(name: str, scale: float, digits: int) -> str:
+        return " / ".join(f"{scale * value:.{digits}f}" for value in found.get(name, ()))
+
+    return (
+        str(found["clouds"]),
+        str(found["missed"]),
+        f"{found['class']:.2f}",
+        pair("axis_degrees", 1.0, 1),
+        pair("axis_m", 1000.0, 0),
+        pair("keypoint_m", 1000.0, 0),
+        pair("openness", 1.0, 2),
+        f"{found['part_iou']:.2f}",
+    )
+
+
+@command("resume", "robot", "seed", show=_show_training)
+def train(
+    *,
+    out: Folder,
+    classes: Classes = (),
+    assets: Annotated[str, Option(metavar="DIR|builtin")] = "builtin",
+    objects: Count = 60,
+    looks: Count = 12,
+    steps: Count = 4000,
+    batch: Count = 24,
+    robot: str,
+    progress: Progress,
+    **given: Any,
+) -> dict[str, Any]:
+    """Train an estimator of articulated objects.
+
+    Objects are placed at random and looked at by the ray caster; nothing is simulated. The folder then holds the
+    estimator.
+
+    Args:
+        out: Folder to write to.
+        classes: Class to learn, repeatable.  [default: all articulated classes of --assets]
+        assets: Folder of objects to learn from, or 'builtin' for generated ones that no evaluation draws.
+        objects: Number of objects of each class to learn from.
+        looks: Number of point clouds of each object.
+        steps: Number of gradient steps.
+        batch: Number of point clouds in a step.
+    """
+    from gensim2.perception.estimation.training import train_estimator
+
+    return train_estimator(
+        out,
+        classes=classes,
+        assets=assets,
+        robot_name=robot,
+        objects=objects,
+        looks=looks,
+        steps=steps,
+        batch=batch,
+        progress=progress,
+        **given,
+    )
+
+
+@command("assets", "robot", "seed", show=_show_measure)
+def measure(
+    estimator: Annotated[Path, Option(metavar="DIR")],
+    *,
+    out: Folder | None = None,
+    instances: Annotated[str, Option(metavar="all|train|test|new|ID")] = "new",
+    classes: Classes = (),
+    objects: Count = 4,
+    looks: Count = 4,
+    noisy: bool = False,
+    robot: str,
+    progress: Progress,
+    **given: Any,
+) -> dict[str, Any]:
+    """Measure an estimator.
+
+    Compares the estimates of the estimator DIR with the truth, on point clouds of objects that stand alone. Missed
+    objects count with the largest errors.
+
+    Args:
+        out: Folder for worst.png, a picture of the ten clouds with the largest errors.  [default: no picture]
+        instances: Objects to measure on.
+        classes: Class to measure, repeatable.  [default: all classes of the estimator]
+        objects: Number of objects of each class, at most.
+        looks: Number of point clouds of each object.
+        noisy: Add the noise of a deployed depth camera.
+    """
+    from gensim2.perception.estimation.measuring import measure as function
+
+    return function(
+        estimator,
+        out=out,
+        instances=instances,
+        classes=classes,
+        objects=objects,
+        looks=looks,
+        noisy=noisy,
+        robot_name=robot,
+        progress=progress,
+        **given,
+    )
+
+
+perceive = click.Group("perceive", commands=[train, measure], help="Train and measure estimators of scenes.")

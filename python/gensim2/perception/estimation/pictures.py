@@ -1,0 +1,105 @@
+"""Pictures of estimates beside the truth: parts, joint axis and keypoints, from the front and from above."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.core.files import write_atomic
+from gensim2.perception.cloud import from_steps
+from gensim2.perception.estimation.estimator import ObjectEstimate, SceneEstimator
+from gensim2.policy.array_file import Arrays
+
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw
+
+Array = npt.NDArray[np.float64]
+
+SIDE, WORST, COLUMNS = 240, 10, 5
+"""Pixels of a view, number of clouds, clouds in a row."""
+FRAME = 0.7
+"""Metres that a view shows."""
+VIEWS = ((1, 2), (1, 0))
+"""Axes of the base frame to the left and up in a view: from the robot, and from above."""
+STILL, MOVING, ELSE = (90, 110, 140), (230, 140, 30), (205, 205, 205)
+TRUE, ESTIMATED = (30, 150, 60), (200, 30, 60)
+AXIS = 0.25
+"""Metres of a drawn axis on either side of the point on it."""
+
+
+def save_worst(path: Path, estimator: SceneEstimator, arrays: Arrays, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Save a picture of the clouds whose keypoints have the largest errors, the worst first.
+
+    Points of the estimated parts are blue (still) and orange (moving); axes are lines and keypoints are circles, true
+    ones green and estimated ones red.
+
+    Args:
+        path: PNG file.
+        estimator: whose estimates are drawn.
+        arrays: labelled clouds.
+        rows: errors of these clouds.
+
+    Raises:
+        WriteError: the file cannot be written.
+    """
+    from PIL import Image, ImageDraw
+
+    worst = np.argsort([-row["keypoint_m"] for row in rows])[:WORST]
+    height = (2 * SIDE + 20) * -(-len(worst) // COLUMNS)
+    image = Image.new("RGB", (SIDE * min(COLUMNS, len(worst)), height), "white")
+    draw = ImageDraw.Draw(image)
+    for place, row in enumerate(map(int, worst)):
+        x, y = SIDE * (place % COLUMNS), (2 * SIDE + 20) * (place // COLUMNS)
+        draw.text((x + 4, y + 4), f"{rows[row]['name']}: {1000 * rows[row]['keypoint_m']:.0f} mm", fill="black")
+        cloud = from_steps(arrays["points"][row])
+        found = estimator.estimate(cloud, rows[row]["name"]).objects
+        middle = np.median(cloud, axis=0).astype(np.float64)
+        for view, axes in enumerate(VIEWS):
+            at = np.array([x, y + 20 + SIDE * view])
+            _draw(draw, at, list(axes), middle, cloud.astype(np.float64), found[0] if found else None)
+            _mark(draw, at, list(axes), middle, arrays["origin"][row], arrays["axis"][row], TRUE)
+            known = arrays["known"][row].astype(bool)
+            _circle(draw, at, list(axes), middle, arrays["keypoints"][row][known], TRUE)
+    content = io.BytesIO()
+    image.save(content, format="PNG")
+    write_atomic(path, content.getvalue())
+
+
+def _draw(
+    draw: ImageDraw, at: Array, axes: list[int], middle: Array, cloud: Array, found: ObjectEstimate | None
+) -> None:
+    colors = np.tile(ELSE, (len(cloud), 1))
+    if found is not None:
+        colors[found.points] = np.where(found.moving[:, None], MOVING, STILL)
+    for (x, y), color in zip(_pixels(cloud, at, axes, middle), colors, strict=True):
+        draw.point((x, y), fill=tuple(map(int, color)))
+    if found is not None:
+        _mark(draw, at, axes, middle, found.joint.origin, found.joint.axis, ESTIMATED)
+        _circle(draw, at, axes, middle, np.array(list(found.keypoints.values())), ESTIMATED)
+
+
+def _mark(
+    draw: ImageDraw, at: Array, axes: list[int], middle: Array, origin: Array, axis: Array, color: tuple[int, int, int]
+) -> None:
+    """Draw an axis about its point nearest to the middle."""
+    nearest = origin + ((middle - origin) @ axis) * axis
+    ends = _pixels(np.stack([nearest - AXIS * axis, nearest + AXIS * axis]), at, axes, middle)
+    draw.line([tuple(map(float, end)) for end in ends], fill=color, width=2)
+
+
+def _circle(
+    draw: ImageDraw, at: Array, axes: list[int], middle: Array, points: Array, color: tuple[int, int, int]
+) -> None:
+    for x, y in _pixels(points, at, axes, middle):
+        draw.ellipse((x - 4, y - 4, x + 4, y + 4), outline=color, width=2)
+
+
+def _pixels(points: Array, at: Array, axes: list[int], middle: Array) -> Array:
+    """(N, 2) in the picture, within the view that begins at ``at``."""
+    seen = (np.asarray(points, dtype=np.float64) - middle)[:, axes] * [-1.0, -1.0] * SIDE / FRAME + SIDE / 2
+    return np.asarray(at + np.clip(seen, 0, SIDE - 1))
