@@ -19,6 +19,7 @@ from gensim2.core.seeding import rng
 from gensim2.objects import ArticulatedObject, open_library
 from gensim2.perception import ObservationSpec
 from gensim2.perception.estimation import PerceivingChain, SceneEstimator
+from gensim2.perception.estimation.chain import DISTRUST
 from gensim2.perception.estimation.classes import ClassConstants, by_name
 from gensim2.perception.estimation.estimator import ESTIMATOR_JSON, JointEstimate, ObjectEstimate, squared_yaw
 from gensim2.perception.estimation.examples import (
@@ -402,13 +403,12 @@ def test_calibrated_deviations_hold_two_thirds_of_the_errors(trained: Path) -> N
 def test_the_chain_refuses_tasks_that_it_cannot_perceive(trained: Path) -> None:
     for name in ("PlaceGolfBallIntoBox", "TurnOnFaucet"):
         with pytest.raises(InputError, match=r"one articulated object|does not know the class"):
-            PerceivingChain(load_task(name), load_strategies(name), str(trained))
+            PerceivingChain(name, str(trained))
 
 
 def test_an_object_that_is_not_there_is_not_acted_on(trained: Path) -> None:
     model = model_of("drawer")
-    task = load_task("OpenBox")
-    chain = PerceivingChain(task, load_strategies("OpenBox"), str(trained))
+    chain = PerceivingChain("OpenBox", str(trained))
     chain._estimator.network.groups.bias.data[TARGET] = -100.0
     cameras = Cameras(PANDA, model)
     states = cameras._states(put(model, 0.5), np.array(PANDA.reset_qpos), rng(0, "test"))
@@ -423,8 +423,9 @@ def test_a_step_is_done_only_beyond_the_doubt_of_the_estimate(trained: Path) -> 
     look = look_at("box_rotate", 0.15)
     found = truth(look)
     for name, sign in (("CloseBox", 1.0), ("OpenBox", -1.0)):
-        chain = PerceivingChain(load_task(name), load_strategies(name), str(trained))
+        chain = PerceivingChain(name, str(trained))
         doubtful = replace(found, joint=replace(found.joint, openness_deviation=0.1))
-        measurement = chain._measurement(doubtful, np.array(PANDA.reset_qpos))
-        [openness] = measurement.openness.values()
-        assert openness == pytest.approx(0.15 + sign * 0.1)
+        for chain._motions, share in ((1, 1.0), (2, 0.5)):
+            measurement = chain._measurement(doubtful, np.array(PANDA.reset_qpos))
+            [openness] = measurement.openness.values()
+            assert openness == pytest.approx(0.15 + sign * DISTRUST * share * 0.1)

@@ -24,8 +24,9 @@ from gensim2.rollout.chain import WAIT_SECONDS, ChainController
 from gensim2.rollout.chain_state import ChainPlan
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import Cause, StepRecord
+from gensim2.scenes.arguments import as_task
+from gensim2.tasks.library import load_strategies
 from gensim2.tasks.measurement import Measurement
-from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
 Array = npt.NDArray[np.float64]
@@ -34,20 +35,23 @@ LEAST_CONFIDENCE = 0.05
 """Probability of the task's class below which the object counts as absent."""
 LEAST_SEEN = 0.25
 """Share of the object's points in the first cloud below which a look is not believed: something hides the object."""
-DISTRUST = 1.0
-"""Standard deviations by which a joint must have passed its goal before a step counts as done."""
+DISTRUST = 0.5
+"""Standard deviations by which a joint must have passed its goal for a step to count as done after the first motion;
+half as many after the second motion, and so on."""
 
 
 class _Chain(ChainController):
-    """The chain on believed scenes, between two looks of which nothing can be seen to drift.
-
-    Attributes:
-        waited: control steps since the last motion ended.
-    """
+    """The chain on believed scenes, between two looks of which nothing can be seen to drift."""
 
     @property
     def waited(self) -> int:
+        """Control steps since the last motion ended."""
         return self._waited
+
+    @property
+    def motions(self) -> int:
+        """Number of plans that were executed, at least in part."""
+        return sum(plan.ran > 0 for turn in self._turns for plan in turn.plans)
 
     @property
     def is_moving(self) -> bool:
@@ -66,9 +70,9 @@ class PerceivingChain:
     an object of the task's class. Objects of the task must be articulated, and one of them is estimated.
 
     Args:
-        task: the task, or its fields.
-        strategies: by name, as plain data.
+        task: the task, its name or its fields.
         estimator: folder that ``gensim2 perceive train`` wrote.
+        strategies: by name, as plain data; None: those of the task's name in the library.
         robot_name: robot that acts.
         noise: noise on the simulated depth pictures, as :func:`~gensim2.perception.noise.read_noise` takes it; None:
             no noise.
@@ -85,14 +89,14 @@ class PerceivingChain:
 
     def __init__(
         self,
-        task: Mapping[str, Any] | TaskSpec,
-        strategies: Mapping[str, Mapping[str, Any]],
+        task: str | Mapping[str, Any] | TaskSpec,
         estimator: str,
+        strategies: Mapping[str, Mapping[str, Any]] | None = None,
         robot_name: str = DEFAULT_ROBOT,
         noise: str | None = None,
         threads: int = 1,
     ) -> None:
-        self._task = task if isinstance(task, TaskSpec) else parse_task(dict(task))
+        self._task = as_task(task)
         self._profile, self._threads = robot(robot_name), threads
         self._estimator = SceneEstimator.load(estimator, self._profile)
         if len(self._task.objects) != 1:
@@ -100,10 +104,12 @@ class PerceivingChain:
             raise InputError(message, field="objects", remedy="use the true scene")
         [(self._name, spec)] = self._task.objects.items()
         self._class = self._estimator.classes[by_name(self._estimator.classes, spec.asset_class)].name
-        self._chain = _Chain(self._task, strategies, self._profile)
+        ways = load_strategies(self._task.name) if strategies is None else strategies
+        self._chain = _Chain(self._task, ways, self._profile)
         self._spec = ObservationSpec(cloud=replace(SETTINGS, noise=None if noise is None else read_noise(noise)))
         self.looks: list[SceneEstimate] = []
         self._believed: ObjectEstimate | None = None
+        self._motions = 0
 
     @property
     def observation_spec(self) -> ObservationSpec:
@@ -139,7 +145,7 @@ class PerceivingChain:
     def reset(self, observation: Observation, seed: int = 0) -> None:
         """Begin an episode."""
         torch.set_num_threads(self._threads)
-        self.looks, self._believed, self._seen_at_first = [], None, 0
+        self.looks, self._believed, self._seen_at_first, self._motions = [], None, 0, 0
         self._take_in(observation)
         if self._believed is not None:
             self._chain.reset(self._with_belief(observation), seed)
@@ -147,6 +153,7 @@ class PerceivingChain:
     def act(self, observation: Observation) -> Action | None:
         """Return the next action; None: done, given up, or the object is not there."""
         if observation.step > 0 and observation.cloud is not None:
+            self._motions = self._chain.motions
             self._take_in(observation)
         return None if self._believed is None else self._chain.act(self._with_belief(observation))
 
@@ -177,7 +184,7 @@ class PerceivingChain:
         """Return the believed measurement; the joint is taken to be farther from the goal than estimated."""
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
-        doubt = DISTRUST * found.joint.openness_deviation
+        doubt = DISTRUST * found.joint.openness_deviation / max(self._motions, 1)
         kinds = {each.type for each in self._task.success}
         opens, closes = "articulated_open" in kinds, "articulated_closed" in kinds
         openness = found.joint.openness + doubt * (closes - opens)
