@@ -11,45 +11,45 @@
 
 // Status of a call.
 typedef enum kpam_status {
-    // As asked.
+    // Success.
     KPAM_OK = 0,
-    // There is no such motion, or none was found: the sentence says why.
+    // The motion does not exist or was not found; the message says why.
     KPAM_NO_MOTION = 1,
-    // An argument does not fit: the sentence names it.
+    // An argument is invalid; the message names it.
     KPAM_INVALID = 2,
-    // A file cannot be used: the sentence names file and field.
+    // A file cannot be used; the message names file and field.
     KPAM_FILE = 3,
-    // The solver failed; nothing was written. A mistake of the solver's that should be reported.
+    // The solver failed because of a bug, which should be reported; nothing was written.
     KPAM_PANIC = 4,
 } kpam_status;
 
-// Limits of an arm, of which its URDF says nothing.
+// Limits of an arm that its URDF does not contain.
 typedef enum kpam_limit_set {
-    // 10 rad/s^2 and 5,000 rad/s^3 every joint.
+    // 10 rad/s^2 and 5,000 rad/s^3 for every joint.
     KPAM_LIMITS_PLAIN = 0,
-    // As Franka publishes them for the Panda.
+    // Limits published by Franka for the Panda.
     KPAM_LIMITS_PANDA = 1,
-    // As Franka publishes them for the Research 3, with velocity limits that depend on the position.
+    // Limits published by Franka for the Research 3, with velocity limits that depend on the position.
     KPAM_LIMITS_FR3 = 2,
 } kpam_limit_set;
 
-// A robot and what stands about it.
+// A robot and its surroundings.
 typedef struct kpam_scene kpam_scene;
 
 // A timed motion of all joints.
 typedef struct kpam_trajectory kpam_trajectory;
 
-// Request for a motion; `kpam_options_default` fills it.
+// Options of a motion; `kpam_options_default` returns the defaults.
 typedef struct kpam_options {
-    // Distance (m) that everything keeps all along, 0 to 0.1.
+    // Minimum distance (m) to all obstacles along the motion, 0 to 0.1.
     double margin;
-    // Share of the velocity limits, above 0 to 1.
+    // Fraction of the velocity limits, above 0, at most 1.
     double velocity_scale;
-    // Share of the acceleration and jerk limits, above 0 to 1.
+    // Fraction of the acceleration and jerk limits, above 0, at most 1.
     double acceleration_scale;
-    // Wall time (ms) after which the search ends; 0 for none.
+    // Time limit of the search in wall-clock time (ms); 0 for none.
     double deadline_ms;
-    // Which samples are drawn.
+    // Seed of the samples.
     uint64_t seed;
     // A member of `kpam_limit_set`.
     uint32_t limits;
@@ -59,121 +59,123 @@ typedef struct kpam_options {
 extern "C" {
 #endif // __cplusplus
 
-// Sentence of the last call on this thread that did not return `KPAM_OK`; empty before there was one. Valid until the
-// next such call on this thread.
+// Message of the last call on this thread that did not return `KPAM_OK`; empty if there was none. Valid until the next
+// such call on this thread.
 const char *kpam_last_error(void);
 
-// The defaults: 5 mm, all of the limits, no deadline, seed 0, plain limits.
+// Returns the defaults: 5 mm, full limits, no time limit, seed 0, plain limits.
 struct kpam_options kpam_options_default(void);
 
-// Reads a robot: its URDF, an SRDF that disables pairs of links (null for none), and the link that carries the tool.
+// Loads a robot from its URDF, an SRDF that disables pairs of links (null for none), and the name of the link that
+// carries the tool.
 //
 // # Safety
-// `urdf`, `srdf` and `hand_link` are null or strings that end with a zero; `out` may be written.
+// `urdf`, `srdf` and `hand_link` are null or zero-terminated strings; `out` can be written.
 enum kpam_status kpam_scene_load(const char *urdf,
                                  const char *srdf,
                                  const char *hand_link,
                                  struct kpam_scene **out);
 
-// Number of entries of a joint vector; 0 for null.
+// Length of a joint vector; 0 for null.
 //
 // # Safety
 // `scene` is null or a scene that was not freed.
 size_t kpam_scene_joints(const struct kpam_scene *scene);
 
-// Adds a box that stands: its half extents (3 numbers, m) and pose (16 numbers, rows, base frame).
+// Adds a fixed box: half extents (3 numbers, m) and pose (16 numbers, row-major, base frame).
 //
 // # Safety
-// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a string that ends
-// with a zero; `half_extents` and `pose` are null or point at as many numbers.
+// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
+// string; `half_extents` and `pose` are null or point to as many numbers.
 enum kpam_status kpam_scene_add_box(struct kpam_scene *scene,
                                     const char *name,
                                     const double *half_extents,
                                     const double *pose);
 
-// Plans a timed motion from rest at `q_start` to rest at `q_goal`, clear by the margin all along. Each has
-// `kpam_scene_joints` entries; `options` may be null.
+// Plans a timed motion from rest at `q_start` to rest at `q_goal` that keeps the margin from all obstacles. Each
+// vector has `kpam_scene_joints` entries; `options` may be null.
 //
 // # Safety
-// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point at that many numbers;
-// `options` is null or can be read; `out` may be written.
+// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point to that many numbers;
+// `options` is null or can be read; `out` can be written.
 enum kpam_status kpam_plan_joints(const struct kpam_scene *scene,
                                   const double *q_start,
                                   const double *q_goal,
                                   const struct kpam_options *options,
                                   struct kpam_trajectory **out);
 
-// Frees a scene; null is nothing.
+// Frees a scene; null is ignored.
 //
 // # Safety
 // `scene` is null or a scene that was not freed.
 void kpam_scene_free(struct kpam_scene *scene);
 
-// Time of the start (s); not a number for null.
+// Start time of a motion (s); NaN for null.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed.
 double kpam_trajectory_start(const struct kpam_trajectory *trajectory);
 
-// Time of the end (s); not a number for null.
+// End time of a motion (s); NaN for null.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed.
 double kpam_trajectory_end(const struct kpam_trajectory *trajectory);
 
-// Number of entries of a joint vector; 0 for null.
+// Length of a joint vector; 0 for null.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed.
 size_t kpam_trajectory_joints(const struct kpam_trajectory *trajectory);
 
-// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each: as at the start
-// before it, at rest after the end. Allocates nothing where it returns `KPAM_OK`, and takes no lock.
+// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Before the start
+// they are those of the start; after the end the motion is at rest. The function takes no lock, and allocates no
+// memory if it returns `KPAM_OK`.
 //
 // # Safety
-// `trajectory` is null or a motion that was not freed; the others are null or have room for that many numbers, and do
-// not overlap.
+// `trajectory` is null or a motion that was not freed; the other pointers are null or have room for that many numbers,
+// and do not overlap.
 enum kpam_status kpam_trajectory_sample_into(const struct kpam_trajectory *trajectory,
                                              double t,
                                              double *position,
                                              double *velocity,
                                              double *acceleration);
 
-// Makes a stop from the state at time `t` (s) on, along the motion's own path: at every place it brakes as hard as the
-// limits of velocity, acceleration and jerk allow. It begins at `t`. Where no such stop keeps the limits, as right before the
-// motion turns back, every joint stops by itself as soon as it can, which may lead off the path. The stop may need more
-// torque than the motion; nothing checks it for collisions off the path.
+// Creates a stop from the state at time `t` (s), along the motion's own path: everywhere it brakes as hard as the
+// limits of velocity, acceleration and jerk allow. The stop begins at `t`. If no such stop keeps the limits, as right
+// before the motion reverses, every joint stops independently as fast as it can, which may leave the path. The stop
+// may need more torque than the motion, and is not checked for collisions off the path.
 //
 // # Safety
-// `trajectory` is null or a motion that was not freed; `out` may be written.
+// `trajectory` is null or a motion that was not freed; `out` can be written.
 enum kpam_status kpam_trajectory_brake(const struct kpam_trajectory *trajectory,
                                        double t,
                                        struct kpam_trajectory **out);
 
-// Makes the motion that is `trajectory` from time `t` on: a stream that is spliced again and again stays small by this.
+// Creates the part of a motion from time `t` on, so that a repeatedly spliced motion does not grow.
 //
 // # Safety
-// `trajectory` is null or a motion that was not freed; `out` may be written.
+// `trajectory` is null or a motion that was not freed; `out` can be written.
 enum kpam_status kpam_trajectory_since(const struct kpam_trajectory *trajectory,
                                        double t,
                                        struct kpam_trajectory **out);
 
-// Makes the motion that is `trajectory` until time `t` and `next` from there on. Both are in the same state at `t`, to
-// 1e-6 in position, velocity and acceleration, and joints that neither moves stand where they do.
+// Creates the motion that follows `trajectory` until time `t` and `next` from there on. Both must have the same state
+// at `t`, within 1e-6 in position, velocity and acceleration, and the same values of joints that neither moves.
 //
 // # Safety
-// `trajectory` and `next` are null or motions that were not freed; `out` may be written.
+// `trajectory` and `next` are null or motions that were not freed; `out` can be written.
 enum kpam_status kpam_trajectory_splice(const struct kpam_trajectory *trajectory,
                                         const struct kpam_trajectory *next,
                                         double t,
                                         struct kpam_trajectory **out);
 
-// Makes the fastest motion found through waypoints (`count` rows of `joints` numbers) within velocity, acceleration and
-// jerk limits (`joints` numbers each). It begins at `start_time` with `start_velocity` and `start_acceleration`; null is
-// at rest.
+// Creates the fastest motion found through waypoints (`count` rows of `joints` numbers) within velocity, acceleration
+// and jerk limits (`joints` numbers each). It begins at `start_time` with `start_velocity` and `start_acceleration`;
+// null means at rest.
 //
 // # Safety
-// All pointers but `out` are null or point at as many numbers; `out` may be written.
+// All pointers except `out` are null or point to as many numbers; `out` can be written.
 enum kpam_status kpam_retime(const double *waypoints,
                              size_t count,
                              size_t joints,
@@ -185,7 +187,7 @@ enum kpam_status kpam_retime(const double *waypoints,
                              double start_time,
                              struct kpam_trajectory **out);
 
-// Frees a motion; null is nothing.
+// Frees a motion; null is ignored.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed.

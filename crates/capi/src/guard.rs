@@ -1,4 +1,4 @@
-//! Guard between C and the solver: pointers are looked at, panics end here, errors become a status and a sentence.
+//! Guard between C and the solver: validates pointers, stops panics, and turns errors into a status and a message.
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
@@ -8,15 +8,15 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum kpam_status {
-    /// As asked.
+    /// Success.
     KPAM_OK = 0,
-    /// There is no such motion, or none was found: the sentence says why.
+    /// The motion does not exist or was not found; the message says why.
     KPAM_NO_MOTION = 1,
-    /// An argument does not fit: the sentence names it.
+    /// An argument is invalid; the message names it.
     KPAM_INVALID = 2,
-    /// A file cannot be used: the sentence names file and field.
+    /// A file cannot be used; the message names file and field.
     KPAM_FILE = 3,
-    /// The solver failed; nothing was written. A mistake of the solver's that should be reported.
+    /// The solver failed because of a bug, which should be reported; nothing was written.
     KPAM_PANIC = 4,
 }
 
@@ -24,14 +24,14 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::new(CString::default());
 }
 
-/// Sentence of the last call on this thread that did not return `KPAM_OK`; empty before there was one. Valid until the
-/// next such call on this thread.
+/// Message of the last call on this thread that did not return `KPAM_OK`; empty if there was none. Valid until the next
+/// such call on this thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn kpam_last_error() -> *const c_char {
     LAST.with(|last| last.borrow().as_ptr())
 }
 
-/// Why a call did not do what it was asked.
+/// Reason why a call failed.
 pub(crate) struct Fault(pub kpam_status, pub String);
 
 impl Fault {
@@ -40,7 +40,7 @@ impl Fault {
     }
 }
 
-/// Runs what a function of the interface does.
+/// Runs the work of an interface function.
 pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Fault>) -> kpam_status {
     let Fault(status, sentence) = match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(())) => return kpam_status::KPAM_OK,
@@ -51,58 +51,58 @@ pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Fault>) -> kpam_status {
             Fault(kpam_status::KPAM_PANIC, format!("the solver failed: {said}"))
         }
     };
-    // A sentence from a file name may hold a zero.
+    // A message with a file name may contain a zero byte.
     let sentence = CString::new(sentence.replace('\0', " ")).unwrap_or_default();
     LAST.with(|last| *last.borrow_mut() = sentence);
     status
 }
 
-/// Text of an argument.
+/// Returns the text of an argument.
 ///
 /// # Safety
-/// `text` is null or a string that ends with a zero.
+/// `text` is null or a zero-terminated string.
 pub(crate) unsafe fn text<'a>(text: *const c_char, name: &str) -> Result<&'a str, Fault> {
     if text.is_null() {
         return Err(Fault::invalid(format!("{name} is null")));
     }
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| Fault::invalid(format!("{name} is not UTF-8")))
 }
 
-/// Numbers of an argument.
+/// Returns the numbers of an argument.
 ///
 /// # Safety
-/// `data` is null or points at `length` numbers.
+/// `data` is null or points to `length` numbers.
 pub(crate) unsafe fn numbers<'a>(data: *const f64, length: usize, name: &str) -> Result<&'a [f64], Fault> {
     if data.is_null() {
         return Err(Fault::invalid(format!("{name} is null")));
     }
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     Ok(unsafe { std::slice::from_raw_parts(data, length) })
 }
 
-/// Value behind a handle.
+/// Returns the value behind a handle.
 ///
 /// # Safety
-/// `handle` is null or one that this library made and has not freed.
+/// `handle` is null, or a handle created by this library and not freed.
 pub(crate) unsafe fn held<'a, T>(handle: *const T, name: &str) -> Result<&'a T, Fault> {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { handle.as_ref() }.ok_or_else(|| Fault::invalid(format!("{name} is null")))
 }
 
-/// Runs what a function of the interface makes, and gives it away through a pointer, which is null where it makes nothing.
+/// Runs the work of an interface function and stores the result through a pointer, or null if there is none.
 ///
 /// # Safety
-/// `out` is null or may be written.
+/// `out` is null or can be written.
 pub(crate) unsafe fn giving<T>(out: *mut *mut T, make: impl FnOnce() -> Result<T, Fault>) -> kpam_status {
     if out.is_null() {
         return guarded(|| Err(Fault::invalid("out is null")));
     }
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { *out = std::ptr::null_mut() };
     guarded(|| {
         let value = Box::into_raw(Box::new(make()?));
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         unsafe { *out = value };
         Ok(())
     })
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     fn last() -> String {
-        // SAFETY: always a string.
+        // SAFETY: the function always returns a string.
         unsafe { CStr::from_ptr(kpam_last_error()) }.to_string_lossy().into_owned()
     }
 

@@ -1,4 +1,4 @@
-//! Robots, what stands about them, and motions from joints to joints.
+//! Robots, their surroundings, and motions between joint vectors.
 
 use std::ffi::c_char;
 use std::path::Path;
@@ -13,40 +13,40 @@ use nalgebra::Matrix4;
 use crate::guard::{Fault, giving, guarded, held, kpam_status, numbers, text};
 use crate::trajectory::kpam_trajectory;
 
-/// A robot and what stands about it.
+/// A robot and its surroundings.
 pub struct kpam_scene(Scene);
 
-/// Limits of an arm, of which its URDF says nothing.
+/// Limits of an arm that its URDF does not contain.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum kpam_limit_set {
-    /// 10 rad/s^2 and 5,000 rad/s^3 every joint.
+    /// 10 rad/s^2 and 5,000 rad/s^3 for every joint.
     KPAM_LIMITS_PLAIN = 0,
-    /// As Franka publishes them for the Panda.
+    /// Limits published by Franka for the Panda.
     KPAM_LIMITS_PANDA = 1,
-    /// As Franka publishes them for the Research 3, with velocity limits that depend on the position.
+    /// Limits published by Franka for the Research 3, with velocity limits that depend on the position.
     KPAM_LIMITS_FR3 = 2,
 }
 
-/// Request for a motion; `kpam_options_default` fills it.
+/// Options of a motion; `kpam_options_default` returns the defaults.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct kpam_options {
-    /// Distance (m) that everything keeps all along, 0 to 0.1.
+    /// Minimum distance (m) to all obstacles along the motion, 0 to 0.1.
     pub margin: f64,
-    /// Share of the velocity limits, above 0 to 1.
+    /// Fraction of the velocity limits, above 0, at most 1.
     pub velocity_scale: f64,
-    /// Share of the acceleration and jerk limits, above 0 to 1.
+    /// Fraction of the acceleration and jerk limits, above 0, at most 1.
     pub acceleration_scale: f64,
-    /// Wall time (ms) after which the search ends; 0 for none.
+    /// Time limit of the search in wall-clock time (ms); 0 for none.
     pub deadline_ms: f64,
-    /// Which samples are drawn.
+    /// Seed of the samples.
     pub seed: u64,
     /// A member of `kpam_limit_set`.
     pub limits: u32,
 }
 
-/// The defaults: 5 mm, all of the limits, no deadline, seed 0, plain limits.
+/// Returns the defaults: 5 mm, full limits, no time limit, seed 0, plain limits.
 #[unsafe(no_mangle)]
 pub extern "C" fn kpam_options_default() -> kpam_options {
     kpam_options {
@@ -79,10 +79,11 @@ impl kpam_options {
     }
 }
 
-/// Reads a robot: its URDF, an SRDF that disables pairs of links (null for none), and the link that carries the tool.
+/// Loads a robot from its URDF, an SRDF that disables pairs of links (null for none), and the name of the link that
+/// carries the tool.
 ///
 /// # Safety
-/// `urdf`, `srdf` and `hand_link` are null or strings that end with a zero; `out` may be written.
+/// `urdf`, `srdf` and `hand_link` are null or zero-terminated strings; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_scene_load(
     urdf: *const c_char,
@@ -103,7 +104,7 @@ pub unsafe extern "C" fn kpam_scene_load(
     unsafe { giving(out, read) }
 }
 
-/// Number of entries of a joint vector; 0 for null.
+/// Length of a joint vector; 0 for null.
 ///
 /// # Safety
 /// `scene` is null or a scene that was not freed.
@@ -113,11 +114,11 @@ pub unsafe extern "C" fn kpam_scene_joints(scene: *const kpam_scene) -> usize {
     unsafe { scene.as_ref() }.map_or(0, |s| s.0.robot().joints().len())
 }
 
-/// Adds a box that stands: its half extents (3 numbers, m) and pose (16 numbers, rows, base frame).
+/// Adds a fixed box: half extents (3 numbers, m) and pose (16 numbers, row-major, base frame).
 ///
 /// # Safety
-/// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a string that ends
-/// with a zero; `half_extents` and `pose` are null or point at as many numbers.
+/// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
+/// string; `half_extents` and `pose` are null or point to as many numbers.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_scene_add_box(
     scene: *mut kpam_scene,
@@ -143,12 +144,12 @@ pub unsafe extern "C" fn kpam_scene_add_box(
     })
 }
 
-/// Plans a timed motion from rest at `q_start` to rest at `q_goal`, clear by the margin all along. Each has
-/// `kpam_scene_joints` entries; `options` may be null.
+/// Plans a timed motion from rest at `q_start` to rest at `q_goal` that keeps the margin from all obstacles. Each
+/// vector has `kpam_scene_joints` entries; `options` may be null.
 ///
 /// # Safety
-/// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point at that many numbers;
-/// `options` is null or can be read; `out` may be written.
+/// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point to that many numbers;
+/// `options` is null or can be read; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_plan_joints(
     scene: *const kpam_scene,
@@ -173,7 +174,7 @@ pub unsafe extern "C" fn kpam_plan_joints(
     unsafe { giving(out, find) }
 }
 
-/// Frees a scene; null is nothing.
+/// Frees a scene; null is ignored.
 ///
 /// # Safety
 /// `scene` is null or a scene that was not freed.

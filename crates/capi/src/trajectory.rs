@@ -1,4 +1,4 @@
-//! Motions in time: samples for control loops, the fastest stop, going over to another motion.
+//! Timed motions: samples for control loops, the fastest stop, and the switch to another motion.
 
 use gensim2_kpam::{Limits, RetimeOptions, Trajectory, retime};
 
@@ -7,7 +7,7 @@ use crate::guard::{Fault, giving, guarded, held, kpam_status, numbers};
 /// A timed motion of all joints.
 pub struct kpam_trajectory(pub(crate) Trajectory);
 
-/// Time of the start (s); not a number for null.
+/// Start time of a motion (s); NaN for null.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed.
@@ -17,7 +17,7 @@ pub unsafe extern "C" fn kpam_trajectory_start(trajectory: *const kpam_trajector
     unsafe { trajectory.as_ref() }.map_or(f64::NAN, |t| t.0.start())
 }
 
-/// Time of the end (s); not a number for null.
+/// End time of a motion (s); NaN for null.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed.
@@ -27,7 +27,7 @@ pub unsafe extern "C" fn kpam_trajectory_end(trajectory: *const kpam_trajectory)
     unsafe { trajectory.as_ref() }.map_or(f64::NAN, |t| t.0.end())
 }
 
-/// Number of entries of a joint vector; 0 for null.
+/// Length of a joint vector; 0 for null.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed.
@@ -37,12 +37,13 @@ pub unsafe extern "C" fn kpam_trajectory_joints(trajectory: *const kpam_trajecto
     unsafe { trajectory.as_ref() }.map_or(0, |t| t.0.joints())
 }
 
-/// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each: as at the start
-/// before it, at rest after the end. Allocates nothing where it returns `KPAM_OK`, and takes no lock.
+/// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Before the start
+/// they are those of the start; after the end the motion is at rest. The function takes no lock, and allocates no
+/// memory if it returns `KPAM_OK`.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed; the others are null or have room for that many numbers, and do
-/// not overlap.
+/// `trajectory` is null or a motion that was not freed; the other pointers are null or have room for that many numbers,
+/// and do not overlap.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_sample_into(
     trajectory: *const kpam_trajectory,
@@ -67,10 +68,10 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
     })
 }
 
-/// Makes a motion of another.
+/// Creates a motion from another.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed; `out` is null or may be written.
+/// `trajectory` is null or a motion that was not freed; `out` is null or can be written.
 unsafe fn made_of(
     trajectory: *const kpam_trajectory,
     out: *mut *mut kpam_trajectory,
@@ -82,13 +83,13 @@ unsafe fn made_of(
     unsafe { giving(out, || make(motion()?).map(kpam_trajectory)) }
 }
 
-/// Makes a stop from the state at time `t` (s) on, along the motion's own path: at every place it brakes as hard as the
-/// limits of velocity, acceleration and jerk allow. It begins at `t`. Where no such stop keeps the limits, as right before the
-/// motion turns back, every joint stops by itself as soon as it can, which may lead off the path. The stop may need more
-/// torque than the motion; nothing checks it for collisions off the path.
+/// Creates a stop from the state at time `t` (s), along the motion's own path: everywhere it brakes as hard as the
+/// limits of velocity, acceleration and jerk allow. The stop begins at `t`. If no such stop keeps the limits, as right
+/// before the motion reverses, every joint stops independently as fast as it can, which may leave the path. The stop
+/// may need more torque than the motion, and is not checked for collisions off the path.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed; `out` may be written.
+/// `trajectory` is null or a motion that was not freed; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_brake(
     trajectory: *const kpam_trajectory,
@@ -99,10 +100,10 @@ pub unsafe extern "C" fn kpam_trajectory_brake(
     unsafe { made_of(trajectory, out, |motion| motion.brake(t).map_err(Fault::invalid)) }
 }
 
-/// Makes the motion that is `trajectory` from time `t` on: a stream that is spliced again and again stays small by this.
+/// Creates the part of a motion from time `t` on, so that a repeatedly spliced motion does not grow.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed; `out` may be written.
+/// `trajectory` is null or a motion that was not freed; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_since(
     trajectory: *const kpam_trajectory,
@@ -113,11 +114,11 @@ pub unsafe extern "C" fn kpam_trajectory_since(
     unsafe { made_of(trajectory, out, |motion| motion.since(t).map_err(Fault::invalid)) }
 }
 
-/// Makes the motion that is `trajectory` until time `t` and `next` from there on. Both are in the same state at `t`, to
-/// 1e-6 in position, velocity and acceleration, and joints that neither moves stand where they do.
+/// Creates the motion that follows `trajectory` until time `t` and `next` from there on. Both must have the same state
+/// at `t`, within 1e-6 in position, velocity and acceleration, and the same values of joints that neither moves.
 ///
 /// # Safety
-/// `trajectory` and `next` are null or motions that were not freed; `out` may be written.
+/// `trajectory` and `next` are null or motions that were not freed; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_splice(
     trajectory: *const kpam_trajectory,
@@ -131,12 +132,12 @@ pub unsafe extern "C" fn kpam_trajectory_splice(
     unsafe { made_of(trajectory, out, |motion| motion.splice(next()?, t).map_err(Fault::invalid)) }
 }
 
-/// Makes the fastest motion found through waypoints (`count` rows of `joints` numbers) within velocity, acceleration and
-/// jerk limits (`joints` numbers each). It begins at `start_time` with `start_velocity` and `start_acceleration`; null is
-/// at rest.
+/// Creates the fastest motion found through waypoints (`count` rows of `joints` numbers) within velocity, acceleration
+/// and jerk limits (`joints` numbers each). It begins at `start_time` with `start_velocity` and `start_acceleration`;
+/// null means at rest.
 ///
 /// # Safety
-/// All pointers but `out` are null or point at as many numbers; `out` may be written.
+/// All pointers except `out` are null or point to as many numbers; `out` can be written.
 #[unsafe(no_mangle)]
 #[allow(clippy::too_many_arguments, reason = "an interface in C has no other way to name them")]
 pub unsafe extern "C" fn kpam_retime(
@@ -179,7 +180,7 @@ pub unsafe extern "C" fn kpam_retime(
     unsafe { giving(out, make) }
 }
 
-/// Frees a motion; null is nothing.
+/// Frees a motion; null is ignored.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed.

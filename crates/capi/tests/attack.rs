@@ -31,7 +31,7 @@ fn plan(scene: *const kpam_scene, start: &[f64], goal: &[f64]) -> (kpam_status, 
     (status, out)
 }
 
-/// A call that failed left nothing behind its pointer, and a sentence.
+/// A failed call stores null and leaves a message.
 fn refused<T>((status, out): (kpam_status, *mut T)) {
     assert_ne!(status, kpam_status::KPAM_OK);
     assert_ne!(status, kpam_status::KPAM_PANIC, "{}", last());

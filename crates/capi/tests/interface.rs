@@ -1,4 +1,4 @@
-//! The header is current, a program in C drives a motion with it, and sampling allocates nothing.
+//! The header is current, a C program runs a motion with the interface, and sampling allocates no memory.
 #![allow(clippy::unwrap_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -8,7 +8,7 @@ use std::process::Command;
 
 use gensim2_capi::{kpam_retime, kpam_status, kpam_trajectory_end, kpam_trajectory_free, kpam_trajectory_sample_into};
 
-/// The system's allocator, which counts what this thread asks of it.
+/// The system's allocator, with a count of this thread's allocations.
 struct Counting;
 
 thread_local! {

@@ -1,11 +1,11 @@
-//! Robots from code.
+//! Builders for robots defined in code.
 
 use nalgebra::Vector3;
 
 use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, RobotError, mimic};
 
-/// Builds a [`Robot`] of links, the base first and parents before their children; [`RobotBuilder::build`] checks the
-/// whole.
+/// Builds a [`Robot`] from links, with the base first and parents before their children; [`RobotBuilder::build`]
+/// validates the result.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct RobotBuilder {
@@ -14,7 +14,7 @@ pub struct RobotBuilder {
     free: Vec<(String, String)>,
 }
 
-/// Builds a [`Link`]; [`RobotBuilder::build`] checks it.
+/// Builds a [`Link`]; [`RobotBuilder::build`] validates it.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct LinkBuilder {
@@ -26,7 +26,7 @@ pub struct LinkBuilder {
     inertia: Option<Inertia>,
 }
 
-/// Builds a [`Joint`]; [`RobotBuilder::build`] checks it.
+/// Builds a [`Joint`]; [`RobotBuilder::build`] validates it.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct JointBuilder {
@@ -35,12 +35,12 @@ pub struct JointBuilder {
 }
 
 impl Joint {
-    /// A joint that turns about a direction of its frame, without limits until they are set.
+    /// Returns a joint that rotates about a direction of its frame, without limits until they are set.
     pub fn revolute(name: impl Into<String>, axis: Vector3<f64>) -> JointBuilder {
         JointBuilder::new(name.into(), JointKind::Revolute, axis)
     }
 
-    /// A joint that slides along a direction of its frame, without limits until they are set.
+    /// Returns a joint that slides along a direction of its frame, without limits until they are set.
     pub fn prismatic(name: impl Into<String>, axis: Vector3<f64>) -> JointBuilder {
         JointBuilder::new(name.into(), JointKind::Prismatic, axis)
     }
@@ -48,7 +48,7 @@ impl Joint {
 
 impl JointBuilder {
     fn new(name: String, kind: JointKind, axis: Vector3<f64>) -> Self {
-        // A direction of no length stays one, and is refused.
+        // A zero vector is kept, so that `build` refuses it.
         let axis = axis.try_normalize(0.0).unwrap_or(axis);
         let (lower, upper, open) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
         let [velocity, effort, acceleration, jerk] = [open; 4];
@@ -80,7 +80,7 @@ impl JointBuilder {
         self
     }
 
-    /// Has it follow another joint: `value = multiplier * source + offset`.
+    /// Makes the joint follow another: `value = multiplier * source + offset`.
     pub fn follows(mut self, source: impl Into<String>, multiplier: f64, offset: f64) -> Self {
         self.follows = Some((source.into(), multiplier, offset));
         self
@@ -88,12 +88,12 @@ impl JointBuilder {
 }
 
 impl Link {
-    /// The link that the others hang on.
+    /// Returns the base link, the root of the tree.
     pub fn base(name: impl Into<String>) -> LinkBuilder {
         LinkBuilder::new(name.into(), None)
     }
 
-    /// A link below another, fixed to it until a joint is set.
+    /// Returns a link attached to a parent, fixed until a joint is set.
     pub fn below(parent: impl Into<String>, name: impl Into<String>) -> LinkBuilder {
         LinkBuilder::new(name.into(), Some(parent.into()))
     }
@@ -122,7 +122,7 @@ impl LinkBuilder {
         self
     }
 
-    /// Sets its mass.
+    /// Sets the mass of the link.
     pub fn inertia(mut self, inertia: Inertia) -> Self {
         self.inertia = Some(inertia);
         self
@@ -140,17 +140,19 @@ impl RobotBuilder {
         self
     }
 
-    /// Leaves a pair of links unchecked, as neighbours are, and links that overlap at the middle of all joint ranges.
+    /// Disables the collision check between two links, as for neighbours and for links that overlap at the middle of
+    /// all joint ranges.
     pub fn disabled_collisions(mut self, one: impl Into<String>, other: impl Into<String>) -> Self {
         self.free.push((one.into(), other.into()));
         self
     }
 
-    /// The robot whose tool is carried by the link `hand`. Its joints are numbered as their links were added.
+    /// Returns the robot whose tool is attached to the link `hand`. Joints are numbered in the order in which their
+    /// links were added.
     ///
     /// # Errors
-    /// No base or two of them, names that are not unique or unknown, a parent that comes after its child, axes without a
-    /// direction, limits the wrong way round, joints that follow each other in a circle.
+    /// The robot has no base or several; a name is unknown or repeated; a parent comes after its child; an axis is
+    /// zero; limits are inverted; or joints follow each other in a circle.
     pub fn build(self, hand: &str) -> Result<Robot, RobotError> {
         let names: Vec<String> = self.links.iter().map(|l| l.name.clone()).collect();
         let index = |name: &str, field: &str| {

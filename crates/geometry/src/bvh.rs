@@ -1,4 +1,4 @@
-//! Axis-aligned boxes and a static tree over them: the broad phase.
+//! Axis-aligned boxes and a static bounding volume hierarchy over them, for the broad phase.
 
 use nalgebra::{Point3, Vector3};
 
@@ -12,40 +12,40 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The box that contains nothing.
+    /// The empty box.
     pub const EMPTY: Self = Self {
         min: Point3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
         max: Point3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
     };
 
-    /// Smallest box around points, grown by `radius`.
+    /// Returns the smallest box around points, grown by `radius`.
     #[must_use]
     pub fn around(points: &[Point3<f64>], radius: f64) -> Self {
         let tight = points.iter().fold(Self::EMPTY, |b, p| Self { min: b.min.inf(p), max: b.max.sup(p) });
         tight.grown(radius)
     }
 
-    /// Box of a ball.
+    /// Returns the box of a sphere.
     #[must_use]
     pub fn of_ball(center: &Point3<f64>, radius: f64) -> Self {
         let r = Vector3::repeat(radius);
         Self { min: center - r, max: center + r }
     }
 
-    /// The box grown by `by` on every side.
+    /// Returns the box grown by `by` on every side.
     #[must_use]
     pub fn grown(&self, by: f64) -> Self {
         let r = Vector3::repeat(by);
         Self { min: self.min - r, max: self.max + r }
     }
 
-    /// Smallest box around both.
+    /// Returns the smallest box around both.
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
     }
 
-    /// Whether the boxes share a point.
+    /// Returns whether the boxes share a point.
     #[must_use]
     pub fn overlaps(&self, other: &Self) -> bool {
         self.min.x <= other.max.x
@@ -56,7 +56,7 @@ impl Aabb {
             && other.min.z <= self.max.z
     }
 
-    /// Squared distance between the boxes, 0 where they overlap.
+    /// Returns the squared distance between the boxes, 0 if they overlap.
     #[must_use]
     pub fn distance_squared(&self, other: &Self) -> f64 {
         let gap = |a: f64, b: f64, c: f64, d: f64| (c - b).max(a - d).max(0.0);
@@ -66,7 +66,7 @@ impl Aabb {
         x * x + y * y + z * z
     }
 
-    /// Whether the line through `origin` along `direction` meets the box.
+    /// Returns whether the line through `origin` along `direction` crosses the box.
     #[must_use]
     pub fn is_crossed_by(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> bool {
         let (mut enter, mut exit) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -82,12 +82,12 @@ impl Aabb {
                 exit = exit.min(a.max(b));
             }
         }
-        // A line in a face of the box may miss it by rounding.
+        // Rounding may let a line in a face of the box miss it.
         enter <= exit + 1e-9
     }
 }
 
-/// Leaves hold at most this many boxes: below that, testing them all is cheaper than another level.
+/// Maximum number of boxes in a leaf; testing so few is cheaper than another level.
 const LEAF: usize = 4;
 
 #[derive(Debug, Clone)]
@@ -132,7 +132,7 @@ impl Bvh {
             .fold(Aabb::EMPTY, |a, c| a.union(&Aabb { min: c, max: c }));
         let axis = (span.max - span.min).imax();
         let middle = (start + end) / 2;
-        // The index breaks ties, so that equal centres always split the same way.
+        // The index breaks ties, so that equal centres always split in the same way.
         self.order[start..end].select_nth_unstable_by(middle - start, |a, b| {
             center(of(a))[axis].total_cmp(&center(of(b))[axis]).then(a.cmp(b))
         });
@@ -142,7 +142,7 @@ impl Bvh {
         index
     }
 
-    /// Calls `visit` with the index of every box whose leaf comes within `reach` of `query`.
+    /// Calls `visit` with the index of every box whose leaf lies within `reach` of `query`.
     pub fn near(&self, query: &Aabb, reach: f64, visit: impl FnMut(usize)) {
         let limit = reach * reach;
         self.walk(|bounds| bounds.distance_squared(query) <= limit, visit);
@@ -171,7 +171,7 @@ impl Bvh {
                     visit(*i as usize);
                 }
             } else {
-                // Median splits halve: the depth is under 32 for any u32 count, so two pushes always fit.
+                // Median splits halve the boxes, so the depth is below 32 for any u32 count, and two pushes always fit.
                 stack[top] = node.right;
                 stack[top + 1] = at + 1;
                 top += 2;

@@ -1,4 +1,4 @@
-//! The joints between the base and one link: forward kinematics and the Jacobian.
+//! The joints between the base and a link: forward kinematics and Jacobian.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use crate::checked::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::{Joint, JointCountError, JointKind, Link, Pose, RobotError};
 
-/// One moving joint of a chain, with the fixed transforms before it folded in.
+/// A moving joint of a chain, with the fixed transforms before it included.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct ChainJoint {
     joint: usize,
@@ -23,11 +23,11 @@ pub struct Chain {
     joints: Vec<ChainJoint>,
     tail: Pose,
     link: usize,
-    /// Entries of a joint vector.
+    /// Length of a joint vector.
     entries: usize,
 }
 
-/// Result of a forward pass along a chain: enough for the Jacobian of any point on its last link.
+/// Result of forward kinematics along a chain, sufficient for the Jacobian of any point on its last link.
 #[derive(Debug, Clone)]
 pub struct ChainFrames {
     /// Unit axis of each chain joint, base frame.
@@ -47,7 +47,7 @@ impl Default for ChainFrames {
 checked_when_read!(Chain);
 
 impl Chain {
-    /// Checks on reading: it names joints that joint vectors have.
+    /// Validates a deserialized chain: its joints must exist in joint vectors.
     fn check(&self) -> Result<(), RobotError> {
         match self.joints.iter().find(|j| j.joint >= self.entries) {
             Some(j) => Err(RobotError::new("chain", format!("names joint {} of {}", j.joint, self.entries))),
@@ -79,27 +79,27 @@ impl Chain {
         self.joints.len()
     }
 
-    /// Whether nothing on the chain moves.
+    /// Whether the chain has no moving joint.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.joints.is_empty()
     }
 
-    /// Place in the joint vector of each chain joint.
+    /// Index in the joint vector of each chain joint.
     pub fn joint_indices(&self) -> impl Iterator<Item = usize> + '_ {
         self.joints.iter().map(|j| j.joint)
     }
 
-    /// Kind of chain joint `i`; `None` where the chain is shorter.
+    /// Type of chain joint `i`; `None` if the chain is shorter.
     #[must_use]
     pub fn kind(&self, i: usize) -> Option<JointKind> {
         self.joints.get(i).map(|j| j.kind)
     }
 
-    /// Forward pass at the full joint vector `q`.
+    /// Computes forward kinematics at the full joint vector `q`.
     ///
     /// # Errors
-    /// `q` has another length than the robot's joint vectors; `out` is as it was then.
+    /// `q` has the wrong length; `out` is then unchanged.
     pub fn forward(&self, q: &[f64], out: &mut ChainFrames) -> Result<(), JointCountError> {
         JointCountError::check(self.entries, q)?;
         out.axes.clear();
@@ -124,8 +124,8 @@ impl Chain {
         Ok(())
     }
 
-    /// Linear velocity of a point fixed to the chain's link per unit of chain joint `i`; `None` where the chain, or what
-    /// a forward pass left in `frames`, is shorter.
+    /// Linear velocity, per unit of chain joint `i`, of a point fixed to the chain's link; `None` if the chain or
+    /// `frames` is shorter.
     #[must_use]
     pub fn linear(&self, frames: &ChainFrames, i: usize, point: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (axis, origin) = (frames.axes.get(i)?, frames.origins.get(i)?);

@@ -1,27 +1,27 @@
-//! Distances of what moves to what stands still, and to each other.
+//! Distances between moving and fixed bodies, and among moving bodies.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::distance::{Depth, measured};
 use crate::{Aabb, Contact, Convex, Corners, Obstacles, Pose, Robot};
 
-/// Thing near a group.
+/// A body or group near another group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
-    /// Body that stands still, by index.
+    /// Fixed body, by index.
     Body(usize),
-    /// Another group, by index.
+    /// Other group, by index.
     Group(usize),
 }
 
-/// A group and something near it.
+/// A group and a nearby body or group.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Proximity {
     /// The group.
     pub group: usize,
-    /// The near thing.
+    /// The nearby body or group.
     pub target: Target,
-    /// Nearest or deepest points, base frame; the normal points from the group to the target.
+    /// Closest or deepest points, base frame; the normal points from the group to the target.
     pub contact: Contact,
 }
 
@@ -30,7 +30,7 @@ struct Piece<'a> {
     shape: &'a Convex,
 }
 
-/// Groups of convex pieces, each moving as one: the links of a robot, what rides on them, the parts of objects.
+/// Groups of convex pieces that move rigidly: links of a robot, attached bodies, parts of objects.
 pub struct MovingShapes<'a> {
     pieces: Vec<Piece<'a>>,
     /// Range of pieces of each group.
@@ -41,30 +41,31 @@ pub struct MovingShapes<'a> {
 #[derive(Default)]
 pub struct Scratch {
     poses: Vec<Pose>,
-    /// Boxes of pieces, and of whole groups.
+    /// Boxes of pieces and of whole groups.
     boxes: Vec<Aabb>,
     group_boxes: Vec<Aabb>,
     corners: Vec<Corners>,
     placed: Vec<bool>,
     best: Vec<f64>,
     nearest: Vec<Option<Contact>>,
-    /// Directions from pieces to what is near them, as last found; none where they are not remembered.
+    /// Last directions from pieces to nearby shapes, as initial guesses; empty if they are not remembered.
     hints: Vec<Vector3<f64>>,
     early_exit: bool,
 }
 
-/// Directions are remembered in a table of this size. Pairs may share a place there: any direction is a guess.
+/// Size of the table of remembered directions. Pairs may share an entry, since any direction is a valid guess.
 const HINTS: usize = 4096;
 
 impl Scratch {
-    /// Memory that keeps the directions of one query for the next: quicker where things move little between them.
+    /// Returns memory that keeps directions from one query to the next, which is faster if bodies move little in
+    /// between.
     #[must_use]
     pub fn remembering() -> Self {
         Self { hints: vec![Vector3::zeros(); HINTS], ..Self::default() }
     }
 
-    /// Whether any shapes within reach will do for what is visited, in place of the nearest: where all that matters is
-    /// that there are some.
+    /// Sets whether queries may report any shapes within reach instead of the closest ones, when only the existence of
+    /// such shapes matters.
     pub fn set_early_exit(&mut self, early_exit: bool) {
         self.early_exit = early_exit;
     }
@@ -80,7 +81,7 @@ impl Scratch {
         &self.poses
     }
 
-    /// Direction from a piece to something else as last found, or a guess.
+    /// Last direction from a piece to another shape, or a guess.
     fn toward(&self, piece: usize, other: usize, guess: impl FnOnce() -> Vector3<f64>) -> Vector3<f64> {
         match self.hints.get(slot(piece, other)) {
             Some(hint) if *hint != Vector3::zeros() => *hint,
@@ -100,7 +101,7 @@ fn slot(piece: usize, other: usize) -> usize {
 }
 
 impl<'a> MovingShapes<'a> {
-    /// Shapes of groups, each in its group's frame. Groups without shapes keep their number.
+    /// Creates groups from shapes, each in its group's frame. Groups without shapes keep their index.
     #[must_use]
     pub fn new(groups: impl IntoIterator<Item = &'a [Convex]>) -> Self {
         let mut out = Self { pieces: Vec::new(), ranges: Vec::new() };
@@ -128,13 +129,13 @@ impl<'a> MovingShapes<'a> {
         self.ranges.get(group).map_or(&[], |(start, end)| &self.pieces[*start..*end])
     }
 
-    /// Whether a group has no shapes, or is none.
+    /// Whether a group has no shapes or does not exist.
     #[must_use]
     pub fn is_bare(&self, group: usize) -> bool {
         self.shapes_of(group).is_empty()
     }
 
-    /// Middle of the box around a group's shapes, group frame; its origin where there are none.
+    /// Centre of the box around a group's shapes, group frame; the origin if there are none.
     #[must_use]
     pub fn middle(&self, group: usize) -> Point3<f64> {
         if self.is_bare(group) {
@@ -148,7 +149,7 @@ impl<'a> MovingShapes<'a> {
         nalgebra::center(&bounds.min, &bounds.max)
     }
 
-    /// Largest distance (m) of any point of a group's shapes from a point of its frame.
+    /// Maximum distance (m) of any point of a group's shapes from a point of its frame.
     #[must_use]
     pub fn extent(&self, group: usize, from: &Point3<f64>) -> f64 {
         self.shapes_of(group)
@@ -157,8 +158,8 @@ impl<'a> MovingShapes<'a> {
             .fold(0.0, f64::max)
     }
 
-    /// Poses groups for the queries that follow: `poses` writes one for each group (base frame), of which `present`
-    /// names those that are there. What is not there, or has no pose, is near nothing.
+    /// Places groups for the following queries: `poses` writes one pose for each group (base frame), of which `present`
+    /// lists the groups to place. A group without a pose is near nothing.
     pub fn place(&self, present: &[usize], scratch: &mut Scratch, poses: impl FnOnce(&mut Vec<Pose>)) {
         poses(&mut scratch.poses);
         scratch.boxes.resize(self.pieces.len(), Aabb::EMPTY);
@@ -181,7 +182,7 @@ impl<'a> MovingShapes<'a> {
         scratch.corners.resize_with(self.pieces.len(), Corners::default);
     }
 
-    /// The pieces of a group as placed; none where it was not, or where the memory was placed by other shapes.
+    /// Pieces of a group as placed; empty if the group was not placed, or if other shapes were placed in this memory.
     fn placed(&self, group: usize, scratch: &Scratch) -> std::ops::Range<usize> {
         let same = scratch.boxes.len() == self.pieces.len() && scratch.group_boxes.len() == self.ranges.len();
         match self.ranges.get(group) {
@@ -198,11 +199,11 @@ impl<'a> MovingShapes<'a> {
         }
     }
 
-    /// Calls `visit` for those of `groups` that come within `reach(group, body)` of an obstacle: once a group and body,
-    /// with the nearest shapes. A negative infinite reach means that the two are not checked. `visit` returns whether to
-    /// go on; the result is false where it stopped. Where `early_exit` is set, it is called for the first shapes of a
-    /// group that come within reach of anything, and no more of that group. Shapes whose boxes are more than `coarse` (m) apart are not
-    /// measured: the distance of their boxes, which is never more than theirs, stands in for it.
+    /// Calls `visit` for each group of `groups` within `reach(group, body)` of an obstacle, once for each group and
+    /// body, with the closest shapes. A reach of negative infinity means that the pair is not checked. `visit` returns
+    /// whether to continue; the result is false if it stopped. With `early_exit`, `visit` is called only for the first
+    /// shapes of a group within reach of any obstacle. Shapes whose boxes are more than `coarse` (m) apart are not
+    /// measured exactly; the distance of their boxes, a lower bound, is reported instead.
     pub fn near_bodies(
         &self,
         groups: &[usize],
@@ -285,9 +286,9 @@ impl<'a> MovingShapes<'a> {
         whole
     }
 
-    /// Calls `visit` for those of `pairs` of groups that come within `reach(pair)` (m) of each other, as
-    /// [`MovingShapes::near_bodies`] does for obstacles. `which` names the pairs to look at; `reach` and `visit` get
-    /// the number of a pair in `pairs`.
+    /// Calls `visit` for each pair of groups in `pairs` within `reach(pair)` (m) of each other, as
+    /// [`MovingShapes::near_bodies`] does for obstacles. `which` selects the pairs; `reach` and `visit` receive the
+    /// index of a pair in `pairs`.
     pub fn near_pairs(
         &self,
         pairs: &[(usize, usize)],
@@ -308,7 +309,7 @@ impl<'a> MovingShapes<'a> {
         true
     }
 
-    /// The nearest shapes of two groups, where they come within `limit`.
+    /// Closest shapes of two groups, if they are within `limit`.
     fn nearest_of(&self, a: usize, b: usize, scratch: &mut Scratch, coarse: f64, mut limit: f64) -> Option<Contact> {
         if limit == f64::NEG_INFINITY {
             return None;
@@ -345,7 +346,7 @@ impl<'a> MovingShapes<'a> {
                 }
                 self.ensure(i, scratch);
                 self.ensure(j, scratch);
-                // Bodies count from the start of the table, pieces from its end.
+                // Entries of bodies start at the beginning of the table, those of pieces at its end.
                 let other = HINTS - 1 - j % HINTS;
                 let mut toward = scratch.toward(i, other, || {
                     nalgebra::center(&theirs.min, &theirs.max) - nalgebra::center(&mine.min, &mine.max)
@@ -373,15 +374,15 @@ impl<'a> MovingShapes<'a> {
     }
 }
 
-/// A lower bound of the distance of two shapes, from their boxes.
+/// Returns a lower bound of the distance of two shapes from their boxes.
 fn between_boxes(a: &Aabb, b: &Aabb, apart: f64) -> Contact {
     let (on_first, on_second) = (nalgebra::center(&a.min, &a.max), nalgebra::center(&b.min, &b.max));
     let normal = (on_second - on_first).try_normalize(0.0).unwrap_or_else(Vector3::x);
     Contact { distance: apart, on_first, on_second, normal }
 }
 
-/// Pairs of links (lower index first) that are checked against each other where `changes` says that one can move
-/// against the other: those with shapes that the robot does not allow to touch.
+/// Returns the pairs of links (lower index first) to check against each other: both have shapes, `changes` says that
+/// one can move relative to the other, and the robot does not allow them to touch.
 #[must_use]
 pub fn checked_pairs(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> Vec<(usize, usize)> {
     let links = robot.links();
@@ -398,7 +399,7 @@ pub fn checked_pairs(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> V
     pairs
 }
 
-/// Pairs of links that overlap where `poses` puts them.
+/// Returns the pairs of links that overlap at the given poses.
 pub(crate) fn overlapping_pairs(robot: &Robot, poses: Vec<Pose>) -> Vec<(usize, usize)> {
     let shapes = MovingShapes::new(robot.links().iter().map(|l| l.shapes.as_slice()));
     let pairs = checked_pairs(robot, |_, _| true);

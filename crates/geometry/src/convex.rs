@@ -1,7 +1,7 @@
-//! One kind of shape: the convex hull of points, rounded by a radius.
+//! A single kind of shape: the convex hull of points, rounded by a radius.
 //!
-//! Boxes, spheres, capsules, hulls, triangles and cloud points are all that, so there is one distance query instead
-//! of a table of pairs.
+//! Boxes, spheres, capsules, hulls, triangles and cloud points are all of this kind, so one distance query serves every
+//! pair.
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -10,8 +10,8 @@ use crate::checked::checked_when_read;
 use crate::pose::rotated;
 use crate::{Aabb, Corners, Pose, ShapeError};
 
-/// Sides of the prism that stands for a cylinder. It is drawn around the circle: 0.5 % wider at the corners, never
-/// narrower.
+/// Number of sides of the prism that approximates a cylinder. The prism is circumscribed: up to 0.5 % wider at its
+/// corners, never narrower.
 const CYLINDER_SIDES: usize = 32;
 
 /// Convex hull of points, grown by a radius.
@@ -28,10 +28,10 @@ pub struct Convex {
 checked_when_read!(Convex);
 
 impl Convex {
-    /// Hull of points (m), grown by `radius` (m, at least 0).
+    /// Creates the hull of points (m), grown by `radius` (m, at least 0).
     ///
     /// # Errors
-    /// No points, or a number that is not finite.
+    /// There are no points, or a number is not finite.
     pub fn rounded_hull(points: &[Point3<f64>], radius: f64) -> Result<Self, ShapeError> {
         if points.is_empty() {
             return Err(ShapeError::new("points", "a hull needs at least one point"));
@@ -49,7 +49,7 @@ impl Convex {
         Ok(hull)
     }
 
-    /// Corners with the box and the ball around them.
+    /// Points with their bounding box and sphere.
     fn measured(points: Vec<Point3<f64>>, radius: f64) -> Self {
         let Aabb { min, max } = Aabb::around(&points, 0.0);
         let center = nalgebra::center(&min, &max);
@@ -57,28 +57,28 @@ impl Convex {
         Self { points, radius, center, half: (max - min) * 0.5, bound }
     }
 
-    /// Checks on reading: it is a shape as [`Convex::rounded_hull`] makes it.
+    /// Validates a deserialized shape: it must equal a shape made by [`Convex::rounded_hull`].
     fn check(&self) -> Result<(), ShapeError> {
         let whole = !self.points.is_empty() && self.radius >= 0.0 && self.bound.is_finite();
-        // A number that is not finite is not equal to itself, or makes the ball infinite.
+        // A NaN differs from itself, and an infinite number makes the bounding sphere infinite.
         if whole && *self == Self::measured(self.points.clone(), self.radius) {
             return Ok(());
         }
         Err(ShapeError::new("shape", "is damaged: its box is not that of its points"))
     }
 
-    /// Hull of points (m).
+    /// Creates the hull of points (m).
     ///
     /// # Errors
-    /// No points, or a number that is not finite.
+    /// There are no points, or a number is not finite.
     pub fn hull(points: &[Point3<f64>]) -> Result<Self, ShapeError> {
         Self::rounded_hull(points, 0.0)
     }
 
-    /// Box with half extents (m) at a pose.
+    /// Creates a box with half extents (m) at a pose.
     ///
     /// # Errors
-    /// A half extent that is not positive and finite.
+    /// A half extent is not positive and finite.
     pub fn cuboid(half: [f64; 3], pose: &Pose) -> Result<Self, ShapeError> {
         positive("half_extents", &half)?;
         let corner = |i: usize| {
@@ -88,29 +88,29 @@ impl Convex {
         Self::hull(&(0..8).map(corner).collect::<Vec<_>>())
     }
 
-    /// Ball.
+    /// Creates a sphere.
     ///
     /// # Errors
-    /// A radius that is not positive and finite.
+    /// The radius is not positive and finite.
     pub fn ball(radius: f64, center: Point3<f64>) -> Result<Self, ShapeError> {
         positive("radius", &[radius])?;
         Self::rounded_hull(&[center], radius)
     }
 
-    /// Capsule along z of the pose, `length` between the centres of its caps.
+    /// Creates a capsule along z of the pose; `length` is the distance between the centres of its caps.
     ///
     /// # Errors
-    /// A radius or length that is not positive and finite.
+    /// Radius or length is not positive and finite.
     pub fn capsule(radius: f64, length: f64, pose: &Pose) -> Result<Self, ShapeError> {
         positive("radius and length", &[radius, length])?;
         let end = |z: f64| pose * Point3::new(0.0, 0.0, z);
         Self::rounded_hull(&[end(-length / 2.0), end(length / 2.0)], radius)
     }
 
-    /// Cylinder along z of the pose, as a prism around it.
+    /// Creates a cylinder along z of the pose, approximated by a circumscribed prism.
     ///
     /// # Errors
-    /// A radius or length that is not positive and finite.
+    /// Radius or length is not positive and finite.
     pub fn cylinder(radius: f64, length: f64, pose: &Pose) -> Result<Self, ShapeError> {
         positive("radius and length", &[radius, length])?;
         let step = std::f64::consts::TAU / CYLINDER_SIDES as f64;
@@ -125,7 +125,7 @@ impl Convex {
         Self::hull(&points)
     }
 
-    /// Corners of the hull, in the shape's frame.
+    /// Vertices of the hull, in the shape's frame.
     #[must_use]
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points
@@ -137,19 +137,19 @@ impl Convex {
         self.radius
     }
 
-    /// Centre of a ball around the shape.
+    /// Centre of the bounding sphere.
     #[must_use]
     pub fn center(&self) -> &Point3<f64> {
         &self.center
     }
 
-    /// Radius of that ball (m), rounding included.
+    /// Radius of the bounding sphere (m), rounding included.
     #[must_use]
     pub fn bound(&self) -> f64 {
         self.bound
     }
 
-    /// Box around the shape moved by a pose, from the moved box of the shape.
+    /// Returns the box around the shape at a pose, computed from the shape's own box.
     #[must_use]
     pub fn aabb_at(&self, pose: &Pose) -> Aabb {
         let r = pose.rotation.matrix();
@@ -158,12 +158,12 @@ impl Convex {
         Aabb { min: center - reach, max: center + reach }
     }
 
-    /// The corners moved by a pose, written into `out`.
+    /// Writes the vertices at a pose into `out`.
     pub fn corners_at(&self, pose: &Pose, out: &mut Corners) {
         out.place(&self.points, pose);
     }
 
-    /// The shape moved by a pose.
+    /// Returns the shape at a pose.
     #[must_use]
     pub fn moved(&self, pose: &Pose) -> Self {
         Self::measured(self.points.iter().map(|p| pose * p).collect(), self.radius)
@@ -177,7 +177,7 @@ fn positive(field: &str, values: &[f64]) -> Result<(), ShapeError> {
     }
 }
 
-/// Drops what lies inside the hull. Flat sets keep all their points: a support map needs no volume.
+/// Drops points inside the hull. Coplanar sets keep all points, since a support function needs no volume.
 fn extreme_points(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     let mut unique: Vec<Point3<f64>> = points.to_vec();
     unique.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));

@@ -1,4 +1,4 @@
-//! Corners of a hull as searches want them.
+//! Vertices of a hull in a layout for fast searches.
 
 use nalgebra::{Point3, Vector3};
 use parry3d_f64::shape::SupportMap;
@@ -6,26 +6,26 @@ use parry3d_f64::shape::SupportMap;
 use crate::Pose;
 use crate::lanes::{Wide, wide};
 
-/// Coordinates up to this can be squared and added up.
+/// Largest coordinate whose square can be computed and summed without overflow.
 pub(crate) const FURTHEST: f64 = 1e100;
 
-/// Corners that are looked at in one go.
+/// Number of vertices processed at once.
 const LANES: usize = 4;
-/// Blocks that are not worth the widest vectors.
+/// Number of blocks below which dispatching to the widest vectors costs more than it saves.
 const FEW: usize = 3;
 
-/// Corners of a hull, coordinate by coordinate: looking for the furthest one is what most time goes into, and this way
-/// the compiler can look at several at once.
+/// Vertices of a hull, stored by coordinate: the search for the furthest one takes most of the time, and this layout
+/// lets the compiler process several at once.
 #[derive(Debug, Clone, Default)]
 pub struct Corners {
-    /// Blocks of x, y and z; the last one is filled up with copies of its first corner.
+    /// Blocks of x, y and z; the last one is padded with copies of its first vertex.
     blocks: Vec<[[f64; LANES]; 3]>,
-    /// Whether a coordinate is not finite, or so large that its square is not.
+    /// Whether a coordinate is not finite, or so large that its square overflows.
     unbounded: bool,
 }
 
 impl Corners {
-    /// The corners of points.
+    /// Returns the vertices of points.
     #[must_use]
     pub fn of(points: &[Point3<f64>]) -> Self {
         let mut corners = Self::default();
@@ -33,10 +33,10 @@ impl Corners {
         corners
     }
 
-    /// Replaces the corners by points moved by a pose.
+    /// Replaces the vertices by points at a pose.
     pub fn place(&mut self, points: &[Point3<f64>], pose: &Pose) {
         self.blocks.clear();
-        // A sum keeps what is not finite, and needs no branch.
+        // A sum preserves non-finite values without a branch.
         let mut total = [0.0; LANES];
         let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);
         for chunk in points.chunks(LANES) {
@@ -62,17 +62,17 @@ impl Corners {
         self.unbounded = total.iter().any(|t| t.is_nan() || *t > FURTHEST);
     }
 
-    /// Middle of the first block: where a single point is.
+    /// Centre of the first block, which equals the point if there is only one.
     pub(crate) fn middle(&self) -> Point3<f64> {
         self.blocks.first().map_or_else(Point3::origin, |[x, y, z]| Point3::new(x[0], y[0], z[0]))
     }
 
-    /// Whether there are any, all of them measurable.
+    /// Whether there are vertices, all of them measurable.
     pub(crate) fn are_measurable(&self) -> bool {
         !self.blocks.is_empty() && !self.unbounded
     }
 
-    /// The corner furthest along `direction`; the first of several.
+    /// Returns the vertex furthest along `direction`, the first of several.
     pub(crate) fn furthest(&self, direction: &Vector3<f64>) -> Point3<f64> {
         struct Work<'a>(&'a Corners, &'a Vector3<f64>);
         impl Wide for Work<'_> {
@@ -82,7 +82,7 @@ impl Corners {
                 self.0.furthest_of(self.1)
             }
         }
-        // To find out what the machine can do costs as much as a few blocks.
+        // Detecting the machine's vector width costs as much as a few blocks.
         if self.blocks.len() > FEW { wide(Work(self, direction)) } else { self.furthest_of(direction) }
     }
 

@@ -1,5 +1,5 @@
-//! A URDF as it is written: links, joints and shapes, every number checked. Nothing is filled in but the defaults that
-//! URDF itself defines: an origin of zeros, the axis (1, 0, 0), a scale of 1, a mimic of factor 1.
+//! A URDF without interpretation: links, joints and shapes, with every number validated. Only URDF's own defaults are
+//! filled in: a zero origin, the axis (1, 0, 0), a scale of 1, a mimic multiplier of 1.
 
 use std::collections::{HashMap, HashSet};
 
@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::xml::{self, Element};
 use crate::{Pose, UrdfError, pose_from_xyz_rpy};
 
-/// Links per robot: beyond this a file is taken for damaged.
+/// Maximum number of links of a robot; a file with more counts as damaged.
 const MAX_LINKS: usize = 10_000;
 
 const ROBOT: [&str; 3] = ["link", "joint", "material"];
@@ -19,17 +19,17 @@ const JOINT: [&str; 9] =
 const LIMIT: [&str; 7] = ["lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"];
 const SAFETY: [&str; 4] = ["soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"];
 
-/// A URDF as it is written.
+/// A URDF without interpretation.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct Description {
-    /// Name of the robot; empty where it has none.
+    /// Name of the robot; may be empty.
     pub name: String,
-    /// Links, in the order of the file; their names differ.
+    /// Links with unique names, in the order of the file.
     pub links: Vec<LinkDescription>,
-    /// Joints, in the order of the file; their names differ, and so do the links that they carry.
+    /// Joints with unique names and unique child links, in the order of the file.
     pub joints: Vec<JointDescription>,
-    /// Colours of the materials that the robot names.
+    /// Colours of the robot's named materials.
     pub materials: Vec<(String, [f64; 4])>,
 }
 
@@ -37,13 +37,13 @@ pub struct Description {
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct LinkDescription {
-    /// Its name.
+    /// Name of the link.
     pub name: String,
-    /// What it looks like.
+    /// Visual elements.
     pub visuals: Vec<ShapeDescription>,
-    /// What collides.
+    /// Collision elements.
     pub collisions: Vec<ShapeDescription>,
-    /// Its mass, if it has one.
+    /// Mass properties, if given.
     pub inertial: Option<InertialDescription>,
 }
 
@@ -51,17 +51,17 @@ pub struct LinkDescription {
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct ShapeDescription {
-    /// Words that name it in errors.
+    /// Description of the element for error messages.
     pub field: String,
     /// Name of the element.
     pub name: Option<String>,
-    /// Its frame in the link.
+    /// Frame of the element in the link.
     pub origin: Origin,
     /// The shape.
     pub geometry: Geometry,
     /// Name of its material.
     pub material: Option<String>,
-    /// Colour of its material, where it is written beside the shape.
+    /// Colour of the material, if it is defined with the element.
     pub rgba: Option<[f64; 4]>,
 }
 
@@ -70,7 +70,7 @@ pub struct ShapeDescription {
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Geometry {
-    /// Its three sides.
+    /// Its three side lengths.
     Box([f64; 3]),
     /// Its radius.
     Sphere(f64),
@@ -82,26 +82,26 @@ pub enum Geometry {
     Mesh {
         /// Its name in the URDF.
         filename: String,
-        /// Paths under which it may lie, relative to the URDF's folder, the likeliest first.
+        /// Candidate paths relative to the URDF's folder, the likeliest first.
         paths: Vec<String>,
-        /// Factors of its coordinates.
+        /// Scale factors of the coordinates.
         scale: [f64; 3],
     },
 }
 
-/// A rigid transform as it is written.
+/// A rigid transform as written in the file.
 #[derive(Debug, Clone, Copy, Serialize)]
 #[non_exhaustive]
 pub struct Origin {
-    /// m.
+    /// Translation, m.
     pub xyz: [f64; 3],
     /// Roll, pitch and yaw (rad).
     pub rpy: [f64; 3],
-    /// Unit quaternion (x, y, z, w), where it is written in place of `rpy`.
+    /// Unit quaternion (x, y, z, w), if given instead of `rpy`.
     pub quat_xyzw: Option<[f64; 4]>,
 }
 
-/// The mass of a link.
+/// Mass properties of a link.
 #[derive(Debug, Clone, Copy, Serialize)]
 #[non_exhaustive]
 pub struct InertialDescription {
@@ -117,25 +117,25 @@ pub struct InertialDescription {
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct JointDescription {
-    /// Its name.
+    /// Name of the joint.
     pub name: String,
-    /// Type, such as `revolute`; empty where none is written.
+    /// Type, such as `revolute`; empty if missing.
     pub kind: String,
     /// Name of the parent link.
     pub parent: String,
     /// Name of the child link.
     pub child: String,
-    /// Its frame in the parent link.
+    /// Joint frame in the parent link.
     pub origin: Origin,
-    /// Direction in its frame, which may have any length.
+    /// Direction of the axis in the joint frame, of any length.
     pub axis: [f64; 3],
-    /// Its limits, if any are written.
+    /// Limits, if given.
     pub limit: Option<LimitDescription>,
-    /// The joint that it follows.
+    /// Joint that this joint follows, if any.
     pub mimic: Option<MimicDescription>,
 }
 
-/// Limits of a joint; what is not written is not there. Any of them may be infinite.
+/// Limits of a joint, `None` if missing. Any of them may be infinite.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 #[non_exhaustive]
 pub struct LimitDescription {
@@ -159,20 +159,20 @@ pub struct LimitDescription {
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct MimicDescription {
-    /// Name of the joint that is followed.
+    /// Name of the followed joint.
     pub joint: String,
-    /// Factor.
+    /// Factor of the followed value.
     pub multiplier: f64,
-    /// Summand (rad or m).
+    /// Offset added to the value (rad or m).
     pub offset: f64,
 }
 
 impl Description {
-    /// Reads a URDF; `file` names it in errors.
+    /// Reads a URDF; `file` is its name in error messages.
     ///
     /// # Errors
-    /// An encoding or XML that cannot be read, macros of xacro, names that are missing, doubled or misspelt, a number that
-    /// is none or lies outside its range. The error names the link or joint, the attribute and the remedy.
+    /// Encoding or XML cannot be read; the file contains xacro macros; a name is missing, repeated or misspelt; or a
+    /// number is invalid or out of range. The error names the link or joint, the attribute and the remedy.
     pub fn read(content: &[u8], file: &str) -> Result<Self, UrdfError> {
         Self::parse(&xml::decode(content, file)?, file)
     }
@@ -214,7 +214,7 @@ impl Description {
     }
 }
 
-/// Refuses a name that stands twice.
+/// Refuses a repeated name.
 fn once<'n>(file: &str, kind: &str, mut names: impl Iterator<Item = &'n str>) -> Result<(), UrdfError> {
     let mut seen = HashSet::new();
     match names.find(|name| !seen.insert(*name)) {
@@ -290,8 +290,8 @@ fn geometry(shape: &Element<'_>) -> Result<Geometry, UrdfError> {
     })
 }
 
-/// Paths under which a mesh may lie, relative to the URDF's folder: as it is written; a URI without its scheme, and
-/// without its package; a URI's escapes decoded; backslashes as slashes.
+/// Candidate paths of a mesh relative to the URDF's folder: as written; a URI without its scheme and package; with URI
+/// escapes decoded; with backslashes as slashes.
 fn mesh_paths(filename: &str) -> Vec<String> {
     let (scheme, inside) = filename.split_once("://").map_or(("", filename), |(s, rest)| (s, rest));
     let mut out = match scheme.to_ascii_lowercase().as_str() {
@@ -310,7 +310,7 @@ fn mesh_paths(filename: &str) -> Vec<String> {
     out
 }
 
-/// A URI with `%20` and the like decoded.
+/// Decodes the escapes of a URI, such as `%20`.
 fn unescaped(text: &str) -> String {
     let (bytes, mut out) = (text.as_bytes(), Vec::with_capacity(text.len()));
     let mut i = 0;
@@ -441,7 +441,7 @@ fn limit(element: &Element<'_>) -> Result<LimitDescription, UrdfError> {
 }
 
 impl Origin {
-    /// The transform.
+    /// The transform as a pose.
     #[must_use]
     pub fn pose(&self) -> Pose {
         let Some([x, y, z, w]) = self.quat_xyzw else { return pose_from_xyz_rpy(self.xyz, self.rpy) };

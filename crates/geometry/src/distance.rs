@@ -1,4 +1,4 @@
-//! Distance or overlap depth of two hulls: distances come from parry's GJK, depths from its EPA.
+//! Distance or penetration depth of two hulls, computed with parry's GJK and EPA.
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use parry3d_f64::query::epa::EPA;
@@ -7,27 +7,27 @@ use parry3d_f64::query::gjk::{self, CSOPoint, GJKResult, VoronoiSimplex};
 use crate::Corners;
 use crate::corners::FURTHEST;
 
-/// The nearest, or deepest, points of two shapes.
+/// The closest or deepest points of two shapes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// Signed distance (m): negative where the shapes overlap.
+    /// Signed distance (m), negative if the shapes overlap.
     pub distance: f64,
     /// Point on the first shape.
     pub on_first: Point3<f64>,
     /// Point on the second shape.
     pub on_second: Point3<f64>,
-    /// Unit direction from the first shape to the second: moving the first along it shortens the distance.
+    /// Unit direction from the first shape to the second; moving the first shape along it reduces the distance.
     pub normal: Vector3<f64>,
 }
 
-/// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`.
+/// Returns the signed distance between two rounded hulls in a common frame; `None` if it exceeds `reach`.
 ///
-/// Shapes that cannot be measured (no points, or a number beyond 1e100) touch, to an infinite depth: they are never
-/// taken for free.
+/// Shapes that cannot be measured (no points, or a number beyond 1e100) count as touching with infinite depth, so that
+/// they never pass as collision-free.
 ///
-/// `toward` is a guess of the direction from the first to the second; it is replaced by what was found. Handed in again
-/// after a small motion, it often shows at once that the two are out of reach. Any vector will do: whether and how far
-/// the two are apart does not depend on it, the depth of an overlap may a little.
+/// `toward` is a guess of the direction from the first to the second, and is replaced by the direction found. Passing
+/// it again after a small motion often proves immediately that the shapes are out of reach. Any vector is valid: the
+/// distance does not depend on the guess, while the depth of an overlap may depend on it slightly.
 #[must_use]
 pub fn signed_distance(
     first: (&Corners, f64),
@@ -42,11 +42,11 @@ pub fn signed_distance(
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Depth {
     Measured,
-    /// Any depth that is not less than is asked for, and not more than it is.
+    /// Any depth between the requested one and the true one.
     AtLeast,
 }
 
-/// As [`signed_distance`], where the depth may be less than it is.
+/// Like [`signed_distance`], but the depth may be smaller than the true one.
 pub(crate) fn measured(
     first: (&Corners, f64),
     second: (&Corners, f64),
@@ -62,7 +62,7 @@ pub(crate) fn measured(
     let reach = reach.min(FURTHEST);
     let same = Isometry3::identity();
     let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
-    // Their ends along any direction tell how far apart they are at least, or how deep they overlap at the most.
+    // The extreme points along any direction bound the distance from below, or the depth from above.
     let extreme = CSOPoint::from_shapes(&same, a, b, &direction);
     if -extreme.point.coords.dot(&direction) > reach + rounding {
         return None;
@@ -73,7 +73,7 @@ pub(crate) fn measured(
     simplex.reset(extreme);
     let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
         GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
-        // The search may also have run out of rounds: only a direction that parts the hulls proves anything.
+        // The search may also have run out of iterations; only a separating direction proves a distance.
         GJKResult::NoIntersection(n) if apart_along(a, b, &n) > reach + rounding => {
             *toward = n.into_inner();
             None
@@ -106,17 +106,17 @@ const UNMEASURABLE: Contact = Contact {
     normal: Vector3::new(1.0, 0.0, 0.0),
 };
 
-/// Whether two shapes keep a distance.
+/// Result of a test whether two shapes keep a distance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Reach {
-    /// They are proven to be at least that far apart.
+    /// The shapes are proven to be at least that far apart.
     Beyond,
-    /// They are nearer, or cannot be measured.
+    /// The shapes are closer, or cannot be measured.
     Within,
 }
 
-/// Whether two rounded hulls whose points are in one frame are at least `apart` (m) from each other: cheaper than their
-/// distance. `toward` is a guess of the direction from the first to the second.
+/// Returns whether two rounded hulls in a common frame are at least `apart` (m) from each other, which is cheaper than
+/// their distance. `toward` is a guess of the direction from the first to the second.
 pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), toward: &Vector3<f64>, apart: f64) -> Reach {
     let (a, b) = (first.0, second.0);
     let limit = apart + first.1 + second.1;
@@ -144,17 +144,17 @@ pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), towar
     }
 }
 
-/// Directions along which nothing man-made lies.
+/// Directions that rarely align with faces or edges of man-made objects.
 const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
 
-/// Separation of two hulls along a unit direction from the first to the second: never more than their distance.
+/// Returns the separation of two hulls along a unit direction from the first to the second, a lower bound of their
+/// distance.
 fn apart_along(a: &Corners, b: &Corners, direction: &Vector3<f64>) -> f64 {
     (b.furthest(&-direction) - a.furthest(direction)).dot(direction)
 }
 
-/// Points, normal and signed distance of two hulls whose distance the search has not found: it is begun anew from other
-/// directions, and failing all of them, what is known to part the hulls stands in for their distance. They are never
-/// said to be further apart than they are.
+/// Returns points, normal and signed distance of two hulls for which the search failed: it restarts from other
+/// directions, and if all fail, a proven separation serves as the distance. The result never exceeds the true distance.
 fn undecided(
     a: &Corners,
     b: &Corners,
@@ -183,8 +183,8 @@ fn undecided(
     (a.furthest(&n), b.furthest(&-n), n, apart)
 }
 
-/// Radius of the ball about the origin in a tetrahedron of points of the difference of two hulls, zero where there is none:
-/// they overlap at least so deep.
+/// Returns the radius of the sphere about the origin inside a tetrahedron of points of the hulls' Minkowski difference,
+/// a lower bound of their depth; zero if there is none.
 fn depth_shown(simplex: &VoronoiSimplex) -> f64 {
     if simplex.dimension() != 3 {
         return 0.0;
@@ -194,17 +194,17 @@ fn depth_shown(simplex: &VoronoiSimplex) -> f64 {
         let [a, b, c] = [1, 2, 3].map(|i| corners[(k + i) % 4]);
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0)?;
         let (face, apex) = (normal.dot(&a), normal.dot(&corners[k]));
-        // Of a flat one it is not known which side is inside.
+        // For a flat tetrahedron the inner side is unknown.
         Some(if apex < face { face } else { -face }).filter(|_| (apex - face).abs() > 1e-9)
     };
     (0..4).map(|k| outward(k).unwrap_or(0.0)).fold(f64::INFINITY, f64::min).max(0.0)
 }
 
-/// Points, normal and depth (negative) of two overlapping hulls; `simplex` is what shows that they overlap.
+/// Returns points, normal and depth (negative) of two overlapping hulls; `simplex` proves the overlap.
 ///
-/// Where that is flat or nearly so, the expansion can end inside, with too little depth or none. Moving one hull by the
-/// depth along the normal must part them; where it does not, the expansion starts anew from directions along which
-/// nothing man-made lies. Failing all, the shortest of those ways that part them is taken.
+/// If the simplex is nearly flat, the expansion can end inside the difference with too small a depth. Moving a hull by
+/// the depth along the normal must separate the two. If it does not, the expansion restarts from skewed directions; if
+/// all fail, the shortest separating translation found is used.
 fn deepest(
     a: &Corners,
     b: &Corners,
@@ -291,7 +291,7 @@ mod tests {
             let wanted = between(&a, &b);
             let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
             let mut toward = Vector3::from(guess);
-            // Twice: the second time from what the first has found.
+            // The second round starts from the result of the first.
             for _ in 0..2 {
                 let found = signed_distance((&p, 0.0), (&q, 0.0), &mut toward, 0.2);
                 prop_assert_eq!(found.is_some(), wanted.distance <= 0.2);
@@ -329,7 +329,7 @@ mod tests {
             shift in -0.1..0.1f64,
             guess in prop::array::uniform3(-1.0..1.0f64),
         ) {
-            // Their centres and axes lie in one plane: what shows that they overlap is flat.
+            // Centres and axes lie in one plane, so the simplex that proves the overlap is flat.
             let plane = Pose::from_parts(Vector3::zeros().into(), nalgebra::Rotation3::new(Vector3::from(turn)));
             let cylinder = |angle: f64, at: f64| {
                 let turned = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), angle);
@@ -381,7 +381,8 @@ mod tests {
 
     #[test]
     fn a_search_that_gives_up_does_not_mean_free() {
-        // What the search answers where it runs out of rounds is the x axis, whatever the hulls: along it these overlap.
+        // When the search runs out of iterations, it returns the x axis regardless of the hulls; these hulls overlap
+        // along it.
         let (a, b) = (cube(0.2, [0.0; 3]), cube(0.2, [0.1, 0.1, 0.1]));
         let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
         assert!(apart_along(&p, &q, &Vector3::x()) < 0.0);

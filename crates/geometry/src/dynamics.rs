@@ -1,4 +1,4 @@
-//! Masses of links, and inverse dynamics: the recursive Newton-Euler algorithm (Luh, Walker and Paul, 1980) over the
+//! Masses of links, and inverse dynamics by the recursive Newton-Euler algorithm (Luh, Walker and Paul, 1980) over the
 //! whole tree, in base coordinates.
 
 use nalgebra::{Matrix3, Vector3};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{JointCountError, JointKind, Pose, Robot, RobotError};
 
-/// Mass of a link and how it is spread.
+/// Mass properties of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Inertia {
     /// kg.
@@ -18,7 +18,7 @@ pub struct Inertia {
 }
 
 impl Inertia {
-    /// Whether its numbers are finite, the mass not negative and the tensor symmetric.
+    /// Validates that the numbers are finite, the mass is not negative and the tensor is symmetric.
     pub(crate) fn check(&self, link: &str) -> Result<(), RobotError> {
         let fail = |message: &str| Err(RobotError::new(format!("link {link}: inertial"), message));
         let finite = self.center.iter().chain(self.tensor.iter()).all(|v| v.is_finite());
@@ -32,17 +32,17 @@ impl Inertia {
     }
 }
 
-/// Gravity where the base stands upright (m/s^2), in the base frame.
+/// Gravity (m/s^2) in the base frame of an upright robot.
 pub const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
-/// A link in motion, in base axes.
+/// Motion of a link, in base axes.
 #[derive(Debug, Clone, Copy)]
 struct Moving {
     turn: Vector3<f64>,
     turn_rate: Vector3<f64>,
-    /// Acceleration of the link frame's origin, gravity taken off.
+    /// Acceleration of the link frame's origin minus gravity.
     acceleration: Vector3<f64>,
-    /// From the origin of the parent.
+    /// Vector from the origin of the parent.
     arm: Vector3<f64>,
     force: Vector3<f64>,
     moment: Vector3<f64>,
@@ -62,12 +62,12 @@ impl Robot {
         self.links().iter().filter_map(|l| l.inertia()).map(|i| i.mass).sum()
     }
 
-    /// Torque (N m; N for sliding joints) at each joint that moves the links with the given joint positions, velocities
-    /// and accelerations against gravity, written into `out`. Links without an inertia weigh nothing; friction and
-    /// the inertia of motors are left out. Joints that follow others count for themselves.
+    /// Writes into `out` the torque (N m; N for sliding joints) of each joint for the given positions, velocities and
+    /// accelerations under gravity. Links without inertia are massless; friction and motor inertia are ignored. Joints
+    /// that follow others are treated as independent.
     ///
     /// # Errors
-    /// A list that has not one entry a joint.
+    /// A list does not have one entry for each joint.
     pub fn inverse_dynamics(
         &self,
         [q, velocity, acceleration]: [&[f64]; 3],
@@ -143,7 +143,7 @@ mod tests {
     use super::*;
     use crate::{Joint, Link};
 
-    /// Two heavy points on weightless rods, whose equations of motion stand in every textbook (Craig, section 6.7).
+    /// Two point masses on massless rods, whose equations of motion are given in textbooks (Craig, section 6.7).
     #[test]
     fn two_links_have_their_textbook_torques() {
         let (m1, m2, l1, l2, g) = (2.0, 3.0, 0.5, 0.4, 9.81);

@@ -1,8 +1,8 @@
-//! Typed errors that name the file or the value, the field, and what to do.
+//! Errors that name the file or value, the field, and the remedy.
 
 use std::fmt;
 
-/// A robot description that cannot be used.
+/// A robot description cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct UrdfError {
@@ -28,7 +28,7 @@ impl fmt::Display for UrdfError {
 
 impl std::error::Error for UrdfError {}
 
-/// A robot whose parts do not fit each other.
+/// Parts of a robot do not fit each other.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RobotError {
@@ -52,11 +52,11 @@ impl fmt::Display for RobotError {
 
 impl std::error::Error for RobotError {}
 
-/// A shape that has no extent, no points or a number that is not finite.
+/// A shape has no extent or no points, or a number is not finite.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ShapeError {
-    /// Which argument.
+    /// Name of the argument.
     pub field: String,
     /// Fault and remedy.
     pub message: String,
@@ -76,13 +76,13 @@ impl fmt::Display for ShapeError {
 
 impl std::error::Error for ShapeError {}
 
-/// A joint vector of the wrong length.
+/// A joint vector has the wrong length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct JointCountError {
-    /// Joints of the robot.
+    /// Number of joints of the robot.
     pub joints: usize,
-    /// Entries of the vector.
+    /// Length of the vector.
     pub entries: usize,
 }
 

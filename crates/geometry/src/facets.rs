@@ -4,18 +4,18 @@ use nalgebra::{Point3, Vector3};
 
 use crate::Convex;
 
-/// Directions in which a rounded hull's corners are grown.
+/// Number of directions in which a rounded hull's vertices are extended.
 const ROUNDING: usize = 128;
-/// They are grown so much further than the radius that the polytope lies as far outside as inside.
+/// Factor on the radius, chosen so that the polytope lies as far outside the true surface as inside.
 const OUTWARDS: f64 = 1.01;
-/// Thinner than this a hull has no inside (m).
+/// Thickness (m) below which a hull has no interior.
 const FLAT: f64 = 1e-7;
 
 impl Convex {
-    /// Triangles of the surface (m, shape frame), corners counter-clockwise as seen from outside.
+    /// Returns the triangles of the surface (m, shape frame), with vertices counter-clockwise seen from outside.
     ///
-    /// A single triangle gives itself, in no particular orientation; any other flat set has no inside and gives none. A
-    /// rounded hull is given as a polytope that follows it within 2 % of the radius.
+    /// A single triangle is returned as is, in no particular orientation; any other flat set has no interior and gives
+    /// no triangles. A rounded hull is approximated by a polytope within 2 % of the radius.
     #[must_use]
     pub fn triangles(&self) -> Vec<[Point3<f64>; 3]> {
         if let ([a, b, c], true) = (self.points(), self.radius() <= 0.0) {
@@ -37,15 +37,15 @@ impl Convex {
         out
     }
 
-    /// As [`Convex::triangles`], to be looked at: a flat set gives its polygon, seen from both sides alike; points on a line
-    /// give none.
+    /// Like [`Convex::triangles`], for display: a flat set gives its polygon with both sides; collinear points give
+    /// nothing.
     #[must_use]
     pub fn surface(&self) -> Vec<[Point3<f64>; 3]> {
         let solid = self.triangles();
         if solid.is_empty() { flat(self.points()) } else { solid }
     }
 
-    /// The corners, each with points of its ball.
+    /// Returns the vertices, each extended by points of its rounding sphere.
     fn grown_corners(&self) -> Vec<Point3<f64>> {
         let golden = std::f64::consts::PI * (1.0 + 5f64.sqrt());
         let directions: Vec<Vector3<f64>> = (0..ROUNDING)
@@ -61,7 +61,7 @@ impl Convex {
     }
 }
 
-/// Triangles of the convex polygon around points that lie in one plane; none where they lie on a line.
+/// Returns triangles of the convex polygon around coplanar points; none if they are collinear.
 fn flat(points: &[Point3<f64>]) -> Vec<[Point3<f64>; 3]> {
     let farthest = |from: &Point3<f64>| points.iter().max_by(|a, b| (*a - from).norm().total_cmp(&(*b - from).norm()));
     let Some(a) = points.first().and_then(farthest) else { return Vec::new() };
@@ -69,7 +69,7 @@ fn flat(points: &[Point3<f64>]) -> Vec<[Point3<f64>; 3]> {
     let off = |p: &Point3<f64>| (p - a) - along * along.dot(&(p - a));
     let widest = points.iter().map(off).max_by(|v, w| v.norm().total_cmp(&w.norm()));
     let Some(across) = widest.and_then(|w| w.try_normalize(FLAT)) else { return Vec::new() };
-    // Andrew's monotone chain: lower side first, then the upper one back.
+    // Andrew's monotone chain: first the lower side, then the upper one in reverse.
     let mut sorted: Vec<(f64, f64, Point3<f64>)> =
         points.iter().map(|p| (along.dot(&(p - a)), across.dot(&(p - a)), *p)).collect();
     sorted.sort_by(|p, q| p.0.total_cmp(&q.0).then(p.1.total_cmp(&q.1)));

@@ -1,15 +1,15 @@
-//! Files that users name: regular ones of bounded size; a pipe, a device or a folder is never opened.
+//! Reads the files that users name: only regular files of bounded size are opened, never pipes, devices or folders.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Bytes of the largest URDF or SRDF.
+/// Maximum size of a URDF or SRDF, bytes.
 pub(crate) const MAX_XML: u64 = 16 << 20;
-/// Bytes of the largest mesh.
+/// Maximum size of a mesh, bytes.
 pub(crate) const MAX_MESH: u64 = 256 << 20;
 
-/// The file's content, or why it cannot be had.
+/// Returns the content of a file, or the reason why it cannot be read.
 pub(crate) fn read(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     let unreadable = |e: std::io::Error| format!("cannot be read: {e}");
     if !std::fs::metadata(path).map_err(unreadable)?.is_file() {

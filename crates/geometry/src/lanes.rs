@@ -1,12 +1,12 @@
-//! Eight numbers in single precision at a time. Plain arrays: the compiler makes vectors of them, of the width of the
-//! machine that the program meets where the work is [dispatched](wide). There are no fused sums, so every machine gives
-//! the same bits.
+//! Arithmetic on eight single-precision numbers at a time. The type is a plain array, from which the compiler makes
+//! vectors of the width of the machine on which the work is [dispatched](wide). No fused multiply-add is used, so every
+//! machine gives the same bits.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Lanes of a vector.
+/// Number of lanes.
 pub const WIDTH: usize = 8;
 
 /// Eight numbers.
@@ -30,33 +30,33 @@ fn each(f: impl Fn(usize) -> f32) -> F32x8 {
 }
 
 impl F32x8 {
-    /// Eight times 0.
+    /// Eight zeros.
     pub const ZERO: Self = Self([0.0; WIDTH]);
-    /// Eight times 1.
+    /// Eight ones.
     pub const ONE: Self = Self([1.0; WIDTH]);
 
-    /// Of eight numbers.
+    /// Creates a vector from eight numbers.
     #[inline(always)]
     #[must_use]
     pub fn new(values: [f32; WIDTH]) -> Self {
         Self(values)
     }
 
-    /// Eight times one number.
+    /// Creates a vector of eight equal numbers.
     #[inline(always)]
     #[must_use]
     pub fn splat(value: f32) -> Self {
         Self([value; WIDTH])
     }
 
-    /// The eight numbers.
+    /// Returns the eight numbers.
     #[inline(always)]
     #[must_use]
     pub fn to_array(self) -> [f32; WIDTH] {
         self.0
     }
 
-    /// Sets one lane; those that are not there are left alone.
+    /// Sets one lane; an index out of range is ignored.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, value: f32) {
         if let Some(place) = self.0.get_mut(lane) {
@@ -64,21 +64,21 @@ impl F32x8 {
         }
     }
 
-    /// The greater in each lane; the other's where one is no number.
+    /// Returns the maximum in each lane, or the other number if one is NaN.
     #[inline(always)]
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         each(|i| if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] })
     }
 
-    /// The lesser in each lane; the other's where one is no number.
+    /// Returns the minimum in each lane, or the other number if one is NaN.
     #[inline(always)]
     #[must_use]
     pub fn min(self, other: Self) -> Self {
         each(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] })
     }
 
-    /// Without its sign.
+    /// Returns the absolute values.
     #[inline(always)]
     #[must_use]
     pub fn abs(self) -> Self {
@@ -92,7 +92,7 @@ impl F32x8 {
         each(|i| self.0[i].sqrt())
     }
 
-    /// Whether every lane is at least the other's; one that is no number is not.
+    /// Returns whether every lane is at least the other's; false for NaN.
     #[inline(always)]
     #[must_use]
     pub fn all_at_least(self, other: Self) -> bool {
@@ -103,15 +103,15 @@ impl F32x8 {
         all
     }
 
-    /// `yes` in the lanes where this is less than `limit`, `no` in the others; what is no number is not less.
+    /// Returns `yes` in the lanes below `limit` and `no` in the others, including NaN.
     #[inline(always)]
     #[must_use]
     pub fn below(self, limit: Self, yes: Self, no: Self) -> Self {
         each(|i| if self.0[i] < limit.0[i] { yes.0[i] } else { no.0[i] })
     }
 
-    /// The angle in 0 to a half turn of which these are sine (not negative) and cosine, both times any positive number:
-    /// reduced to an eighth of a turn, then to a sixteenth, then Cephes' polynomial.
+    /// Returns the angle in 0..pi with this sine (not negative) and cosine, both scaled by any positive factor: reduced
+    /// to an eighth of a turn, then to a sixteenth, then by Cephes' polynomial.
     #[inline(always)]
     #[must_use]
     pub fn angle(sin: Self, cos: Self) -> Self {
@@ -129,12 +129,13 @@ impl F32x8 {
         cos.below(Self::ZERO, Self::splat(PI) - part, part)
     }
 
-    /// Sine and cosine by plain sums and products: reduced to an eighth of a turn in three steps (Cody and Waite), then
-    /// Cephes' polynomials.
+    /// Returns sine and cosine from sums and products only: reduced to an eighth of a turn in three steps (Cody and
+    /// Waite), then by Cephes' polynomials.
     #[inline(always)]
     #[must_use]
     pub fn sin_cos(self) -> (Self, Self) {
-        // Numbers of this size have no fraction: the sum rounds, and its last bits are the quarter's number.
+        // Numbers of this size have no fraction, so the sum rounds, and its last bits are the number of the quarter
+        // turn.
         const ROUNDER: f32 = 12_582_912.0;
         let shifted = self * std::f32::consts::FRAC_2_PI + Self::splat(ROUNDER);
         let turns = shifted - Self::splat(ROUNDER);
@@ -143,7 +144,7 @@ impl F32x8 {
         let sin = y + y * z * (Self::splat(-1.666_665_5e-1) + z * (Self::splat(8.332_161e-3) - z * 1.951_529_6e-4));
         let cos = Self::ONE - z * 0.5
             + z * z * (Self::splat(4.166_664_6e-2) + z * (Self::splat(-1.388_731_6e-3) + z * 2.443_315_7e-5));
-        // The quarter decides which of the two is which, and the signs: by arithmetic, without branches.
+        // The quarter turn determines the assignment and the signs, computed without branches.
         let odd = each(|i| (shifted.0[i].to_bits() & 1) as f32);
         let late = Self::ONE - each(|i| ((shifted.0[i].to_bits() >> 1) & 1) as f32) * 2.0;
         let even = Self::ONE - odd;
@@ -200,16 +201,16 @@ impl Neg for F32x8 {
     }
 }
 
-/// Work on lanes. A closure would do, but the compiler would be free not to inline it, and then it is compiled for the
-/// least of all machines.
+/// Work on lanes. A trait is used instead of a closure because a closure that is not inlined would be compiled for the
+/// oldest supported machine.
 pub trait Wide {
     /// Result of the work.
     type Output;
-    /// Does it; to be inlined always, with all that it calls.
+    /// Runs the work; must always be inlined with everything that it calls.
     fn run(self) -> Self::Output;
 }
 
-/// Runs some work compiled for the widest vectors that this machine has.
+/// Runs work compiled for the widest vectors of this machine.
 #[inline(always)]
 pub fn wide<W: Wide>(work: W) -> W::Output {
     struct Dispatched<W>(W);

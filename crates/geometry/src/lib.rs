@@ -1,7 +1,7 @@
 //! Robots from URDF, forward kinematics and Jacobians, convex shapes and signed distances.
 //!
-//! Metres, radians, seconds. `T_a_b` maps coordinates in `b` to `a`. Nothing here knows tasks, keypoints or Python.
-//! No function panics: what does not fit is an error, `None`, or left out, as each says.
+//! Metres, radians, seconds. `T_a_b` maps coordinates in `b` to `a`. This crate is independent of tasks, keypoints and
+//! Python. No function panics: an unsuitable argument gives an error or `None`, or is ignored, as documented.
 //!
 //! ```
 //! use gensim2_geometry::Robot;

@@ -6,33 +6,33 @@ use serde::{Deserialize, Serialize};
 use crate::checked::checked_when_read;
 use crate::{Convex, Inertia, Pose, RobotError, is_rigid, rotation_about};
 
-/// Axes have length 1 within this.
+/// Tolerance of the unit length of axes.
 const UNIT: f64 = 1e-6;
-/// Links are at most this far from their parents (m): further, coordinates lose the precision that planning needs.
+/// Maximum distance of a link from its parent (m); beyond it, coordinates lose the precision that planning needs.
 pub(crate) const FURTHEST: f64 = 1000.0;
 
 /// Motion type of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum JointKind {
-    /// Turns about its axis (rad); a continuous joint is one without limits.
+    /// Rotates about its axis (rad); a continuous joint has no limits.
     Revolute,
     /// Slides along its axis (m).
     Prismatic,
 }
 
-/// A joint that follows another: `value = multiplier * source + offset`. The source follows none: what a URDF writes as
-/// a mimic of a mimic is composed when it is read.
+/// A joint that follows another: `value = multiplier * source + offset`. The source follows none; a chain of mimic
+/// joints in a URDF is composed when it is read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mimic {
-    /// Index of the source in the joint vector; it has no mimic itself.
+    /// Index of the source in the joint vector; the source is not a mimic joint.
     pub source: usize,
-    /// Factor.
+    /// Factor of the source's value.
     pub multiplier: f64,
-    /// Summand, rad or m.
+    /// Offset added to the value, rad or m.
     pub offset: f64,
 }
 
-/// A moving joint. Its place in [`crate::Robot::joints`] is its place in joint vectors.
+/// A moving joint. Its index in [`crate::Robot::joints`] is its index in joint vectors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Joint {
@@ -89,42 +89,42 @@ impl Joint {
         self.upper
     }
 
-    /// Velocity limit (rad/s or m/s), infinity where there is none.
+    /// Velocity limit (rad/s or m/s), or infinity.
     #[inline]
     #[must_use]
     pub fn velocity(&self) -> f64 {
         self.velocity
     }
 
-    /// Torque limit (N m; N for a sliding joint), infinity where there is none.
+    /// Torque limit (N m; N for a sliding joint), or infinity.
     #[inline]
     #[must_use]
     pub fn effort(&self) -> f64 {
         self.effort
     }
 
-    /// Acceleration limit (rad/s^2 or m/s^2), infinity where there is none.
+    /// Acceleration limit (rad/s^2 or m/s^2), or infinity.
     #[inline]
     #[must_use]
     pub fn acceleration(&self) -> f64 {
         self.acceleration
     }
 
-    /// Jerk limit (rad/s^3 or m/s^3), infinity where there is none.
+    /// Jerk limit (rad/s^3 or m/s^3), or infinity.
     #[inline]
     #[must_use]
     pub fn jerk(&self) -> f64 {
         self.jerk
     }
 
-    /// The joint that it follows, if any.
+    /// Joint that this joint follows, if any.
     #[inline]
     #[must_use]
     pub fn mimic(&self) -> Option<Mimic> {
         self.mimic
     }
 
-    /// Whether its axis has length 1 and its limits are limits.
+    /// Validates that the axis has length 1 and the limits are consistent.
     pub(crate) fn check(&self) -> Result<(), RobotError> {
         let fail = |part: &str, message: String| Err(RobotError::new(format!("joint {}: {part}", self.name), message));
         let off = (self.axis.norm() - 1.0).abs();
@@ -161,7 +161,7 @@ impl Joint {
     }
 }
 
-/// A link. Links stand in an order in which parents come first; the base is link 0.
+/// A link. Links are ordered with parents first; the base is link 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Link {
@@ -194,7 +194,7 @@ impl Link {
         &self.origin
     }
 
-    /// Moving joint between parent and this link; `None` where it is fixed.
+    /// Moving joint between the parent and this link; `None` if it is fixed.
     #[inline]
     #[must_use]
     pub fn joint(&self) -> Option<usize> {
@@ -208,14 +208,14 @@ impl Link {
         &self.shapes
     }
 
-    /// Its mass; `None` where it weighs nothing.
+    /// Mass properties; `None` for a massless link.
     #[inline]
     #[must_use]
     pub fn inertia(&self) -> Option<&Inertia> {
         self.inertia.as_ref()
     }
 
-    /// Whether it is rigidly, and not too far, from its parent.
+    /// Validates that the link is rigidly attached to its parent, within the maximum distance.
     pub(crate) fn check(&self) -> Result<(), RobotError> {
         if let Some(inertia) = &self.inertia {
             inertia.check(&self.name)?;

@@ -1,4 +1,4 @@
-//! Vertices of the surface in an STL (binary and text), PLY (binary and text) or OBJ file.
+//! Reads the surface vertices of STL (binary and text), PLY (binary and text) and OBJ files.
 
 use std::path::Path;
 
@@ -7,7 +7,8 @@ use nalgebra::Point3;
 use crate::obj::Obj;
 use crate::{file, ply};
 
-/// Reads the vertices of a mesh's faces, or says why not. A vertex that no face uses is not part of the surface.
+/// Returns the vertices of a mesh's faces, or the reason why they cannot be read. Vertices that no face uses are
+/// dropped.
 pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
     let bytes = file::read(path, file::MAX_MESH).map_err(|e| format!("{} {e}", path.display()))?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
@@ -27,14 +28,14 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
     Ok(vertices)
 }
 
-/// The vertices that faces use.
+/// Returns the vertices that faces use.
 fn used<'f>(vertices: &[[f64; 3]], faces: impl IntoIterator<Item = &'f [u32; 3]>) -> Vec<Point3<f64>> {
     let mut in_use = vec![false; vertices.len()];
     faces.into_iter().flatten().for_each(|v| in_use[*v as usize] = true);
     vertices.iter().zip(in_use).filter(|(_, used)| *used).map(|(v, _)| Point3::from(*v)).collect()
 }
 
-/// Lines of a text, whichever way they end.
+/// Returns the lines of a text, with any kind of line ending.
 pub(crate) fn lines(text: &str) -> impl Iterator<Item = &str> {
     text.split('\n').flat_map(|line| line.strip_suffix('\r').unwrap_or(line).split('\r'))
 }
@@ -49,8 +50,7 @@ pub(crate) fn three_numbers<'w>(words: impl Iterator<Item = &'w str>, line: usiz
 }
 
 fn stl(bytes: &[u8]) -> Result<Vec<Point3<f64>>, String> {
-    // A text file may claim to be binary by its length alone, and binary headers may begin with "solid": only the
-    // exact length of a binary file decides.
+    // Binary headers may also begin with "solid", so only the exact length of a binary file decides.
     let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
     match count {
         Some(n) if n.checked_mul(50).and_then(|b| b.checked_add(84)) == Some(bytes.len()) => Ok(binary_stl(bytes, n)),

@@ -1,6 +1,5 @@
-//! Joints that follow others. As read, a joint may follow one that itself follows another; here every chain of them is
-//! composed down to the joint that follows none, so that all joint values are one affine function of the independent
-//! ones.
+//! Mimic joints. In a URDF, a joint may follow another mimic joint; here every chain is composed, so that all joint
+//! values are one affine function of the independent joints.
 
 use crate::{Joint, Mimic, RobotError};
 
@@ -15,7 +14,7 @@ pub(crate) fn compose(joints: &mut [Joint]) -> Result<(), RobotError> {
 
 fn root(joints: &[Joint], from: usize) -> Result<Option<Mimic>, RobotError> {
     let Some(mut out) = joints[from].mimic else { return Ok(None) };
-    // A chain without a cycle passes each joint once at most.
+    // A chain without a cycle visits each joint at most once.
     for _ in 0..joints.len() {
         let Some(next) = joints[out.source].mimic else {
             if !(out.multiplier.is_finite() && out.offset.is_finite()) {
@@ -38,7 +37,7 @@ fn root(joints: &[Joint], from: usize) -> Result<Option<Mimic>, RobotError> {
 mod tests {
     use crate::Robot;
 
-    /// Three turning joints in a row, each with the mimic element given; the last is declared first.
+    /// Three revolute joints in a row, each with the given mimic element; the last is declared first.
     fn arm(mimics: [&str; 3]) -> Result<Robot, crate::UrdfError> {
         let joint = |i: usize, mimic: &str| {
             format!(
@@ -76,7 +75,7 @@ mod tests {
         let error = arm(circle).unwrap_err();
         assert!(error.field.ends_with("mimic") && error.message.contains("circle"), "{error}");
         assert!(arm([r#"<mimic joint="j0"/>"#, "", ""]).is_err());
-        // One that leads into a circle without being part of it.
+        // A joint that follows a member of the cycle without being part of it.
         assert!(arm([r#"<mimic joint="j1"/>"#, r#"<mimic joint="j2"/>"#, r#"<mimic joint="j1"/>"#]).is_err());
     }
 }

@@ -8,19 +8,19 @@ use crate::mesh::{lines, three_numbers};
 pub struct Obj {
     /// Vertices, in the order of the file.
     pub vertices: Vec<[f64; 3]>,
-    /// Triangles of each material, in the order in which they first have one; polygons are fans of triangles. The name is
-    /// empty where none was chosen.
+    /// Triangles of each material, in the order of first use; polygons are split into triangle fans. The name is empty
+    /// if no material was selected.
     pub groups: Vec<(String, Vec<[u32; 3]>)>,
-    /// Material files that it names.
+    /// Names of the material files.
     pub libraries: Vec<String>,
 }
 
 impl Obj {
-    /// Reads a file's content. Lines may end in any way, and go on after a backslash.
+    /// Reads the content of an OBJ file. Lines may have any ending, and continue after a backslash.
     ///
     /// # Errors
-    /// A vertex of other than numbers, or a face of less than three corners or of vertices that are not there: the
-    /// sentence names the line.
+    /// A vertex is not numeric, or a face has fewer than three vertices or an invalid index; the message names the
+    /// line.
     pub fn read(content: &[u8]) -> Result<Self, String> {
         let text = String::from_utf8_lossy(content);
         let text = ["\\\r\n", "\\\n", "\\\r"].iter().fold(text.into_owned(), |text, end| text.replace(end, " "));
@@ -71,8 +71,8 @@ impl Obj {
     }
 }
 
-/// Index from 0 of a face's corner `12/3/4`; negative ones count back from the `count` vertices so far. A positive one
-/// may come before its vertex.
+/// Parses the index of a face's vertex such as `12/3/4`, counted from 0; a negative one counts back from the `count`
+/// vertices so far. A positive index may precede its vertex.
 fn corner(word: &str, count: usize) -> Option<u32> {
     let index: i64 = word.split('/').next()?.parse().ok()?;
     let place = if index > 0 { index - 1 } else { i64::try_from(count).ok()? + index };

@@ -1,4 +1,4 @@
-//! Bodies that stand still, under one broad phase.
+//! Fixed bodies in a broad phase.
 
 use nalgebra::Point3;
 
@@ -12,7 +12,7 @@ pub(crate) struct Element {
     pub body: usize,
 }
 
-/// Bodies that stand still in the base frame, under one broad phase.
+/// Fixed bodies in the base frame, in a broad phase.
 #[derive(Default)]
 pub struct Obstacles {
     pub(crate) elements: Vec<Element>,
@@ -21,8 +21,8 @@ pub struct Obstacles {
 }
 
 impl Obstacles {
-    /// Obstacles from bodies, each its shapes (body frame) and its pose in the base frame. A body without shapes keeps
-    /// its number.
+    /// Creates obstacles from bodies, each given by its shapes (body frame) and its pose in the base frame. A body
+    /// without shapes keeps its index.
     #[must_use]
     pub fn new<'a>(bodies: impl IntoIterator<Item = (&'a [Convex], &'a Pose)>) -> Self {
         let mut out = Self::default();

@@ -1,11 +1,11 @@
-//! Points that a camera saw of the robot itself.
+//! Camera points that belong to the robot itself.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::{Aabb, Convex, Corners, Pose, signed_distance};
 
-/// Marks points (base frame, m) that lie within `clearance` of shapes that stand at poses, or inside them: those of a
-/// robot's links at a joint vector, for example, which a camera sees and which are no obstacle.
+/// Marks the points (base frame, m) that lie inside or within `clearance` of posed shapes, such as a robot's links at a
+/// joint vector. A camera sees these points, but they are no obstacle.
 #[must_use]
 pub fn points_within<'s>(
     points: &[Point3<f64>],
@@ -26,7 +26,7 @@ pub fn points_within<'s>(
                 continue;
             }
             let at = Corners::of(&[*point]);
-            // What cannot be measured counts as near, and is no obstacle that could be planned about.
+            // Unmeasurable points count as near, since planning could not avoid them.
             *own = signed_distance((&corners, shape.radius()), (&at, 0.0), &mut toward, clearance)
                 .is_some_and(|contact| contact.distance <= clearance);
         }

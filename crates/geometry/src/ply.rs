@@ -1,11 +1,11 @@
-//! PLY: vertices and triangles.
+//! Reads vertices and triangles of PLY files.
 
 use crate::mesh::lines;
 
-/// Vertices, and triangles of a fan for each face.
+/// Vertices, and a triangle fan for each face.
 type Surface = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
-/// A number's type.
+/// Type of a number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     Int { bytes: usize, signed: bool },
@@ -32,7 +32,7 @@ impl Kind {
 struct Property {
     name: String,
     kind: Kind,
-    /// Type of the number of entries, of a list.
+    /// Type of the length of a list.
     count: Option<Kind>,
 }
 

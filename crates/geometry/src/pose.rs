@@ -1,18 +1,18 @@
-//! Rigid transforms. A [`Pose`] keeps its rotation as a matrix: chains of products dominate here, and those are
-//! cheaper on matrices than on quaternions.
+//! Rigid transforms. A [`Pose`] stores its rotation as a matrix, because chains of products dominate and are cheaper
+//! with matrices than with quaternions.
 
 use nalgebra::{ArrayStorage, IsometryMatrix3, Matrix3, Matrix4, Rotation3, Translation3, Unit, Vector3};
 
 /// Rigid transform `T_a_b`.
 pub type Pose = IsometryMatrix3<f64>;
 
-/// Pose from a translation and fixed-axis roll, pitch, yaw, as URDF writes them.
+/// Creates a pose from a translation and fixed-axis roll, pitch, yaw, as in URDF.
 #[must_use]
 pub fn pose_from_xyz_rpy(xyz: [f64; 3], rpy: [f64; 3]) -> Pose {
     Pose::from_parts(Translation3::from(Vector3::from(xyz)), Rotation3::from_euler_angles(rpy[0], rpy[1], rpy[2]))
 }
 
-/// Pose from a homogeneous matrix; `None` where it is not a finite rigid transform within `tolerance`.
+/// Creates a pose from a homogeneous matrix; `None` if it is not a finite rigid transform within `tolerance`.
 ///
 /// The rotation is replaced by the nearest exact one, so that single-precision input does not drift in products.
 #[must_use]
@@ -36,14 +36,14 @@ pub fn pose_from_matrix(m: &Matrix4<f64>, tolerance: f64) -> Option<Pose> {
     Some(Pose::from_parts(Translation3::from(t), Rotation3::from_matrix_unchecked(exact)))
 }
 
-/// Rotations are orthonormal within this.
+/// Tolerance of the orthonormality of rotations.
 const ORTHONORMAL: f64 = 1e-5;
 
-/// Whether a pose is finite, and its rotation one.
+/// Returns whether a pose is finite and its rotation orthonormal.
 #[must_use]
 pub fn is_rigid(pose: &Pose) -> bool {
     let r = pose.rotation.matrix();
-    // A number that is not finite fails the comparison.
+    // A non-finite number fails the comparison.
     pose.translation.vector.iter().all(|v| v.is_finite())
         && (r.transpose() * r - Matrix3::identity()).iter().all(|v| v.abs() <= ORTHONORMAL)
         && r.determinant() > 0.0
@@ -61,7 +61,7 @@ pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Unit::new_unchecked(*axis), angle)
 }
 
-/// A matrix times a vector, inlined as [`product`] is.
+/// Returns a matrix times a vector, inlined like [`product`].
 #[inline(always)]
 pub(crate) fn rotated(m: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     let [x, y, z] = &m.data.0;
@@ -72,7 +72,8 @@ pub(crate) fn rotated(m: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     )
 }
 
-/// A product of matrices, inlined: that of the library is a call, of which a plan makes millions.
+/// Returns a product of matrices, inlined because the library's version is a function call, of which a plan makes
+/// millions.
 #[inline(always)]
 pub(crate) fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
     let (a, b) = (&a.data.0, &b.data.0);
@@ -85,7 +86,7 @@ pub(crate) fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_array_storage(ArrayStorage(out))
 }
 
-/// A rotation after one about a unit axis; about z, as nearly every URDF arm writes it, without the general product.
+/// Returns a rotation followed by one about a unit axis, with a short cut for z, the axis of most URDF arms.
 #[inline(always)]
 pub(crate) fn turned(r: &Matrix3<f64>, axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     if axis.x == 0.0 && axis.y == 0.0 {
@@ -112,7 +113,7 @@ pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
     if cos > 0.0 {
         return vee;
     }
-    // Near half a turn the antisymmetric part vanishes: R + 1 = 2 a a^T there, so take its largest column.
+    // Near half a turn the antisymmetric part vanishes, but R + 1 = 2 a a^T; use its largest column.
     let s = (m + Matrix3::identity()) * 0.5;
     let i = (0..3).fold(0, |best, k| if s[(k, k)] > s[(best, best)] { k } else { best });
     let axis: Vector3<f64> = s.column(i).into();

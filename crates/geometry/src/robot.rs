@@ -1,4 +1,4 @@
-//! The kinematic tree: poses of links, and which of them are checked against each other.
+//! The kinematic tree: poses of links, and the pairs of links that are checked for collision.
 
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -24,14 +24,14 @@ pub struct Robot {
     chain: Chain,
     /// Pairs of links (lower index first) that are never checked, sorted.
     allowed: Vec<(usize, usize)>,
-    /// Those among them that are there for no better reason than that they overlap at the middle of all joint ranges.
+    /// The pairs among them that are unchecked only because they overlap at the middle of all joint ranges.
     #[serde(default)]
     unchecked: Vec<(usize, usize)>,
     #[serde(skip)]
     cover: Covered,
 }
 
-/// Balls around the links, once they are asked for: part of no comparison.
+/// Spheres around the links, computed on first use and ignored in comparisons.
 #[derive(Debug, Clone, Default)]
 struct Covered(OnceLock<Arc<Cover>>);
 
@@ -46,11 +46,13 @@ checked_when_read!(Robot);
 impl Robot {
     /// Reads a URDF with its collision meshes, and the pairs that an SRDF disables.
     ///
-    /// Mesh paths are relative to the URDF's folder; those of `package://` are looked for in the folders above it too. Without an SRDF, neighbouring
-    /// links are not checked against each other, nor pairs that overlap at the middle of all joint ranges.
+    /// Mesh paths are relative to the URDF's folder; `package://` paths are also searched in the folders above it.
+    /// Without an SRDF, neighbouring links and pairs that overlap at the middle of all joint ranges are not checked
+    /// against each other.
     ///
     /// # Errors
-    /// An unreadable or malformed file, an unknown link, a loop, missing or inverted limits, a zero axis, or a missing mesh.
+    /// A file is unreadable or malformed, a link is unknown, the links form a loop, limits are missing or inverted, an
+    /// axis is zero, or a mesh is missing.
     pub fn from_urdf(
         path: impl AsRef<Path>,
         srdf: Option<&Path>,
@@ -69,7 +71,8 @@ impl Robot {
         )
     }
 
-    /// The same from text; `file` names it in errors and is where relative mesh paths begin. `srdf` is text too.
+    /// Reads a robot from text; `file` is its name in errors and the origin of relative mesh paths. `srdf` is text,
+    /// too.
     ///
     /// # Errors
     /// As [`Robot::from_urdf`].
@@ -83,7 +86,7 @@ impl Robot {
         Self::of_texts(text, file.as_ref(), srdf.map(|text| (text, "SRDF")), hand_link, base_link)
     }
 
-    /// The robot of a URDF, and of an SRDF with its name.
+    /// Creates the robot of a URDF, and of an SRDF with its file name.
     fn of_texts(
         text: &str,
         path: &Path,
@@ -101,7 +104,7 @@ impl Robot {
         Ok(robot)
     }
 
-    /// A robot from code: its links, the base first.
+    /// Returns a builder for a robot defined in code; links are added with the base first.
     ///
     /// ```
     /// use gensim2_geometry::{Joint, Link, Pose, Robot};
@@ -119,15 +122,15 @@ impl Robot {
         RobotBuilder::new(name.into())
     }
 
-    /// A robot of links and joints that fit each other.
+    /// Creates a robot from links and joints that fit each other.
     pub(crate) fn assemble(name: String, links: Vec<Link>, joints: Vec<Joint>, hand: usize) -> Self {
         let chain = Chain::new(&links, &joints, hand);
         let unchecked = Vec::new();
         Self { name, links, joints, hand, chain, allowed: Vec::new(), unchecked, cover: Covered::default() }
     }
 
-    /// The same of parts that may not fit; `allowed` are pairs of links that are never checked, beside neighbours and what
-    /// overlaps at the middle of all joint ranges.
+    /// Creates a robot from unchecked parts; `allowed` are pairs of links that are never checked, in addition to
+    /// neighbours and to links that overlap at the middle of all joint ranges.
     pub(crate) fn of_parts(
         name: String,
         links: Vec<Link>,
@@ -135,7 +138,7 @@ impl Robot {
         hand: usize,
         allowed: Vec<(usize, usize)>,
     ) -> Result<Self, RobotError> {
-        // Without a tree there is no chain to make.
+        // The chain is empty until the tree has been validated.
         let (unchecked, cover) = (Vec::new(), Covered::default());
         let mut robot = Self { name, links, joints, hand, chain: Chain::default(), allowed, unchecked, cover };
         robot.check_tree()?;
@@ -144,7 +147,7 @@ impl Robot {
         robot.check().map(|()| robot)
     }
 
-    /// Whether its links form a tree with parents first, and each joint moves one of them.
+    /// Validates that the links form a tree with parents first, and that each joint moves one of them.
     fn check_tree(&self) -> Result<(), RobotError> {
         let fail = |field: &str, message: String| Err(RobotError::new(field, message));
         let unique = |names: &mut Vec<&str>| {
@@ -184,7 +187,7 @@ impl Robot {
         Ok(())
     }
 
-    /// Whether all of it fits.
+    /// Validates all parts.
     fn check(&self) -> Result<(), RobotError> {
         self.check_tree()?;
         let fail = |field: &str, message: &str| Err(RobotError::new(field, message));
@@ -201,10 +204,10 @@ impl Robot {
         Ok(())
     }
 
-    /// Neighbours share a joint and so touch by construction.
+    /// Disables checks between neighbours, which share a joint and touch by construction.
     pub(crate) fn allow_neighbours(&mut self, and_overlapping: bool) {
         for (i, link) in self.links.iter().enumerate() {
-            // Links without shapes stand between two that touch just the same.
+            // Links without shapes may lie between two that touch.
             let mut above = link.parent;
             while let Some(p) = above {
                 self.allowed.push((p, i));
@@ -227,7 +230,7 @@ impl Robot {
         self.allowed.dedup();
     }
 
-    /// Middle of an independent joint's range; the value nearest to zero where an end is open.
+    /// Middle of an independent joint's range; for an unbounded range the value closest to zero.
     fn middle_of_range(&self, j: usize) -> f64 {
         let joint = &self.joints[j];
         let (lower, upper) = match self.range(j) {
@@ -267,14 +270,14 @@ impl Robot {
         &self.chain
     }
 
-    /// The chain from base to any link; `None` where there is no such link.
+    /// The chain from base to a link; `None` if the link does not exist.
     #[must_use]
     pub fn chain_to(&self, link: usize) -> Option<Chain> {
         (link < self.links.len()).then(|| Chain::new(&self.links, &self.joints, link))
     }
 
-    /// Pairs of links (lower index first) that overlap at the middle of all joint ranges, and are never checked for that
-    /// reason alone: an SRDF would say whether they may touch.
+    /// Pairs of links (lower index first) that are never checked only because they overlap at the middle of all joint
+    /// ranges; an SRDF would decide whether they may touch.
     #[must_use]
     pub fn unchecked_pairs(&self) -> &[(usize, usize)] {
         &self.unchecked
@@ -286,7 +289,7 @@ impl Robot {
         &self.allowed
     }
 
-    /// Balls around its links, made when first asked for.
+    /// Spheres around the links, computed on first use.
     #[must_use]
     pub fn cover(&self) -> &Cover {
         self.cover.0.get_or_init(|| Arc::new(Cover::of(self)))
@@ -298,16 +301,16 @@ impl Robot {
         self.links.iter().position(|l| l.name == name)
     }
 
-    /// The independent joint that moves joint `j`, with factor and summand: `value = factor * source + offset`;
-    /// `None` where there is no such joint.
+    /// The independent joint that moves joint `j`, with factor and offset: `value = factor * source + offset`; `None`
+    /// if there is no such joint.
     #[must_use]
     pub fn drive(&self, j: usize) -> Option<Mimic> {
         let joint = self.joints.get(j)?;
         Some(joint.mimic.unwrap_or(Mimic { source: j, multiplier: 1.0, offset: 0.0 }))
     }
 
-    /// Sets mimic joints to what their sources make of them; entries of independent joints stay, and so do those of
-    /// mimics whose source `q` does not reach.
+    /// Sets mimic joints to the values given by their sources. Independent joints are unchanged, and so are mimic
+    /// joints whose source lies beyond the end of `q`.
     pub fn apply_mimic(&self, q: &mut [f64]) {
         for (i, joint) in self.joints.iter().enumerate().take(q.len()) {
             if let Some(m) = joint.mimic
@@ -318,8 +321,8 @@ impl Robot {
         }
     }
 
-    /// Range (rad or m) in which an independent joint keeps its own limits and those of all joints that follow it. It
-    /// is empty (lower above upper) where they contradict each other, and `None` where there is no such joint.
+    /// Range (rad or m) in which an independent joint keeps its own limits and those of all joints that follow it. The
+    /// range is empty (lower above upper) if they contradict each other, and `None` if there is no such joint.
     #[must_use]
     pub fn range(&self, source: usize) -> Option<(f64, f64)> {
         let own = self.joints.get(source)?;
@@ -333,10 +336,10 @@ impl Robot {
         Some((lower, upper))
     }
 
-    /// Pose of every link in the base frame, written into `out`; `q` has one entry a joint.
+    /// Writes the pose of every link in the base frame into `out`; `q` has one entry for each joint.
     ///
     /// # Errors
-    /// `q` has another length; `out` is as it was then.
+    /// `q` has the wrong length; `out` is then unchanged.
     pub fn link_poses(&self, q: &[f64], out: &mut Vec<Pose>) -> Result<(), JointCountError> {
         JointCountError::check(self.joints.len(), q)?;
         self.place_links(q, out);
@@ -366,8 +369,8 @@ impl Robot {
         }
     }
 
-    /// Pose of one link in the base frame; `q` has one entry a joint. `None` where it has another length, or where there
-    /// is no such link.
+    /// Returns the pose of a link in the base frame; `q` has one entry for each joint. `None` if `q` has the wrong
+    /// length or the link does not exist.
     #[must_use]
     pub fn link_pose(&self, q: &[f64], link: usize) -> Option<Pose> {
         let mut frames = ChainFrames::default();

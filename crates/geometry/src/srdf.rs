@@ -1,4 +1,4 @@
-//! Pairs of links that an SRDF takes out of collision checks.
+//! Pairs of links that an SRDF excludes from collision checks.
 
 use std::collections::{BTreeSet, HashSet};
 
@@ -18,9 +18,9 @@ const ELEMENTS: [&str; 10] = [
     "disable_default_collisions",
 ];
 
-/// Pairs of links (lower index first), in order, that are not checked: those of `disable_collisions`, and all of a link of
-/// `disable_default_collisions` but those of `enable_collisions`. `known` are the names of all links of the URDF, of
-/// which `links` may be a part.
+/// Returns the sorted pairs of links (lower index first) that are not checked: those of `disable_collisions`, and all
+/// pairs of a link of `disable_default_collisions` except those of `enable_collisions`. `known` are the names of all
+/// links of the URDF, of which `links` may be a part.
 pub(crate) fn disabled_pairs(
     text: &str,
     file: &str,
@@ -30,7 +30,7 @@ pub(crate) fn disabled_pairs(
     let document = xml::parse(text, file)?;
     let root = Element::root(&document, file);
     root.check_spelling(&ELEMENTS, &["name"])?;
-    // A link above the chosen base cannot collide with anything here.
+    // A link above the chosen base cannot collide here.
     let link = |element: &Element<'_>, attribute: &str| {
         let name = element.required(attribute)?;
         if known.contains(name) {

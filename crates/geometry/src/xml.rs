@@ -1,15 +1,14 @@
-//! XML documents: bytes in the encoding that they declare, elements and attributes by name, numbers, and errors that
-//! name the element.
+//! XML documents: decoding, elements and attributes by name, numbers, and errors that name the element.
 
 use roxmltree::{Document, Node};
 
 use crate::UrdfError;
 
-/// Elements inside elements: XML readers descend by recursion, and a stack ends.
+/// Maximum nesting of elements, because XML parsers recurse and the stack is finite.
 const DEEPEST: usize = 64;
 const MAX_ELEMENTS: usize = 50_000;
 
-/// Returns the text of a document in the encoding that its byte order mark or its first line declares, else UTF-8.
+/// Returns the text of a document in the encoding of its byte order mark or its first line, else UTF-8.
 pub(crate) fn decode(content: &[u8], file: &str) -> Result<String, UrdfError> {
     let fail = |message: String| UrdfError::new(file, "XML", format!("not XML: {message}"));
     let declared = declared_encoding(content);
@@ -18,7 +17,7 @@ pub(crate) fn decode(content: &[u8], file: &str) -> Result<String, UrdfError> {
         Some(label) => encoding_rs::Encoding::for_label(label.as_bytes())
             .ok_or_else(|| fail(format!("the encoding {label:?} is not known; save the file as UTF-8")))?,
     };
-    // A byte order mark counts before a declaration.
+    // A byte order mark takes precedence over a declaration.
     let (text, encoding, malformed) = encoding.decode(content);
     if malformed {
         let name = encoding.name();
@@ -55,7 +54,7 @@ pub(crate) fn parse<'t>(text: &'t str, file: &str) -> Result<Document<'t>, UrdfE
     Ok(document)
 }
 
-/// Refuses text with too many elements, or elements too deep in each other.
+/// Refuses text with too many or too deeply nested elements.
 fn check_size(text: &str) -> Result<(), String> {
     let (mut depth, mut count) = (0_usize, 0_usize);
     let mut rest = text;
@@ -84,7 +83,7 @@ fn check_size(text: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the length of a tag without its end; a `>` between quotes does not end it.
+/// Returns the length of a tag without its end; a `>` inside quotes does not end it.
 fn tag_end(tag: &str) -> usize {
     let mut quote = None;
     let ends = |(_, c): &(usize, char)| {
@@ -99,7 +98,7 @@ fn tag_end(tag: &str) -> usize {
     tag.char_indices().find(ends).map_or(tag.len(), |(at, _)| at)
 }
 
-/// An element, with the words that name it in errors.
+/// An element, with its name for error messages.
 #[derive(Clone)]
 pub(crate) struct Element<'d> {
     node: Node<'d, 'd>,
@@ -112,7 +111,7 @@ impl<'d> Element<'d> {
         Self { node: document.root_element(), field: "robot".to_owned(), file }
     }
 
-    /// The same element under another name in errors.
+    /// Returns the element under another name for error messages.
     pub fn called(&self, field: String) -> Self {
         Self { field, ..self.clone() }
     }
@@ -121,7 +120,7 @@ impl<'d> Element<'d> {
         UrdfError::new(self.file, &self.field, message)
     }
 
-    /// An error about one of its attributes.
+    /// Creates an error about one of its attributes.
     pub fn wrong(&self, attribute: &str, message: impl Into<String>) -> UrdfError {
         UrdfError::new(self.file, format!("{}.{attribute}", self.field), message)
     }
@@ -130,15 +129,15 @@ impl<'d> Element<'d> {
         self.node.tag_name().name()
     }
 
-    /// Elements inside this one; those of another namespace are extensions of other tools, and left out.
+    /// Returns the child elements; those of another namespace are extensions of other tools and are ignored.
     ///
     /// # Errors
-    /// A macro of xacro.
+    /// A child is a xacro macro.
     pub fn children(&self) -> Result<Vec<Element<'d>>, UrdfError> {
         let mut out = Vec::new();
         for node in self.node.children().filter(Node::is_element) {
             let tag = node.tag_name();
-            // Xacro goes by the prefix, whatever the namespace.
+            // Xacro tools recognize the prefix, whatever the namespace.
             if tag.namespace().is_some_and(|uri| node.lookup_prefix(uri) == Some("xacro")) {
                 let message = format!("<xacro:{}> is not filled in; {}", tag.name(), expand(self.file));
                 return Err(self.fail(message));
@@ -150,7 +149,7 @@ impl<'d> Element<'d> {
         Ok(out)
     }
 
-    /// Refuses elements and attributes that look like misspelt ones; a name that is not like any known is an extension.
+    /// Refuses elements and attributes that look misspelt; a name unlike any known one is treated as an extension.
     pub fn check_spelling(&self, elements: &[&str], attributes: &[&str]) -> Result<(), UrdfError> {
         for child in self.children()? {
             if let Some(meant) = meant(child.name(), elements) {
@@ -165,12 +164,12 @@ impl<'d> Element<'d> {
         Ok(())
     }
 
-    /// Names of its attributes.
+    /// Names of the element's attributes.
     pub fn attributes(&self) -> impl Iterator<Item = &'d str> {
         self.node.attributes().filter(|a| a.namespace().is_none()).map(|a| a.name())
     }
 
-    /// The only element of this name inside this one.
+    /// Returns the only child element of this name.
     pub fn child(&self, name: &str) -> Result<Option<Element<'d>>, UrdfError> {
         let mut named = self.children()?.into_iter().filter(|c| c.name() == name);
         let first = named.next();
@@ -180,7 +179,7 @@ impl<'d> Element<'d> {
         Ok(first)
     }
 
-    /// An attribute that xacro has filled in, where it had to.
+    /// Returns an attribute; unexpanded xacro is refused.
     pub fn text(&self, name: &str) -> Result<Option<&'d str>, UrdfError> {
         let Some(value) = self.node.attribute(name) else { return Ok(None) };
         if value.contains("${") || value.contains("$(") {
@@ -196,7 +195,7 @@ impl<'d> Element<'d> {
         }
     }
 
-    /// Numbers of an attribute, which may be infinite.
+    /// Returns the numbers of an attribute, which may be infinite.
     pub fn open<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, UrdfError> {
         let Some(text) = self.text(name)? else { return Ok(None) };
         let numbers: Vec<f64> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
@@ -207,7 +206,7 @@ impl<'d> Element<'d> {
         }
     }
 
-    /// Finite numbers of an attribute.
+    /// Returns the finite numbers of an attribute.
     pub fn numbers<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, UrdfError> {
         let found = self.open(name)?;
         match found.iter().flatten().find(|v| !v.is_finite()) {
@@ -220,7 +219,7 @@ impl<'d> Element<'d> {
         Ok(self.numbers::<1>(name)?.map(|[value]| value))
     }
 
-    /// Positive, finite numbers of an attribute that must be there.
+    /// Returns the positive, finite numbers of a required attribute.
     pub fn positive<const N: usize>(&self, name: &str) -> Result<[f64; N], UrdfError> {
         let _ = self.required(name)?;
         let found = self.numbers(name)?.ok_or_else(|| self.wrong(name, "is missing"))?;
@@ -244,7 +243,7 @@ fn expand(file: &str) -> String {
     format!("run `xacro {file} > robot.urdf` and read that")
 }
 
-/// The known name that an unknown one is taken for a misspelling of.
+/// Returns the known name of which an unknown one is a likely misspelling.
 fn meant<'n>(name: &str, known: &[&'n str]) -> Option<&'n str> {
     if known.contains(&name) {
         return None;

@@ -1,4 +1,4 @@
-//! Near pairs, against the analytic distances of balls: all of it, and in haste.
+//! Pairs within reach, compared with the analytic distances of spheres, with and without early exit.
 
 #![allow(clippy::unwrap_used)]
 
@@ -27,7 +27,7 @@ fn apart(a: &[Ball], b: &[Ball]) -> f64 {
     pairs.map(|((p, r), (q, s))| (Point3::from(*p) - Point3::from(*q)).norm() - r - s).fold(f64::INFINITY, f64::min)
 }
 
-/// Memory in which the groups lie where their balls say.
+/// Places the groups at the positions of their spheres.
 fn placed(moving: &MovingShapes<'_>, early_exit: bool) -> Scratch {
     let all: Vec<usize> = (0..moving.len()).collect();
     let mut scratch = Scratch::remembering();
@@ -36,7 +36,7 @@ fn placed(moving: &MovingShapes<'_>, early_exit: bool) -> Scratch {
     scratch
 }
 
-/// Distances visited of groups and bodies.
+/// Returns the reported distances of groups and bodies.
 fn near_bodies(
     moving: &MovingShapes<'_>,
     still: &Obstacles,
@@ -60,7 +60,7 @@ fn near_bodies(
     seen
 }
 
-/// Distances visited of pairs of groups, by number of the pair.
+/// Returns the reported distances of pairs of groups, by index of the pair.
 fn near_pairs(
     moving: &MovingShapes<'_>,
     pairs: &[(usize, usize)],

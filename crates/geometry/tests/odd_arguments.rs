@@ -1,4 +1,4 @@
-//! No public function panics, whatever it is given.
+//! No public function panics on unsuitable arguments.
 #![allow(clippy::unwrap_used)]
 
 use gensim2_geometry::{

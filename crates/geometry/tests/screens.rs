@@ -1,4 +1,4 @@
-//! Distances of a screen lie on the safe side of those measured by brute force.
+//! Bounds of a screen are conservative compared with brute-force distances.
 
 #![allow(clippy::unwrap_used)]
 
@@ -16,7 +16,7 @@ fn pose(at: [f64; 3], turn: [f64; 3]) -> Pose {
     Pose::from_parts(Vector3::from(at).into(), Rotation3::new(Vector3::from(turn)))
 }
 
-/// Three links: a box on the base, a rough hull and a capsule beyond.
+/// Three links: a box on the base, an irregular hull, and a capsule.
 fn arm(rough: &[[f64; 3]]) -> Robot {
     let cuboid = Convex::cuboid([0.06, 0.05, 0.15], &pose([0.0, 0.0, 0.15], [0.1, 0.0, 0.0])).unwrap();
     let rod = Convex::capsule(0.03, 0.2, &pose([0.1, 0.0, 0.0], [0.0, 1.2, 0.0])).unwrap();
@@ -110,12 +110,12 @@ proptest! {
                     let own = &robot.links()[group].shapes()[0];
                     let each = shapes.iter().map(|s| brute(own, &poses[group], &s.moved(stands)));
                     let wanted = each.fold(f64::INFINITY, f64::min);
-                    // Of what overlaps nothing is said but that it is not clear.
+                    // For overlapping bodies only the missing clearance is reported.
                     prop_assert!(said[group][body][lane] <= wanted.max(0.0) - 0.01 + 1e-9, "{body} {group}");
-                    // What is surely too near is.
+                    // Bodies reported as surely too close are too close.
                     prop_assert!(most[group][body][lane] >= 0.0 || wanted < 0.01, "{body} {group} {wanted}");
                     prop_assert!(wanted < 0.0 || most[group][body][lane] >= wanted - 0.01 - 1e-9, "{body} {wanted}");
-                    // What measures single pairs says the same as brute force.
+                    // Exact measurement of single pairs agrees with brute force.
                     for keep in [0.0, 0.01, 0.05] {
                         let others: Vec<Other> = if body == 5 {
                             (0..2).map(Other::Cloud).filter(|cloud| screen.body(*cloud) == Some(5)).collect()

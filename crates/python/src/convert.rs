@@ -1,4 +1,4 @@
-//! Python values to Rust values and back, with errors that name the argument.
+//! Conversion between Python and Rust values, with errors that name the argument.
 
 use gensim2_geometry::{Pose, pose_from_matrix, pose_to_matrix};
 use nalgebra::{Matrix4, Point3, Vector3};
@@ -14,16 +14,16 @@ use serde_json::{Map, Number, Value};
 use crate::KpamError;
 use crate::errors::problem_error;
 
-/// Poses are written in single precision by simulators; this is how far from rigid they may be.
+/// Tolerance of rigid transforms, since simulators write poses in single precision.
 const RIGID: f64 = 1e-3;
 
-/// A member of an enumeration of `gensim2_kpam.results`, by its value.
+/// Returns the member of an enumeration of `gensim2_kpam.results` with this value.
 pub(crate) fn member<'py>(py: Python<'py>, class: &str, value: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import("gensim2_kpam.results")?.getattr(class)?.call1((value,))
 }
 
-/// Numbers of any array-like, flattened, with their shape. Complex numbers, dates, text, records and masked entries are
-/// no numbers, although NumPy would make some of them.
+/// Returns the numbers of any array-like, flattened, with their shape. Refuses complex numbers, dates, text, records and
+/// masked entries, some of which NumPy would convert.
 pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let array = match value.cast_exact::<PyArrayDyn<f64>>() {
         Ok(array) if is_aligned(array) => array.clone(),
@@ -39,12 +39,12 @@ pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f6
     Ok((data, view.shape().to_vec()))
 }
 
-/// Whether every number lies where the processor reads it.
+/// Returns whether all numbers are aligned in memory.
 pub(crate) fn is_aligned<D: ndarray::Dimension>(array: &Bound<'_, PyArray<f64, D>>) -> bool {
     array.data().is_aligned() && array.strides().iter().all(|step| step % 8 == 0)
 }
 
-/// A new array of numbers from an array of another type or layout, or from a sequence.
+/// Converts an array of another type or layout, or a sequence, to a new array of numbers.
 fn converted<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let no_number = || PyTypeError::new_err("no numbers");
     let numpy = value.py().import("numpy")?;
@@ -125,7 +125,8 @@ pub(crate) fn array2<'py>(py: Python<'py>, rows: &[Vec<f64>], columns: usize) ->
     PyArray2::from_owned_array(py, ndarray::Array2::from_shape_fn((rows.len(), columns), |(r, c)| rows[r][c]))
 }
 
-/// A config or options mapping as JSON; `field` is the path so far, `error` makes the exception of a field and a message.
+/// Converts a config or options mapping to JSON; `field` is the path so far, and `error` creates the exception of a
+/// field and a message.
 pub(crate) fn json(
     value: &Bound<'_, PyAny>,
     field: &str,
@@ -153,7 +154,7 @@ pub(crate) fn json(
     {
         return Ok(Value::Number(i.into()));
     }
-    // numpy's scalars say what they are by this: an integer of it is no int of Python.
+    // A numpy scalar is recognized by its dtype; its integers are no Python ints.
     if value.hasattr("dtype")? && value.getattr("shape")?.len()? == 0 {
         return json(&value.call_method0("item")?, field, depth + 1, error);
     }
@@ -185,7 +186,7 @@ pub(crate) fn json(
     fail(format!("{} is not a mapping, list, text or number", value.get_type().name()?))
 }
 
-/// JSON as plain Python values.
+/// Converts JSON to plain Python values.
 pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     match value {
         Value::Null => Ok(py.None().into_bound(py)),
@@ -212,18 +213,18 @@ pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py,
     }
 }
 
-/// Header of pickles, and the number of the layout of all values in them: one more with every change of any.
+/// Header of pickles and version of their layout, which must be incremented with every change of a pickled type.
 const TAG: &[u8; 4] = b"kpam";
 const LAYOUT: u8 = 2;
 
-/// Bytes for pickling.
+/// Serializes a value for pickling.
 pub(crate) fn freeze<T: Serialize>(value: &T) -> PyResult<Vec<u8>> {
     let mut out = TAG.to_vec();
     out.push(LAYOUT);
     postcard::to_extend(value, out).map_err(|e| KpamError::new_err(format!("pickle: {e}")))
 }
 
-/// The inverse of [`freeze`].
+/// Reverses [`freeze`].
 pub(crate) fn thaw<T: DeserializeOwned>(bytes: &[u8]) -> PyResult<T> {
     let fail = |message: String| Err(KpamError::new_err(format!("pickle: {message}")));
     let Some((layout, value)) = bytes.strip_prefix(TAG.as_slice()).and_then(<[u8]>::split_first) else {
@@ -245,7 +246,7 @@ pub(crate) fn thaw<T: DeserializeOwned>(bytes: &[u8]) -> PyResult<T> {
 pub(crate) struct JointRows {
     data: Vec<f64>,
     n: usize,
-    /// Number of rows, none where it was a single vector.
+    /// Number of rows; `None` for a single vector.
     pub count: Option<usize>,
 }
 
@@ -263,7 +264,7 @@ impl JointRows {
         Ok(Self { data, n, count })
     }
 
-    /// The vectors; they are empty where the robot has no joints.
+    /// The joint vectors; empty if the robot has no joints.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = &[f64]> {
         (0..self.count.unwrap_or(1)).map(|r| &self.data[r * self.n..(r + 1) * self.n])
     }

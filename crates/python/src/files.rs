@@ -1,4 +1,4 @@
-//! What files hold, for those who make other things of them than a robot.
+//! Parsers of URDF and OBJ files for other uses than loading a robot.
 
 use gensim2_geometry::{Description, Obj};
 use numpy::{PyArray2, ndarray};
@@ -8,7 +8,7 @@ use pyo3::types::PyList;
 
 use crate::errors::{from_urdf, problem_error};
 
-/// A URDF as it is written: dicts, lists, strings and numbers; None for what is not written or infinite.
+/// Parses a URDF without interpretation: dicts, lists, strings and numbers; None for missing or infinite values.
 #[pyfunction]
 pub(crate) fn read_urdf<'py>(py: Python<'py>, content: &[u8], file: &str) -> PyResult<Bound<'py, PyAny>> {
     let description = py.detach(|| Description::read(content, file)).map_err(|e| from_urdf(&e))?;
@@ -16,7 +16,7 @@ pub(crate) fn read_urdf<'py>(py: Python<'py>, content: &[u8], file: &str) -> PyR
     py.import("json")?.call_method1("loads", (text,))
 }
 
-/// A Wavefront OBJ file: (N, 3) vertices; of each material its name and (M, 3) triangles; names of material files.
+/// Parses a Wavefront OBJ file: vertices (N, 3); name and triangles (M, 3) of each material; names of material files.
 #[pyfunction]
 pub(crate) fn read_obj<'py>(
     py: Python<'py>,

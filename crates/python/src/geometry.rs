@@ -1,4 +1,4 @@
-//! Robot, shapes, bodies, the object's joint.
+//! Robot, shapes, bodies and the object's joint.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,10 +14,10 @@ use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, from_shape, from_urdf, problem_error};
 use crate::interrupt::interruptible;
 
-/// Shapes of so many parts are made in pieces, with a look at signals before each.
+/// Shapes with this many parts or more are created in pieces, with a check for signals before each.
 pub(crate) const LONG: usize = 8192;
 
-/// Triangles (M, 3, 3) of shapes, and balls (K, 4).
+/// Converts triangles (M, 3, 3) and spheres (K, 4) of shapes.
 fn surface<'py>(py: Python<'py>, shapes: &[Convex]) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
     let is_ball = |s: &&Convex| s.points().len() == 1 && s.radius() > 0.0;
     let balls: Vec<Vec<f64>> =
@@ -34,7 +34,7 @@ fn surface<'py>(py: Python<'py>, shapes: &[Convex]) -> PyResult<(Bound<'py, PyAn
     Ok((PyArray3::from_owned_array(py, triangles).into_any(), convert::array2(py, &balls, 4).into_any()))
 }
 
-/// A URDF arm. Pickles.
+/// A URDF arm. Instances can be pickled.
 #[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyRobot(pub Arc<Robot>);
 
@@ -61,7 +61,7 @@ impl PyRobot {
         self.0.joints().iter().map(|j| j.name().to_owned()).collect()
     }
 
-    /// Pairs of links that overlap at the middle of all joint ranges and are never checked for that reason alone.
+    /// Pairs of links that are never checked only because they overlap at the middle of all joint ranges.
     #[getter]
     fn unchecked_pairs(&self) -> Vec<(String, String)> {
         let name = |link: usize| self.0.links()[link].name().to_owned();
@@ -88,7 +88,8 @@ impl PyRobot {
         convert::array1(py, &self.0.joints().iter().map(|j| j.velocity()).collect::<Vec<_>>()).into_any()
     }
 
-    /// (M, 3, 3) triangles of a link's collision shapes, and (K, 4) centres and radii of its balls, in the link frame (m).
+    /// Triangles (M, 3, 3) of a link's collision shapes, and centres and radii (K, 4) of its spheres, in the link frame
+    /// (m).
     fn surface<'py>(&self, py: Python<'py>, link: &str) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let named = self.0.links().iter().find(|l| l.name() == link);
         let link = named.ok_or_else(|| problem_error("link", format!("{link:?} is not a link of the robot")))?;
@@ -116,8 +117,7 @@ impl PyRobot {
         self.0.mass()
     }
 
-    /// Torques (N m; N for sliding joints) that move the links so against gravity: three (n,) -> (n,), three (N, n) ->
-    /// (N, n).
+    /// Torques (N m; N for sliding joints) of a motion under gravity: three (n,) -> (n,), three (N, n) -> (N, n).
     #[pyo3(signature = (q, velocity, acceleration, *, gravity = None), text_signature = "($self, q, velocity, acceleration, *, gravity=(0.0, 0.0, -9.81))")]
     fn inverse_dynamics<'py>(
         &self,
@@ -259,21 +259,21 @@ impl PyShape {
         one(Convex::ball(radius, Point3::from(center)))
     }
 
-    /// Capsule along z of `pose`; `length` between the centres of its caps (m).
+    /// Capsule along z of `pose`; `length` is the distance between the centres of its caps (m).
     #[staticmethod]
     #[pyo3(signature = (radius, length, pose = None))]
     fn capsule(radius: f64, length: f64, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         one(Convex::capsule(radius, length, &convert::optional_pose(pose, "pose")?))
     }
 
-    /// Cylinder along z of `pose`, as a prism of 32 sides around it.
+    /// Cylinder along z of `pose`, approximated by a circumscribed prism of 32 sides.
     #[staticmethod]
     #[pyo3(signature = (radius, length, pose = None))]
     fn cylinder(radius: f64, length: f64, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         one(Convex::cylinder(radius, length, &convert::optional_pose(pose, "pose")?))
     }
 
-    /// Hull of (N, 3) points in the body frame.
+    /// Convex hull of (N, 3) points in the body frame.
     #[staticmethod]
     fn convex_hull(py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Self> {
         let points = convert::points(points, "points")?;
@@ -283,7 +283,7 @@ impl PyShape {
         one(interruptible(py, Cancel::new(), move |_| Convex::hull(&points))?)
     }
 
-    /// Triangles (M, 3) over vertices (N, 3): a surface; what lies wholly inside it does not touch it.
+    /// Surface of triangles (M, 3) over vertices (N, 3); a body entirely inside does not collide with it.
     #[staticmethod]
     fn mesh(py: Python<'_>, vertices: &Bound<'_, PyAny>, triangles: &Bound<'_, PyAny>) -> PyResult<Self> {
         let vertices = convert::points(vertices, "vertices")?;
@@ -312,11 +312,11 @@ impl PyShape {
         Ok(Self(out))
     }
 
-    /// Points (N, 3), each a ball of `radius` (m); without points it is no obstacle.
+    /// Point cloud (N, 3), each point a sphere of `radius` (m); an empty cloud is no obstacle.
     #[staticmethod]
     fn point_cloud(py: Python<'_>, points: &Bound<'_, PyAny>, radius: f64) -> PyResult<Self> {
         let points = convert::points(points, "points")?;
-        // The radius counts without a point, too.
+        // The radius is validated even without points.
         Convex::ball(radius, Point3::origin()).map_err(|e| from_shape(&e))?;
         let mut out = Vec::with_capacity(points.len());
         for (k, point) in points.into_iter().enumerate() {
@@ -343,7 +343,7 @@ fn one(shape: Result<Convex, ShapeError>) -> PyResult<PyShape> {
 }
 
 /// A body: `role` is "table", "object_body", "moving_link", "rigid", "target" (the hand may touch it) or "attached" (it
-/// rides on the hand). `pose` (4, 4) is in the robot base frame, of an attached body in the hand frame.
+/// moves with the hand). `pose` (4, 4) is in the robot base frame, or in the hand frame for an attached body.
 #[pyclass(name = "Body", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyBody(pub Body);
 
@@ -381,18 +381,18 @@ impl PyBody {
         body.build().map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// Role, as given.
+    /// Role of the body.
     #[getter]
     fn role(&self) -> &'static str {
         self.0.role().name()
     }
 
-    /// (M, 3, 3) triangles of its surface, and (K, 4) centres and radii of its balls, in the body frame (m).
+    /// Triangles (M, 3, 3) of the surface, and centres and radii (K, 4) of its spheres, in the body frame (m).
     fn surface<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         surface(py, self.0.shapes())
     }
 
-    /// (4, 4) in the base frame, of an attached body in the hand frame.
+    /// Pose (4, 4) in the base frame, or in the hand frame for an attached body.
     #[getter]
     fn pose<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
         convert::pose_array(py, self.0.pose()).into_any()

@@ -26,7 +26,7 @@ pub(crate) fn keypoints(
     })
 }
 
-/// A gripper with two flat pads that move towards each other equally far. Pickles.
+/// A gripper with two flat pads that move symmetrically. Instances can be pickled.
 #[pyclass(name = "ParallelGripper", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyParallelGripper(pub ParallelGripper);
 
@@ -106,7 +106,7 @@ impl PyParallelGripper {
     }
 }
 
-/// A way to hold an object. Pickles.
+/// A grasp of an object. Instances can be pickled.
 #[pyclass(name = "Grasp", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyGrasp(pub Grasp);
 
@@ -169,7 +169,7 @@ impl PyGrasp {
     }
 }
 
-/// A grasp with its motions, all of them solved.
+/// A grasp with its planned motions.
 #[pyclass(name = "GraspPlan", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyGraspPlan(GraspPlan);
 
@@ -198,7 +198,7 @@ impl PyGraspPlan {
 }
 
 impl PyScene {
-    /// As [`Scene::grasps`], the GIL released; Ctrl-C ends the call.
+    /// Calls [`Scene::grasps`] without the GIL; Ctrl-C interrupts.
     pub(crate) fn grasps_of(
         &self,
         py: Python<'_>,
@@ -215,7 +215,7 @@ impl PyScene {
             .map_err(|e| from_problem(&e))
     }
 
-    /// As [`Scene::plan_grasp`], the GIL released; Ctrl-C ends it.
+    /// Calls [`Scene::plan_grasp`] without the GIL; Ctrl-C interrupts.
     pub(crate) fn plan_grasp_with(
         &self,
         py: Python<'_>,

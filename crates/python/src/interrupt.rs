@@ -1,4 +1,4 @@
-//! Long work that Ctrl-C ends: it runs on a thread of its own, without the GIL, while the calling thread listens for
+//! Long work that Ctrl-C can interrupt: it runs on its own thread without the GIL, while the calling thread checks for
 //! signals.
 
 use std::sync::Mutex;
@@ -11,15 +11,15 @@ use pyo3::prelude::*;
 
 use crate::KpamError;
 
-/// Interval at which signals are listened for.
+/// Interval between checks for signals.
 const POLL: Duration = Duration::from_millis(50);
 
-/// Time that work has to end by itself once it is cancelled.
+/// Time that cancelled work has to end.
 const GRACE: Duration = Duration::from_millis(300);
 
-/// Runs `work`; where a signal handler raises meanwhile, the flag `cancel` that `work` looks at is set, and what the
-/// handler raised is handed on: once `work` has ended, or after [`GRACE`] where it has not looked (trees over millions of
-/// triangles are built in one go). Its thread then ends by itself, and what it makes for later is kept.
+/// Runs `work`. If a signal handler raises meanwhile, the flag `cancel` is set for `work` to see, and the exception is
+/// returned once `work` has ended, or after [`GRACE`] if it has not reacted (a tree over millions of triangles is built
+/// in one step). The thread of such work ends later by itself, and results that it caches are kept.
 pub(crate) fn interruptible<T: Send + 'static>(
     py: Python<'_>,
     cancel: Cancel,
@@ -28,7 +28,7 @@ pub(crate) fn interruptible<T: Send + 'static>(
     let (sender, receiver) = channel();
     let flag = cancel.clone();
     thread::Builder::new()
-        // The caller has gone where a signal has come.
+        // The caller has returned if a signal has arrived.
         .spawn(move || drop(sender.send(work(&flag))))
         .map_err(|e| KpamError::new_err(format!("threads: cannot be started ({e})")))?;
     let receiver = Mutex::new(receiver);

@@ -1,4 +1,4 @@
-//! The Python face: conversions, errors, and nothing else. The GIL is released while planning.
+//! Python bindings: conversions and errors only. The GIL is released while planning.
 
 mod convert;
 mod errors;

@@ -1,4 +1,4 @@
-//! Contents of a plan.
+//! Python class of a plan.
 
 use gensim2_kpam::{Plan, StageTimes};
 use pyo3::prelude::*;
@@ -8,7 +8,7 @@ use crate::KpamError;
 use crate::convert;
 use crate::timing::PyTrajectory;
 
-/// Result of planning: motion, residuals, failures. Pickles.
+/// Result of planning: motion, residuals, failures. Instances can be pickled.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyPlan(pub(crate) Plan, pub(crate) StageTimes);
 
@@ -34,19 +34,19 @@ impl PyPlan {
         self.0.warnings.clone()
     }
 
-    /// Clearance (m) that the motion keeps from what it may not touch, but for what is `tight`.
+    /// Clearance (m) that the motion keeps from bodies that it may not touch, except the pairs in `tight`.
     #[getter]
     fn margin(&self) -> f64 {
         self.0.margin
     }
 
-    /// Limits ("acceleration", "jerk") of which nothing was said, so that plain ones are assumed.
+    /// Limits ("acceleration", "jerk") for which defaults are assumed because none were given.
     #[getter]
     fn assumed_limits(&self) -> Vec<String> {
         self.0.assumed_limits.clone()
     }
 
-    /// Pairs nearer than the margin at the start or at a keyframe: dicts `bodies`, `at`, `distance`.
+    /// Pairs closer than the margin at the start or at a keyframe: dicts `bodies`, `at`, `distance`.
     #[getter]
     fn tight<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let out = PyList::empty(py);
@@ -74,7 +74,7 @@ impl PyPlan {
         Ok(out)
     }
 
-    /// Motions that move the object's joint by an amount that is a guess: dicts `toward`, `travel`, `depth`.
+    /// Motions that move the object's joint by an estimated amount: dicts `toward`, `travel`, `depth`.
     #[getter]
     fn guesses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let out = PyList::empty(py);
@@ -108,7 +108,7 @@ impl PyPlan {
         self.0.cost
     }
 
-    /// Thread CPU time (ms) that planning took: `setup`, `actuation`, `trajectory`, `total`. Not part of what pickles.
+    /// Thread CPU time (ms) of planning: `setup`, `actuation`, `trajectory`, `total`. Not preserved by pickling.
     #[getter]
     fn cpu_ms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let out = PyDict::new(py);
@@ -125,7 +125,7 @@ impl PyPlan {
         self.0.tried
     }
 
-    /// Outcome of each pose that was tried, where that was asked for: dicts `q`, `rank`, `status`, `reason`.
+    /// Outcome of each pose that was tried, if requested: dicts `q`, `rank`, `status`, `reason`.
     #[getter]
     fn tried_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let out = PyList::empty(py);
@@ -199,7 +199,7 @@ impl PyPlan {
         self.0.trajectory().cloned().map(PyTrajectory)
     }
 
-    /// Plain values, as JSON holds them; the trajectory as `times` and `positions`.
+    /// JSON-compatible data; the trajectory as `times` and `positions`.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mut value = serde_json::to_value(&self.0).map_err(|e| KpamError::new_err(e.to_string()))?;
         if let Some(map) = value.as_object_mut() {

@@ -1,4 +1,4 @@
-//! Problems in, plans out.
+//! Python functions that plan problems.
 
 use std::sync::Arc;
 
@@ -15,9 +15,10 @@ use crate::renamed;
 use crate::scene::PyCancel;
 use crate::transit::deadline;
 
-/// Plans one problem; the GIL is released meanwhile, and Ctrl-C ends it. `warm_start` is an earlier plan, tried first; `resume` the keyframe to go
-/// on to from q_start in the middle of that plan's motion; `max_checks` ends planning after so many collision checks,
-/// `deadline_ms` after so much wall time, `cancel` from another thread; with `explain` the plan says what became of each pose that was tried.
+/// Plans one problem without the GIL; Ctrl-C interrupts. `warm_start` is an earlier plan, tried first. `resume` is the
+/// keyframe to continue to from q_start in the middle of that plan's motion. `max_checks` limits the collision checks,
+/// `deadline_ms` the wall-clock time, and `cancel` ends planning from another thread. With `explain`, the plan records
+/// the outcome of each tried pose.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 #[pyo3(signature = (problem, *, warm_start = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false, **others), text_signature = "(problem, *, warm_start=None, resume=None, max_checks=None, deadline_ms=None, cancel=None, explain=False)")]
@@ -50,8 +51,8 @@ pub(crate) fn plan(
     planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))
 }
 
-/// The cheapest distinct poses that meet the problem's constraints, cheapest first, at most `max_solutions`: dicts `q` (n,)
-/// and `cost`. Obstacles are left out.
+/// The cheapest distinct poses that meet the problem's constraints, ignoring obstacles, cheapest first, at most
+/// `max_solutions`: dicts `q` (n,) and `cost`.
 #[pyfunction]
 #[pyo3(signature = (problem, max_solutions = None, **others), text_signature = "(problem, max_solutions=10)")]
 pub(crate) fn ik<'py>(
@@ -73,8 +74,8 @@ pub(crate) fn ik<'py>(
     Ok(out)
 }
 
-/// Travel of the object's joint (rad or m, from where it stands) at times (N,) of a plan's motion, as the planner takes
-/// it: (N,).
+/// Travel (N,) of the object's joint (rad or m, from its current value) that the planner assumes at times (N,) of a
+/// plan's motion.
 #[pyfunction]
 pub(crate) fn joint_travel<'py>(
     py: Python<'py>,
@@ -88,8 +89,8 @@ pub(crate) fn joint_travel<'py>(
     Ok(convert::array1(py, &found).into_any())
 }
 
-/// Plans many problems on `threads` threads, 1 to 256 (default: all cores), the GIL released; Ctrl-C ends it. Results
-/// are those of `plan`, in order, whatever the number of threads.
+/// Plans several problems on `threads` threads, 1 to 256 (default: number of cores), without the GIL; Ctrl-C
+/// interrupts. The results are those of `plan`, in order, whatever the number of threads.
 #[pyfunction]
 #[pyo3(signature = (problems, threads = None))]
 pub(crate) fn plan_batch(
@@ -108,7 +109,7 @@ pub(crate) fn plan_batch(
 }
 
 /// Smallest signed distances (m) of the checked pairs along a plan's motion, sampled every `step` seconds: `self`,
-/// `table`, `object`, each None where nothing of it is checked within a metre. None where the plan has no motion.
+/// `table`, `object`, each None if no such pair is closer than a metre. None if the plan has no motion.
 #[pyfunction]
 pub(crate) fn min_clearance<'py>(
     py: Python<'py>,

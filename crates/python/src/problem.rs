@@ -17,7 +17,8 @@ use crate::geometry::{PyBody, PyJoint, PyRobot};
 use crate::renamed;
 use crate::scene::PyScene;
 
-/// A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field.
+/// A validated solver config. Unknown fields, unknown types and non-finite numbers raise a ConfigError that names the
+/// field.
 #[pyclass(name = "SolverConfig", module = "gensim2_kpam", frozen)]
 pub(crate) struct PySolverConfig(pub(crate) SolverConfig);
 
@@ -40,7 +41,7 @@ impl PySolverConfig {
         self.0.gripper().name()
     }
 
-    /// Distance (m) that the hand moves back at the end, once it has let go; None where it stays.
+    /// Distance (m) by which the hand retreats after the final release; None for no release.
     #[getter]
     fn let_go(&self) -> Option<f64> {
         self.0.let_go()
@@ -63,7 +64,7 @@ impl PySolverConfig {
     }
 }
 
-/// Names of bodies with their roles; the first of many.
+/// Lists names of bodies with their roles, truncated if there are many.
 pub(crate) fn bodies_listed(bodies: &[Body]) -> String {
     const MAX_LISTED: usize = 10;
     if bodies.is_empty() {
@@ -89,7 +90,7 @@ pub(crate) fn keypoints(value: &Bound<'_, PyAny>, field: &str) -> PyResult<BTree
     Ok(out)
 }
 
-/// Options from a mapping, or the defaults; errors name the option.
+/// Reads options from a mapping, or returns the defaults; errors name the option.
 pub(crate) fn read_options<O: DeserializeOwned + Default>(value: Option<&Bound<'_, PyAny>>) -> PyResult<O> {
     match value {
         None => Ok(O::default()),
@@ -104,7 +105,7 @@ pub(crate) fn read_options<O: DeserializeOwned + Default>(value: Option<&Bound<'
     }
 }
 
-/// Content of a problem, beside its scene.
+/// Parts of a problem besides its scene.
 #[allow(non_snake_case)]
 pub(crate) struct Question<'a, 'py> {
     pub config: &'a Bound<'py, PySolverConfig>,
@@ -127,7 +128,7 @@ impl Question<'_, '_> {
         convert::vector(self.q_start, "q_start", None)
     }
 
-    /// The problem that is asked of what the builder has: robot, bodies, joint.
+    /// Builds the problem from a builder that has robot, bodies and joint.
     pub fn asked_of(&self, builder: KeypointProblemBuilder) -> PyResult<PyKeypointProblem> {
         let object_axis = match self.object_axis {
             "x" => 0,
@@ -152,7 +153,7 @@ impl Question<'_, '_> {
     }
 }
 
-/// Everything one plan needs; checked on construction. Pickles.
+/// All parts of one plan, validated on construction. Instances can be pickled.
 #[pyclass(name = "KeypointProblem", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyKeypointProblem(pub Arc<KeypointProblem>);
 
@@ -198,8 +199,8 @@ impl PyKeypointProblem {
         })
     }
 
-    /// Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero where it is
-    /// not given, and the time (s) on the motion's clock.
+    /// Return the problem with another start state: joints (n,), velocity and acceleration (n,), zero by default, and
+    /// the time (s) on the motion's clock.
     #[pyo3(signature = (q, velocity = None, time = 0.0, *, acceleration = None))]
     fn with_start(
         &self,
@@ -214,7 +215,7 @@ impl PyKeypointProblem {
         self.0.with_start(q, velocity, acceleration, time).map(|p| Self(Arc::new(p))).map_err(|e| from_problem(&e))
     }
 
-    /// The scene that it is asked of; a joint is named "joint" there.
+    /// Scene of the problem, in which the joint is named "joint".
     #[getter]
     fn scene(&self) -> PyScene {
         PyScene(self.0.scene())

@@ -1,4 +1,4 @@
-//! Names of the release before, understood for one release, each with a `FutureWarning` that says today's.
+//! Names of the previous release, accepted for one release with a `FutureWarning` that gives the current name.
 
 use std::ffi::CString;
 
@@ -9,11 +9,11 @@ use serde_json::Value;
 
 use crate::errors::problem_error;
 
-/// Options with their former names; users' files may still have those.
+/// Renamed options with their former names, which users' files may still contain.
 const OPTIONS: [(&str, &str); 3] =
     [("starts", "num_seeds"), ("descents", "num_refinements"), ("harvest", "extra_seeds")];
 
-/// Gives renamed options today's names.
+/// Replaces former option names by current ones.
 pub(crate) fn options(py: Python<'_>, options: &mut Value) -> PyResult<()> {
     let Some(options) = options.as_object_mut() else { return Ok(()) };
     for (former, today) in OPTIONS {
@@ -26,7 +26,7 @@ pub(crate) fn options(py: Python<'_>, options: &mut Value) -> PyResult<()> {
     Ok(())
 }
 
-/// The value of a keyword argument `today`, which may have been given as `former`; every other keyword is refused.
+/// Returns the value of a keyword argument `today`, which may be given as `former`; other keywords are refused.
 pub(crate) fn keyword<'py, T>(
     py: Python<'py>,
     given: Option<T>,

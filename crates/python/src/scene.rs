@@ -1,4 +1,4 @@
-//! Scenes: what stands about a robot, built once.
+//! Scenes: a robot and its surroundings.
 
 use std::sync::Arc;
 
@@ -18,10 +18,10 @@ use crate::renamed;
 use crate::timing::PyTrajectory;
 use crate::transit::{Asked, PyMotion, limit_set};
 
-/// So many configurations are checked without a thread of their own.
+/// Number of configurations that are checked without a separate thread.
 const FEW: usize = 256;
 
-/// A joint of an object and the names of the bodies that it moves. Pickles.
+/// A joint of an object and the names of the bodies that it moves. Instances can be pickled.
 #[pyclass(name = "SceneJoint", module = "gensim2_kpam", frozen)]
 pub(crate) struct PySceneJoint(SceneJoint);
 
@@ -37,7 +37,7 @@ impl PySceneJoint {
         self.0.name()
     }
 
-    /// Present value (rad or m).
+    /// Current value (rad or m).
     #[getter]
     fn value(&self) -> f64 {
         self.0.joint().value()
@@ -58,7 +58,7 @@ impl PySceneJoint {
     }
 }
 
-/// A robot and what stands about it, built once and shared by every problem on it. Pickles.
+/// A robot and its surroundings, shared by every problem on it. Instances can be pickled.
 #[pyclass(name = "Scene", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyScene(pub Scene);
 
@@ -76,7 +76,8 @@ impl PyScene {
         Scene::new(Arc::clone(&robot.get().0), bodies, joints).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// Which of (N, 3) points lie within `clearance` (m) of the robot at joints `q` (n,), or of what it holds: (N,) bool.
+    /// Which of (N, 3) points lie within `clearance` (m) of the robot at joints `q` (n,) or of its attached bodies:
+    /// (N,) bool.
     #[pyo3(signature = (q, points, clearance = 0.02))]
     fn own_points<'py>(
         &self,
@@ -113,36 +114,36 @@ impl PyScene {
         points(py, self.0.tool_keypoints())
     }
 
-    /// Keypoints of the standing bodies in the base frame, named "body/keypoint".
+    /// Keypoints of all other bodies in the base frame, named "body/keypoint".
     #[getter]
     fn object_keypoints<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         points(py, self.0.object_keypoints())
     }
 
-    /// The scene with a joint at another value; the bodies that it moves go with it.
+    /// The scene with a joint at another value, and the bodies that it moves.
     fn with_joint(&self, name: &str, value: f64) -> PyResult<Self> {
         self.0.with_joint(name, value).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// The scene with a body elsewhere: in the base frame, or in the hand frame where it is attached.
+    /// The scene with a body at another pose in the base frame, or in the hand frame if it is attached.
     fn with_pose(&self, body: &str, pose: &Bound<'_, PyAny>) -> PyResult<Self> {
         self.0.with_pose(body, &convert::pose(pose, "pose")?).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// The scene with a body held by the hand at joints `q`: it rides from there on, and no joint moves it.
+    /// The scene with a body attached to the hand at joints `q`; joints of objects no longer move it.
     fn attached(&self, body: &str, q: &Bound<'_, PyAny>) -> PyResult<Self> {
         self.0.attached(body, &self.hand(q)?).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// The scene with an attached body left where the hand at joints `q` holds it: a rigid obstacle from there on, which
-    /// moves with the joint `on` where it lies on something that does.
+    /// The scene with an attached body released at the hand's pose for joints `q`: it becomes a rigid obstacle, which
+    /// the joint `on`, if given, moves along.
     #[pyo3(signature = (body, q, on = None))]
     fn detached(&self, body: &str, q: &Bound<'_, PyAny>, on: Option<&str>) -> PyResult<Self> {
         self.0.detached(body, &self.hand(q)?, on).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// A problem on this scene; the keypoints of its bodies are added to those given. `joint` names the joint that the
-    /// config is about: what it moves is the moving link.
+    /// A problem on this scene; the keypoints of its bodies are added to the given ones. `joint` names the joint that
+    /// the config moves; its bodies are the moving link.
     #[pyo3(signature = (
         config, q_start, *, tool_keypoints = None, object_keypoints = None, T_base_object = None, joint = None,
         object_axis = "y", object_yaw = 0.0, T_base_world = None, options = None
@@ -176,7 +177,7 @@ impl PyScene {
         question.asked_of(builder)
     }
 
-    /// Grasps of a body where it stands among the others, best first.
+    /// Grasps of a body among the other bodies, best first.
     #[pyo3(signature = (body, gripper, center_of_mass = None, options = None))]
     fn grasps(
         &self,
@@ -189,7 +190,7 @@ impl PyScene {
         self.grasps_of(py, body, gripper, center_of_mass, options)
     }
 
-    /// The first of the grasps with which a body can be picked and brought to every target.
+    /// A pick and its placements with the first grasp that reaches every target.
     #[pyo3(signature = (body, gripper, q_start, grasps, *, targets = Vec::new(), approach = 0.1, lift = None, options = None))]
     #[allow(clippy::too_many_arguments)]
     fn plan_grasp(
@@ -213,8 +214,8 @@ impl PyScene {
         self.plan_grasp_with(py, task, &grasps, &targets)
     }
 
-    /// A timed motion from `q_start` to rest at one of the goals, that keeps `margin` (m) all along: `goal` is (n,), or
-    /// (K, n) of which any will do, or the pose (4, 4) of `link` (default: the hand) in the base frame.
+    /// A timed motion from `q_start` to rest at one of the goals that keeps `margin` (m) from all obstacles: `goal` is
+    /// (n,), or alternatives (K, n), or the pose (4, 4) of `link` (default: the hand) in the base frame.
     #[pyo3(signature = (
         q_start, goal, *, link = None, margin = 0.005, samples = 100_000, seed = 0, velocity_scale = 1.0,
         acceleration_scale = 1.0, limits = None, velocity_limits = None, acceleration_limits = None,
@@ -274,8 +275,8 @@ impl PyScene {
         self.motion_to(py, q_start, Asked { goal, link, deadline_ms, cancel, options })
     }
 
-    /// Distinct joint vectors that bring `link` (default: the hand) to a pose (4, 4) in the base frame, nearest to
-    /// `q_start` first, at most `max_solutions`: (K, n). Obstacles are left out.
+    /// Distinct joint vectors (K, n) that bring `link` (default: the hand) to a pose (4, 4) in the base frame, closest
+    /// to `q_start` first, at most `max_solutions`. Obstacles are ignored.
     #[allow(clippy::too_many_arguments)]
     #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **others), text_signature = "($self, pose, q_start, *, link=None, max_solutions=16, seed=0)")]
     fn ik<'py>(
@@ -303,8 +304,8 @@ impl PyScene {
         Ok(PyArray1::from_vec(py, hits).into_any())
     }
 
-    /// Smallest signed distance (m) of the robot to a body or itself, `max_distance` where nothing is nearer: (n,) -> float,
-    /// (N, n) -> (N,).
+    /// Smallest signed distance (m) of the robot to a body or itself, at most `max_distance`: (n,) -> float, (N, n) ->
+    /// (N,).
     #[pyo3(signature = (q, max_distance = None, **others), text_signature = "($self, q, max_distance=1.0)")]
     fn distance<'py>(
         &self,
@@ -324,8 +325,8 @@ impl PyScene {
         Ok(convert::array1(py, &found).into_any())
     }
 
-    /// Pairs within `reach` (m) of each other, nearest first: for (n,) a list of dicts `bodies`, `distance` (m,
-    /// negative where they overlap), `point` (3,); for (N, n) a list of such lists.
+    /// Pairs within `reach` (m) of each other, closest first: for (n,) a list of dicts `bodies`, `distance` (m,
+    /// negative if they overlap), `point` (3,); for (N, n) a list of such lists.
     #[pyo3(signature = (q, reach = 0.0))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, reach: f64) -> PyResult<Bound<'py, PyList>> {
         is_reach(reach, "reach")?;
@@ -378,15 +379,15 @@ impl PyScene {
         JointRows::of(q, self.0.robot().joints().len())
     }
 
-    /// Whether a few configurations are looked at so quickly that a thread which listens for Ctrl-C would cost more than
-    /// they do: a scene of many shapes has to be ready, and its `places`, too, where they are told.
+    /// Whether a check is faster than starting a thread that can be interrupted: few configurations, and a scene that
+    /// is already prepared (also for `places`, if requested).
     fn is_quick(&self, q: &JointRows, places: bool) -> bool {
         let (scene, bodies) = (&self.0, self.0.bodies());
         let ready = scene.is_ready() && (!places || bodies.is_ready());
         q.rows().len() <= FEW && (ready || bodies.iter().map(|b| b.shapes().len()).sum::<usize>() < LONG)
     }
 
-    /// Whether something overlaps at each row.
+    /// Returns whether any pair overlaps, for each row.
     fn hits(&self, py: Python<'_>, q: JointRows) -> PyResult<Vec<bool>> {
         let (scene, quick) = (self.0.clone(), self.is_quick(&q, false));
         let look = move |cancel: &Cancel| {
@@ -403,7 +404,7 @@ impl PyScene {
         found.map_err(|e| from_problem(&e))
     }
 
-    /// The answer to a question of each row, one that tells of `places` or not.
+    /// Answers a query for each row, with or without `places`.
     fn each<T: Send + 'static>(
         &self,
         py: Python<'_>,
@@ -466,7 +467,7 @@ impl PyCancel {
         Self(Cancel::new())
     }
 
-    /// Planning ends soon, with status "cancelled".
+    /// Requests the end of planning, with status "cancelled".
     fn cancel(&self) {
         self.0.cancel();
     }

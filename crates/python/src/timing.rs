@@ -13,16 +13,16 @@ use crate::interrupt::interruptible;
 use crate::plan::PyPlan;
 use crate::problem::PyKeypointProblem;
 
-/// Most rows that a motion is sampled into.
+/// Maximum number of rows of a sampled motion.
 const MAX_ROWS: f64 = 1e6;
 
-/// Timed joint motion. Pickles.
+/// Timed joint motion. Instances can be pickled.
 #[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyTrajectory(pub(crate) Trajectory);
 
 #[pymethods]
 impl PyTrajectory {
-    /// (N,) seconds; every keyframe time is among them.
+    /// Times (N,) in seconds, including every keyframe time.
     #[getter]
     fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
         convert::array1(py, self.0.times()).into_any()
@@ -84,7 +84,8 @@ impl PyTrajectory {
         Ok(convert::array2(py, &rows, self.0.joints()).into_any())
     }
 
-    /// Write position, velocity and acceleration at t into three contiguous float64 arrays (n,): nothing is allocated.
+    /// Write position, velocity and acceleration at t into three contiguous float64 arrays (n,), without allocating
+    /// memory.
     fn sample_into(
         &self,
         t: f64,
@@ -113,7 +114,7 @@ impl PyTrajectory {
         py.detach(|| self.0.brake(t)).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// Return this motion until t and `next` from there on, which is in the same state at t (to 1e-6).
+    /// Return this motion until t and `next` from there on; `next` must have the same state at t (within 1e-6).
     fn splice(&self, py: Python<'_>, next: &Bound<'_, Self>, t: f64) -> PyResult<Self> {
         let next = &next.get().0;
         py.detach(|| self.0.splice(next, t)).map(Self).map_err(|e| from_problem(&e))
@@ -147,7 +148,7 @@ fn writable<'py>(array: &Bound<'py, PyArray1<f64>>, field: &str) -> PyResult<PyR
 }
 
 /// The fastest motion along the cubic spline through (N, n) waypoints within (n,) velocity, acceleration and jerk
-/// limits, at rest at the waypoints in `stops` and at the last; and the (N,) times at which it passes each waypoint.
+/// limits, which stops at the waypoints in `stops` and at the last; and the (N,) times at the waypoints.
 #[pyfunction]
 #[pyo3(signature = (
     waypoints, velocity_limits, acceleration_limits, jerk_limits, *, stops = Vec::new(), slowest = None,
@@ -216,8 +217,8 @@ pub(crate) fn retime<'py>(
     Ok((PyTrajectory(out.trajectory), convert::array1(py, &out.times).into_any()))
 }
 
-/// A plan's whole waypoint path made shorter by sequential quadratic programming: a dict of `waypoints` (N, n), `times`
-/// (N,), `keyframes` (numbers of their waypoints), `cost_before`, `cost_after` and `rounds`.
+/// Shortens a plan's waypoint path by sequential quadratic programming; returns a dict of `waypoints` (N, n), `times`
+/// (N,), `keyframes` (indices of their waypoints), `cost_before`, `cost_after` and `rounds`.
 #[pyfunction]
 #[pyo3(signature = (problem, plan, *, times = None, keep_paths = false))]
 pub(crate) fn refine<'py>(

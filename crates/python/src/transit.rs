@@ -1,4 +1,4 @@
-//! Motions to goals in joints or poses.
+//! Motions to goals given as joints or poses.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::interrupt::interruptible;
 use crate::scene::{PyCancel, PyScene};
 use crate::timing::PyTrajectory;
 
-/// A motion to a goal, or why there is none.
+/// Result of planning a motion to a goal.
 #[pyclass(name = "Motion", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyMotion(Result<Motion, NoMotion>, f64);
 
@@ -42,7 +42,7 @@ impl PyMotion {
         convert::member(py, "MotionStatus", self.word())
     }
 
-    /// One sentence for a person; empty where solved.
+    /// Explanation of a failure in one sentence; empty if solved.
     #[getter]
     fn reason(&self) -> String {
         self.0.as_ref().err().map_or_else(String::new, NoMotion::to_string)
@@ -53,13 +53,13 @@ impl PyMotion {
         self.0.as_ref().ok().map(|m| PyTrajectory(m.trajectory.clone()))
     }
 
-    /// Number of the goal at which it ends.
+    /// Index of the goal at which the motion ends.
     #[getter]
     fn goal(&self) -> Option<usize> {
         self.0.as_ref().ok().map(|m| m.goal)
     }
 
-    /// (K, n) corners of the way that it follows.
+    /// (K, n) vertices of the path that the motion follows.
     #[getter]
     fn corners<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyAny>> {
         let motion = self.0.as_ref().ok()?;
@@ -67,27 +67,27 @@ impl PyMotion {
         Some(convert::array2(py, &motion.corners, joints).into_any())
     }
 
-    /// Pairs nearer than the margin at the start or at the goal: (name, name, distance in m).
+    /// Pairs closer than the margin at the start or the goal: (name, name, distance in m).
     #[getter]
     fn nearer(&self) -> Vec<(String, String, f64)> {
         let all = self.0.as_ref().map_or(&[][..], |m| m.nearer.as_slice());
         all.iter().map(|a| (a.bodies[0].clone(), a.bodies[1].clone(), a.distance)).collect()
     }
 
-    /// Configurations that were looked at.
+    /// Number of configurations checked for collisions.
     #[getter]
     fn checks(&self) -> Option<u64> {
         self.0.as_ref().ok().map(|m| m.checks)
     }
 
-    /// Limits ("acceleration", "jerk") of which neither the options nor the URDF say anything, so that plain ones are
-    /// assumed; empty where there is no motion.
+    /// Limits ("acceleration", "jerk") for which defaults are assumed because neither the options nor the URDF give
+    /// them; empty without a motion.
     #[getter]
     fn assumed_limits(&self) -> Vec<String> {
         self.0.as_ref().map_or_else(|_| Vec::new(), |m| m.assumed_limits.clone())
     }
 
-    /// Sentences for a user: limits that are assumed for which joints, and links that are never checked.
+    /// Warnings: assumed limits with their joints, and links that are never checked for collisions.
     #[getter]
     fn warnings(&self) -> Vec<String> {
         self.0.as_ref().map_or_else(|_| Vec::new(), |m| m.warnings.clone())
@@ -116,8 +116,8 @@ impl PyMotion {
     }
 }
 
-/// Joint vectors from (n,) or (K, n), or a pose (4, 4) with the link that is to be there. Of a robot with four joints a
-/// rigid transform is a pose.
+/// Reads joint vectors (n,) or (K, n), or a pose (4, 4) with its link. For a robot with four joints, a rigid transform
+/// is a pose.
 fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyResult<Goal> {
     let (values, shape) = convert::numbers(goal, "goal")?;
     match (shape.as_slice(), link) {
@@ -135,7 +135,7 @@ fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyRe
     }
 }
 
-/// Request for a motion, from Python.
+/// Arguments of a motion, from Python.
 pub(crate) struct Asked<'a, 'py> {
     pub goal: &'a Bound<'py, PyAny>,
     pub link: Option<String>,
@@ -184,7 +184,7 @@ impl PyScene {
     }
 }
 
-/// A deadline from milliseconds.
+/// Converts milliseconds to a deadline.
 pub(crate) fn deadline(ms: f64) -> PyResult<Duration> {
     if (0.0..=1e9).contains(&ms) {
         return Ok(Duration::from_secs_f64(1e-3 * ms));
@@ -192,7 +192,7 @@ pub(crate) fn deadline(ms: f64) -> PyResult<Duration> {
     Err(problem_error("deadline_ms", format!("must lie in 0 to 1e9 ms, not {ms}")))
 }
 
-/// A set of limits by name.
+/// Returns a set of limits by name.
 pub(crate) fn limit_set(name: &str) -> PyResult<LimitSet> {
     match name {
         "panda" => Ok(LimitSet::Panda),

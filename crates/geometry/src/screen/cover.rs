@@ -1,28 +1,28 @@
-//! Balls that together contain a convex shape: few of them, none reaching far out of it.
+//! Few spheres that together contain a convex shape without extending far beyond it.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::{Aabb, Convex};
 
-/// A ball in some frame.
+/// A sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ball {
     pub center: Point3<f64>,
     pub radius: f64,
-    /// Radius of a ball about the same middle that lies in the shape; minus infinity where none is known to.
+    /// Radius of a concentric sphere inside the shape; minus infinity if none is known.
     pub inner: f64,
 }
 
-/// Most balls of one shape.
+/// Maximum number of spheres for one shape.
 const MAX_BALLS: usize = 20;
-/// Balls that reach out of the shape by less than this (m) are not split.
+/// Spheres that extend beyond the shape by less than this (m) are not split.
 const SLOP: f64 = 0.004;
-/// Rounds of the search for the smallest ball around points (Badoiu and Clarkson).
+/// Number of iterations of the search for the smallest sphere around points (Badoiu and Clarkson).
 const ROUNDS: usize = 48;
-/// Directions in which it is looked how far a ball reaches out of the shape.
+/// Number of directions in which the excess of a sphere is measured.
 const LOOKS: usize = 48;
 
-/// Smallest ball found around points, grown by `radius`.
+/// Returns the smallest sphere found around points, grown by `radius`.
 pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
     let bounds = Aabb::around(points, 0.0);
     let mut center = nalgebra::center(&bounds.min, &bounds.max);
@@ -45,7 +45,7 @@ pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
     best
 }
 
-/// Part of a hull in a box: its surface there, and all corners of that part.
+/// Part of a hull inside a box: its surface there, and all vertices of that part.
 struct Cell {
     bounds: Aabb,
     surface: Vec<Vec<Point3<f64>>>,
@@ -54,7 +54,7 @@ struct Cell {
     slop: f64,
 }
 
-/// A hull as faces (outward unit normal and offset) and triangles.
+/// A hull given by faces (outward unit normal and offset) and triangles.
 struct Hull {
     faces: Vec<(Vector3<f64>, f64)>,
     looks: Vec<Vector3<f64>>,
@@ -86,7 +86,7 @@ impl Hull {
         Some(Cell { bounds, surface, corners, ball, slop })
     }
 
-    /// Both halves of a cell, split across an axis in the middle of what it holds.
+    /// Splits a cell across an axis at the middle of its content.
     fn halves(&self, cell: &Cell, axis: usize) -> Vec<Cell> {
         let held = Aabb::around(&cell.corners, 0.0);
         let at = 0.5 * (held.min[axis] + held.max[axis]);
@@ -107,7 +107,7 @@ impl Hull {
     }
 }
 
-/// The part of a polygon on one side of a plane across an axis.
+/// Returns the part of a polygon on one side of a plane perpendicular to an axis.
 fn clipped(polygon: &[Point3<f64>], axis: usize, at: f64, above: bool) -> Vec<Point3<f64>> {
     let inside = |p: &Point3<f64>| if above { p[axis] >= at } else { p[axis] <= at };
     let mut out = Vec::with_capacity(polygon.len() + 2);
@@ -125,7 +125,7 @@ fn clipped(polygon: &[Point3<f64>], axis: usize, at: f64, above: bool) -> Vec<Po
     out
 }
 
-/// Balls that together contain a shape.
+/// Returns spheres that together contain a shape.
 pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
     let points = shape.points();
     if let [a, b] = points {
@@ -183,23 +183,23 @@ pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
     cells.iter().map(ball).collect()
 }
 
-/// Balls along the segment in the middle of a capsule.
+/// Returns spheres along the axis of a capsule.
 fn along_segment(a: &Point3<f64>, b: &Point3<f64>, radius: f64) -> Vec<Ball> {
     let length = (b - a).norm();
-    // Balls so far apart reach out of the capsule by little.
+    // With this spacing, spheres extend beyond the capsule only slightly.
     let step = (2.0 * (2.0 * radius * SLOP + SLOP * SLOP).sqrt()).max(length / MAX_BALLS as f64).max(1e-9);
     let parts = (length / step).ceil().clamp(1.0, MAX_BALLS as f64) as usize;
     let half = 0.5 * length / parts as f64;
     (0..parts)
         .map(|k| {
-            // The caps lie before the first and beyond the last part.
+            // The caps belong to the first and the last part.
             let reach = if k == 0 || k + 1 == parts { half + radius } else { half.hypot(radius) };
             Ball { center: a + (b - a) * ((k as f64 + 0.5) / parts as f64), radius: reach, inner: radius }
         })
         .collect()
 }
 
-/// Unit directions spread evenly (a Fibonacci lattice).
+/// Returns unit directions spread evenly (a Fibonacci lattice).
 pub(crate) fn directions(count: usize) -> Vec<Vector3<f64>> {
     let golden = std::f64::consts::PI * (1.0 + 5f64.sqrt());
     (0..count)

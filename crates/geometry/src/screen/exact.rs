@@ -1,4 +1,4 @@
-//! Distances in full, of single pairs that a screen could not clear.
+//! Exact distances of single pairs that a screen could not clear.
 
 use std::sync::Arc;
 
@@ -10,16 +10,16 @@ use super::solid::{Points, Solid};
 use crate::distance::{Reach, keeps_apart};
 use crate::{Aabb, Convex, Corners, Pose, signed_distance};
 
-/// Rounding of places in single precision is less (m).
+/// Bound of the rounding error of positions in single precision (m).
 const ROUGH: f64 = 1e-4;
 
-/// A convex part of what moves with a link, in the link's frame.
+/// A convex part that moves with a link, in the link's frame.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
     shape: Convex,
     corners: Corners,
     bounds: Aabb,
-    /// Its faces, for points.
+    /// Faces of the part, for point queries.
     solid: Solid,
 }
 
@@ -29,7 +29,7 @@ impl Piece {
         Self { solid: Solid::of(&shape), corners, bounds, shape }
     }
 
-    /// Corners of the box around some pieces, in their link's frame; all at its origin where there are none.
+    /// Returns the vertices of the box around some pieces, in their link's frame; all at the origin if there are none.
     pub fn corners_around(pieces: &[Self]) -> [[f32; 3]; 8] {
         let all = pieces.iter().fold(Aabb::EMPTY, |sum, piece| sum.union(&piece.bounds));
         let ends = if pieces.is_empty() { [[0.0; 3]; 2] } else { [all.min.into(), all.max.into()] };
@@ -45,7 +45,7 @@ struct Placed {
     radius: f64,
 }
 
-/// Shapes to be measured in full.
+/// Shapes for exact measurement.
 #[derive(Debug, Clone, Default)]
 pub struct Measure {
     /// Shapes of each group in its link's frame, and that link.
@@ -67,8 +67,7 @@ impl Measure {
         });
     }
 
-    /// Visits the shapes of a group whose boxes come within `reach` of an element, in the link's frame where that is
-    /// cheaper to move.
+    /// Visits the shapes of a group whose boxes lie within `reach` of an element, in whichever frame is cheaper.
     fn near_element(
         &self,
         group: usize,
@@ -153,8 +152,9 @@ impl Measure {
         least
     }
 
-    /// Distance of a group from a cloud, at most `reach`: `measured` gives that of a piece from a point, both in the link's
-    /// frame, at most what it is told. What is likely nearest is measured first, and what is surely further is not.
+    /// Returns the distance of a group from a cloud, at most `reach`. `measured` returns the distance of a piece from a
+    /// point, both in the link's frame, up to a limit. The likely closest points are measured first, and points that
+    /// are surely further are skipped.
     fn to_cloud(
         &self,
         group: usize,
@@ -207,7 +207,7 @@ impl Measure {
     }
 }
 
-/// Points of a cloud that a piece may be nearer to than `within` (m), each with a lower bound of the distance to its middle.
+/// Points of a cloud that may lie within `within` (m) of a piece, each with a lower bound of its distance.
 struct Gather<'a> {
     piece: &'a Piece,
     cloud: &'a PointGrid,
@@ -226,7 +226,7 @@ impl Wide for Gather<'_> {
         near.clear();
         let m = back.rotation.matrix().cast::<f32>();
         let t = back.translation.vector.cast::<f32>();
-        // Single precision decides only what is surely further.
+        // Single precision only excludes points that are surely further.
         let limit = F32x8::splat((within + ROUGH) as f32);
         cloud.within(&piece.shape.aabb_at(pose).grown(within), |points: &Points| {
             let here = [0, 1, 2]

@@ -1,4 +1,4 @@
-//! Data precomputed from a robot's shapes, whatever stands about it.
+//! Data precomputed from a robot's shapes, independent of its surroundings.
 
 use std::sync::Arc;
 
@@ -8,22 +8,22 @@ use super::cover::{Ball, ball_around, cover};
 use super::exact::Piece;
 use crate::{JointKind, Robot};
 
-/// Data precomputed from a robot's shapes, whatever stands about it.
+/// Data precomputed from a robot's shapes, independent of its surroundings.
 #[derive(Debug, Clone, Default)]
 pub struct Cover {
-    /// Balls that contain each link's shapes, in its frame.
+    /// Spheres that contain each link's shapes, in its frame.
     pub(super) balls: Vec<Vec<Ball>>,
-    /// A ball around those of each link, where there are any.
+    /// A sphere around those of each link, if there are any.
     pub(super) around: Vec<Option<Ball>>,
     pub(super) pieces: Vec<Arc<[Piece]>>,
     levers: Vec<f64>,
 }
 
-/// Configurations over which levers are averaged.
+/// Number of configurations over which lever arms are averaged.
 const LOOKS: u32 = 64;
 
 impl Cover {
-    /// That of every link.
+    /// Computes the spheres of every link.
     #[must_use]
     pub fn of(robot: &Robot) -> Self {
         let links = robot.links();
@@ -34,7 +34,7 @@ impl Cover {
         Self { balls, around, pieces, levers }
     }
 
-    /// Mean over configurations of the furthest that any point of the robot is from each joint's axis (m); 1 for a
+    /// Mean over configurations of the maximum distance of any point of the robot from each joint's axis (m); 1 for a
     /// sliding joint.
     #[must_use]
     pub fn levers(&self) -> &[f64] {
@@ -51,7 +51,7 @@ fn mean_levers(robot: &Robot, balls: &[Vec<Ball>]) -> Vec<f64> {
         let mut q: Vec<f64> = joints
             .iter()
             .map(|joint| {
-                // Multiples of the golden ratio: any even spread will do.
+                // Multiples of the golden ratio, which are evenly spread.
                 counter += 1;
                 let share = (f64::from(counter) * 0.618_033_988_749_894_9).fract();
                 let (low, high) = (joint.lower().max(-3.2), joint.upper().min(3.2));
@@ -78,7 +78,7 @@ fn mean_levers(robot: &Robot, balls: &[Vec<Ball>]) -> Vec<f64> {
             sums[joint] += furthest;
         }
     }
-    // A joint that carries nothing still moves something.
+    // A joint without a load still gets a minimum value.
     sums.iter().map(|s| (s / f64::from(LOOKS)).max(0.01)).collect()
 }
 
@@ -92,7 +92,7 @@ fn hangs_on(robot: &Robot, mut link: usize, top: usize) -> bool {
     true
 }
 
-/// The ball around balls, where there are any.
+/// Returns the sphere around spheres, if there are any.
 pub(super) fn around(balls: &[Ball]) -> Option<Ball> {
     let centers: Vec<Point3<f64>> = balls.iter().map(|b| b.center).collect();
     if centers.is_empty() {

@@ -1,5 +1,5 @@
-//! A quick look at eight configurations at a time: lower bounds of all distances from balls that contain the links, in
-//! single precision, and upper bounds from balls that lie in them. What neither decides is measured.
+//! Fast screening of eight configurations at a time in single precision: spheres that contain the links give lower
+//! bounds of all distances, and spheres inside the links give upper bounds. Undecided pairs are measured exactly.
 
 mod cover;
 mod exact;
@@ -25,22 +25,22 @@ pub use posing::{Frames, Posing};
 pub use solid::Points;
 use solid::Solid;
 
-/// Configurations that are looked at in one go.
+/// Number of configurations screened at once.
 pub const LANES: usize = crate::lanes::WIDTH;
-/// From so many obstacles on a tree finds those that are near.
+/// Number of obstacles from which on a tree is used to find the near ones.
 const TREE: usize = 20;
-/// Error of single precision (m), a metre of the robot's size.
+/// Error of single precision (m) per metre of the robot's size.
 const SLACK: f64 = 1e-5;
-/// Points of a cloud that are this much (m) beyond the robot's reach get a grid of their own, so that stray points
-/// neither coarsen the grid of the others nor cost its precision.
+/// Cloud points that are this much (m) beyond the robot's reach get their own grid, so that stray points neither
+/// coarsen the main grid nor reduce its precision.
 const BEYOND: f64 = 1.0;
 
-/// A ball in single precision.
+/// A sphere in single precision.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sphere {
     center: [f32; 3],
     radius: f32,
-    /// Radius of a ball about the same middle that lies in what this one contains; minus a great number where none does.
+    /// Radius of a concentric sphere inside the enclosed shape; a large negative number if there is none.
     inner: f32,
 }
 
@@ -52,7 +52,7 @@ impl Sphere {
     }
 }
 
-/// Placeholder of the ball around a group without shapes.
+/// Placeholder for the sphere around a group without shapes.
 const NOTHING: Sphere = Sphere { center: [0.0; 3], radius: 0.0, inner: -1e9 };
 
 #[derive(Debug, Clone)]
@@ -60,52 +60,52 @@ struct Cluster {
     link: usize,
     around: Sphere,
     balls: std::ops::Range<usize>,
-    /// Corners of a box around its shapes, in the link's frame.
+    /// Vertices of the box around its shapes, in the link's frame.
     corners: [[f32; 3]; 8],
 }
 
-/// Thing near a group, for a screen.
+/// A body, cloud or pair that a group may be near.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Other {
     /// One convex shape of a body.
     Element(usize),
     /// A cloud of points.
     Cloud(usize),
-    /// A pair of groups, by its number.
+    /// A pair of groups, by its index.
     Pair(usize),
 }
 
-/// A group and something that it may be too near to.
+/// A group and another body that may be too close to it.
 #[derive(Debug, Clone, Copy)]
 pub struct Suspect {
-    /// The group; of a pair, the first.
+    /// The group; for a pair, the first one.
     pub group: usize,
-    /// Things that it may be too near to.
+    /// The other body, cloud or pair.
     pub other: Other,
-    /// Lower bound of what each lane leaves beyond the distance that is needed (m).
+    /// Lower bound, for each lane, of the distance minus the required distance (m).
     pub gap: [f32; LANES],
-    /// Upper bound of that; great where none is known. Below zero the two are surely too near.
+    /// Upper bound of the same; large if unknown. If it is negative, the two are surely too close.
     pub max_gap: [f32; LANES],
 }
 
-/// Distances (m) that have to be kept; minus infinity where two things are not checked.
+/// Required distances (m); minus infinity for pairs that are not checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Needs {
-    /// Of each group from each body, one row a group.
+    /// For each group and body, one row for each group.
     pub bodies: Vec<f64>,
-    /// Of each pair of groups.
+    /// For each pair of groups.
     pub pairs: Vec<f64>,
 }
 
-/// Shapes that go with a link: its own, or those of what it holds, each with its pose in the link's frame.
+/// Shapes that move with a link: its own, or those of attached bodies, each with its pose in the link's frame.
 pub struct Riders<'a> {
     /// The link.
     pub link: usize,
-    /// Shapes and where they are in the link; none for the link's own.
+    /// Attached shapes and their pose in the link; `None` for the link's own.
     pub held: Option<(&'a [Convex], Pose)>,
 }
 
-/// A robot among obstacles, ready to be looked at quickly and measured exactly.
+/// A robot among obstacles, prepared for fast screening and exact measurement.
 #[derive(Debug, Clone)]
 pub struct Screen {
     posing: Posing,
@@ -113,7 +113,7 @@ pub struct Screen {
     groups: Vec<Cluster>,
     balls: Vec<Sphere>,
     solids: Vec<Solid>,
-    /// By how much the distance of each solid may be more than its bound (m).
+    /// Maximum excess of each solid's true distance over its bound (m).
     looseness: Vec<f32>,
     body_of: Vec<usize>,
     tree: Option<Bvh>,
@@ -123,7 +123,7 @@ pub struct Screen {
     measure: Measure,
 }
 
-/// Eight configurations, and what is known of them so far.
+/// Eight configurations with intermediate results.
 #[derive(Debug, Clone, Default)]
 pub struct Batch {
     q: Vec<F32x8>,
@@ -141,7 +141,7 @@ impl Batch {
     pub fn set(&mut self, screen: &Screen, lane: usize, q: &[f64]) {
         self.q.resize(q.len(), F32x8::ZERO);
         for (k, (value, lanes)) in q.iter().zip(&mut self.q).enumerate() {
-            // Whole turns change nothing, and small angles are known better.
+            // Whole turns are removed, since small angles have higher precision.
             let turned = match screen.revolute.get(k) {
                 Some(true) if value.abs() > 4.0 => {
                     value - std::f64::consts::TAU * (value / std::f64::consts::TAU).round()
@@ -154,8 +154,8 @@ impl Batch {
 }
 
 impl Screen {
-    /// A screen of groups of shapes that go with links, among bodies (their shapes, and their poses in the base frame).
-    /// `pairs` are the groups that are checked against each other.
+    /// Creates a screen of groups of shapes that move with links, among bodies (their shapes, and their poses in the
+    /// base frame). `pairs` are the groups that are checked against each other.
     #[must_use]
     pub fn new<'a>(
         robot: &Robot,
@@ -227,7 +227,7 @@ impl Screen {
                         out.clouds.push(PointGrid::new(body, &near, radius, 0.0));
                     }
                     if !far.is_empty() {
-                        // A centimetre covers the rounding of single precision within a kilometre.
+                        // One centimetre covers the rounding of single precision within a kilometre.
                         let least = far.iter().map(from_base).fold(f64::INFINITY, f64::min) - 0.01;
                         out.clouds.push(PointGrid::new(body, &far, radius, least as f32));
                     }
@@ -267,7 +267,7 @@ impl Screen {
         self.bodies
     }
 
-    /// The body that something belongs to; `None` for a pair of groups.
+    /// The body of an element or cloud; `None` for a pair of groups.
     #[must_use]
     pub fn body(&self, other: Other) -> Option<usize> {
         match other {
@@ -277,7 +277,7 @@ impl Screen {
         }
     }
 
-    /// The distance that a group has to keep from something.
+    /// The distance that a group must keep from another body.
     #[must_use]
     pub fn needed(&self, needs: &Needs, group: usize, other: Other) -> f64 {
         match (other, self.body(other)) {
@@ -287,7 +287,7 @@ impl Screen {
         }
     }
 
-    /// Whether a group keeps at least `apart` (m) from something where `poses` puts the links, measured in full.
+    /// Returns whether a group keeps at least `apart` (m) from another body at the given link poses, measured exactly.
     pub fn keeps(&self, group: usize, other: Other, poses: &[Pose], apart: f64) -> bool {
         match other {
             Other::Element(e) => self.measure.keeps_from(group, e, poses, apart),
@@ -296,8 +296,8 @@ impl Screen {
         }
     }
 
-    /// Distance (m) of a group from something where `poses` puts the links, measured in full up to `reach`: that where
-    /// it is more, and negative or zero where they touch.
+    /// Returns the exact distance (m) of a group from another body at the given link poses, at most `reach`; negative
+    /// or zero if they touch.
     pub fn distance(&self, group: usize, other: Other, poses: &[Pose], reach: f64) -> f64 {
         match other {
             Other::Element(e) => self.measure.distance(group, e, poses, reach),
@@ -307,7 +307,7 @@ impl Screen {
     }
 }
 
-/// The points of a body that is many balls of one radius.
+/// Returns the points of a body that consists of many spheres of equal radius.
 fn as_cloud(shapes: &[Convex], pose: &Pose) -> Option<(Vec<Point3<f64>>, f64)> {
     const FEW: usize = 32;
     let radius = shapes.first()?.radius();

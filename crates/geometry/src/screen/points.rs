@@ -1,4 +1,4 @@
-//! Point clouds as obstacles: a bucket grid, and lower bounds of the distance at its corners.
+//! Point clouds as obstacles: a bucket grid with lower bounds of the distance at its corners.
 
 use crate::lanes::{F32x8, WIDTH};
 use nalgebra::Point3;
@@ -6,27 +6,27 @@ use nalgebra::Point3;
 use super::solid::Points;
 use crate::Aabb;
 
-/// Edge of a cell (m); coarser where the cloud is large.
+/// Edge length of a cell (m); larger for a large cloud.
 const CELL: f64 = 0.04;
-/// Most cells of a grid.
+/// Maximum number of cells of a grid.
 const MAX_CELLS: f64 = 400_000.0;
-/// Distances along an axis beyond so many cells are not told apart.
+/// Distances along an axis are capped at this number of cells.
 const FURTHEST: i16 = 12;
-/// Up to so many cells away the boxes around the points of cells count, beyond that the cells.
+/// Up to this distance in cells, the boxes around the cells' points are used; beyond it, the cells themselves.
 const TIGHT: usize = 3;
-/// Corners in a row that a cell's box is held against at once: all that are nearer than that.
+/// Number of consecutive corners compared with a cell's box at once: all closer than that.
 const RUN: usize = 8;
 /// Relative error of a squared distance in single precision.
 const ROUNDING: f32 = 1e-6;
 
-/// Points of one radius in cells of a grid that is the box around them.
+/// Points of equal radius in the cells of a grid that bounds them.
 #[derive(Debug, Clone)]
 pub(crate) struct PointGrid {
     /// Body that the points belong to.
     pub body: usize,
     /// Radius of every point (m).
     pub radius: f64,
-    /// Lower bound of the distance (m) between the origin of the base and every ball of the cloud; 0 is no bound.
+    /// Lower bound of the distance (m) between the base's origin and every point's sphere; 0 is no bound.
     pub from_base: f32,
     lanes: Vec<Points>,
     /// First block of lanes of each cell.
@@ -36,9 +36,9 @@ pub(crate) struct PointGrid {
     origin: Point3<f64>,
     cell: f64,
     dims: [usize; 3],
-    /// Bound on the rounding error of a distance in single precision (m).
+    /// Bound of the rounding error of a distance in single precision (m).
     slack: f32,
-    /// Bound on the rounding error of a squared distance (m²).
+    /// Bound of the rounding error of a squared distance (m²).
     squared_slack: f32,
 }
 
@@ -54,7 +54,7 @@ impl Extent {
 }
 
 impl PointGrid {
-    /// The grid of a cloud in the base frame; `from_base` as in the field.
+    /// Creates the grid of a cloud in the base frame; `from_base` as in the field.
     pub fn new(body: usize, points: &[Point3<f64>], radius: f64, from_base: f32) -> Self {
         let bounds = Aabb::around(points, 0.0);
         let span = bounds.max - bounds.min;
@@ -109,7 +109,7 @@ impl PointGrid {
             total += n.div_ceil(WIDTH as u32);
         }
         starts.push(total);
-        // Lanes that hold no point are out of reach of everything.
+        // Padding lanes without a point are far from everything.
         let mut lanes = vec![[F32x8::splat(1e9); 3]; total as usize];
         let mut filled = vec![0u32; cells];
         for (p, c) in points.iter().zip(&home) {
@@ -124,7 +124,7 @@ impl PointGrid {
         (self.lanes, self.starts) = (lanes, starts);
     }
 
-    /// Lower bounds of the squared distances of the cells' corners (m²).
+    /// Computes lower bounds of the squared distances of the cells' corners (m²).
     fn spread(&self, counts: &[u32], extents: &[Extent]) -> Vec<f32> {
         let (far, near) = (self.beyond_cells(counts), self.beyond_extents(extents));
         let [mx, my, mz] = self.dims.map(|n| n + 1);
@@ -132,13 +132,13 @@ impl PointGrid {
         let mut field = Vec::with_capacity(mx * my * mz);
         let squared = (self.cell * self.cell) as f32;
         for (far, near) in far.chunks_exact(mx).zip(near.chunks_exact(stride)) {
-            // What both say is true.
+            // Both are lower bounds, so the larger one counts.
             field.extend(far.iter().zip(&near[TIGHT..]).map(|(f, n)| f32::from(*f).max(*n) * squared));
         }
         field
     }
 
-    /// Squared distances (in cells) from the nearest cell with points, at most that of [`FURTHEST`]: axis by axis.
+    /// Squared distances (in cells) from the nearest occupied cell, capped at [`FURTHEST`], computed axis by axis.
     fn beyond_cells(&self, counts: &[u32]) -> Vec<i16> {
         const MOST: i16 = FURTHEST * FURTHEST;
         let [nx, ny, nz] = self.dims;
@@ -161,8 +161,8 @@ impl PointGrid {
         further(&slabs, 1, nz, mx * my)
     }
 
-    /// Squared distances (in cells) from the nearest box around the points of a cell, at most that of [`TIGHT`] cells; rows
-    /// begin with as many entries that are no corners, and end with others.
+    /// Squared distances (in cells) from the nearest box around a cell's points, capped at [`TIGHT`] cells; rows are
+    /// padded at both ends.
     fn beyond_extents(&self, extents: &[Extent]) -> Vec<f32> {
         let [nx, ny, nz] = self.dims;
         let (my, mz) = (ny + 1, nz + 1);
@@ -197,22 +197,22 @@ impl PointGrid {
         clamp(0) + self.dims[0] * (clamp(1) + self.dims[1] * clamp(2))
     }
 
-    /// Distance (m) from the middle of a point within which it touches what is within `slack` of where it is said to be.
+    /// Distance (m) from the centre of a point within which it may touch a position with rounding error `slack`.
     #[inline(always)]
     pub fn ball(&self) -> f32 {
         self.radius as f32 + self.slack
     }
 
-    /// Distance (m) from the middle of a point within which it surely touches what is where it is said to be.
+    /// Distance (m) from the centre of a point within which it surely touches a position.
     #[inline(always)]
     pub fn inner_ball(&self) -> f32 {
         self.radius as f32 - self.slack
     }
 
-    /// Lower bounds of the distance (m) from places to the nearest ball of the cloud.
+    /// Returns lower bounds of the distance (m) from positions to the nearest point's sphere.
     ///
-    /// The squared distance to a point less the squared distance to the origin is linear, and the least of linear functions
-    /// is concave: inside of a cell it is at least what is interpolated between the corners.
+    /// The squared distance to a point minus the squared distance to the origin is linear, and the minimum of linear
+    /// functions is concave. Inside a cell it is therefore at least the interpolation between the corners.
     #[inline(always)]
     pub fn bounds(&self, p: &Points) -> F32x8 {
         let cell = self.cell as f32;
@@ -224,8 +224,8 @@ impl PointGrid {
         for k in 0..3 {
             let most = F32x8::splat(self.dims[k] as f32 * cell);
             let from = p[k] - F32x8::splat(self.origin[k] as f32);
-            // All points lie in the grid: outside it is further from them than the nearest place inside, and that squared
-            // adds up with the way there.
+            // All points lie in the grid. For a position outside, the squared distance to the closest position inside
+            // is added.
             let inside = from.max(F32x8::ZERO).min(most);
             let beyond = from - inside;
             squared = squared + beyond * beyond;
@@ -260,7 +260,7 @@ impl PointGrid {
         squared.max(F32x8::ZERO).sqrt() - F32x8::splat(self.ball())
     }
 
-    /// Distance (m) from a place to the middle of the nearest point, where that is less than `within`.
+    /// Returns the distance (m) from a position to the centre of the nearest point, if it is less than `within`.
     #[inline(always)]
     pub fn nearest(&self, p: [f32; 3], within: f32) -> Option<f32> {
         if !p.iter().all(|v| v.is_finite()) {
@@ -272,7 +272,7 @@ impl PointGrid {
         let [x, y, z] = p.map(F32x8::splat);
         let mut least = F32x8::splat(within * within);
         let mut most = within * within;
-        // Cells of an axis that a ball of this radius meets; a little more, for rounding.
+        // Cells along an axis within this radius, with a margin for rounding.
         let range = |k: usize, radius: f32| {
             let (low, high) = (at[k] - radius * inverse - 1e-3, at[k] + radius * inverse + 1e-3);
             let last = self.dims[k] - 1;
@@ -299,7 +299,7 @@ impl PointGrid {
                     continue;
                 }
                 let row = self.dims[0] * (j + self.dims[1] * k);
-                // Cells of a row lie one after the other.
+                // Cells of a row are stored consecutively.
                 let blocks = self.starts[row + from] as usize..self.starts[row + to + 1] as usize;
                 if blocks.is_empty() {
                     continue;
@@ -314,7 +314,7 @@ impl PointGrid {
         (most < within * within).then(|| most.sqrt())
     }
 
-    /// Calls `visit` with the points in a box, eight at a time; lanes without a point are far away.
+    /// Calls `visit` with the points in a box, eight at a time; padding lanes are far away.
     #[inline(always)]
     pub fn within(&self, bounds: &Aabb, mut visit: impl FnMut(&Points)) {
         let low = [0, 1, 2].map(|k| ((bounds.min[k] - self.origin[k]) / self.cell).floor());
@@ -336,8 +336,8 @@ impl PointGrid {
     }
 }
 
-/// One axis more of squared distances from cells: of `blocks` blocks of `count` lines of `width` entries, one line a cell,
-/// those at the cells' `count + 1` corners.
+/// Extends squared distances from cells by one axis: `blocks` blocks of `count` lines of `width` entries, one line for
+/// each cell, become lines at the cells' `count + 1` corners.
 fn further(lines: &[i16], blocks: usize, count: usize, width: usize) -> Vec<i16> {
     const MOST: i16 = FURTHEST * FURTHEST;
     let mut out = vec![MOST; blocks * (count + 1) * width];
@@ -355,7 +355,7 @@ fn further(lines: &[i16], blocks: usize, count: usize, width: usize) -> Vec<i16>
     out
 }
 
-/// Numbers from `from` to `to`, those nearest to `at` first; none where `from` is more than `to`.
+/// Yields the numbers from `from` to `to`, the closest to `at` first; none if `from` exceeds `to`.
 #[inline(always)]
 fn outwards(at: f32, (from, to): (usize, usize)) -> impl Iterator<Item = usize> {
     let middle = (at.max(0.0) as usize).clamp(from.min(to), to.max(from));
@@ -384,7 +384,8 @@ mod tests {
             let wanted = points.iter().map(|p| (p - Point3::from(at)).norm()).fold(f64::INFINITY, f64::min);
             let found = f64::from(grid.bounds(&at.map(|v| F32x8::splat(v as f32))).to_array()[5]);
             prop_assert!(found <= wanted - 0.01 + 1e-7, "{found} {wanted}");
-            // A cell's diagonal, and what interpolation gives away; outside of the grid it may be more.
+            // The tolerance is a cell's diagonal plus the loss of interpolation; outside the grid the loss may be
+            // larger.
             let bounds = Aabb::around(&points, 0.0);
             let inside = (0..3).all(|k| (bounds.min[k]..=bounds.max[k]).contains(&at[k]));
             prop_assert!(!inside || wanted > 0.4 || found >= wanted - 0.01 - 0.08, "{found} {wanted}");

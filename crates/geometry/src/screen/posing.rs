@@ -26,7 +26,7 @@ impl Frames {
         }
     }
 
-    /// Position of a point of the frame (m).
+    /// Position of a point given in the frame (m).
     #[inline(always)]
     #[must_use]
     pub fn point(&self, p: &[f32; 3]) -> Points {
@@ -34,7 +34,7 @@ impl Frames {
         [x + self.t[0], y + self.t[1], z + self.t[2]]
     }
 
-    /// Direction of the frame, in the base frame.
+    /// Direction given in the frame, in base axes.
     #[inline(always)]
     #[must_use]
     pub fn direction(&self, p: &[f32; 3]) -> Points {
@@ -79,7 +79,7 @@ struct Fixed {
 #[derive(Debug, Clone, Copy)]
 enum Turn {
     None,
-    /// A quarter turn about x, as between most joints of most arms; to either side.
+    /// A quarter turn about x in either direction, as between most joints of most arms.
     Quarter {
         sign: f32,
     },
@@ -87,7 +87,7 @@ enum Turn {
 }
 
 impl Turn {
-    /// That of a rotation, where single precision cannot tell it from that.
+    /// Classifies a rotation, if single precision cannot distinguish it from a quarter turn.
     fn of(rotation: &Matrix3<f64>) -> Self {
         const SAME: f64 = 6e-8;
         let quarter = |sign: f64| Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -sign, 0.0, sign, 0.0);
@@ -105,7 +105,7 @@ impl Turn {
 #[derive(Debug, Clone)]
 enum Motion {
     None,
-    /// About the frame's own z axis, as nearly every URDF arm writes it; to either side.
+    /// About the frame's own z axis in either direction, as in most URDF arms.
     Spin {
         joint: usize,
         sign: f32,
@@ -133,7 +133,7 @@ struct Step {
 #[derive(Debug, Clone)]
 pub struct Posing {
     steps: Vec<Step>,
-    /// Links that have to be placed.
+    /// Links to place.
     wanted: Vec<bool>,
 }
 
@@ -142,7 +142,7 @@ fn rows(m: &Matrix3<f64>) -> [[f32; 3]; 3] {
 }
 
 impl Posing {
-    /// That of a robot; only `needed` links and what they hang on are placed.
+    /// Prepares a robot; only `needed` links and their ancestors are placed.
     pub fn new(robot: &Robot, needed: impl Fn(usize) -> bool) -> Self {
         let links = robot.links();
         let mut wanted: Vec<bool> = (0..links.len()).map(needed).collect();
@@ -179,7 +179,7 @@ impl Posing {
         Self { steps: steps.collect(), wanted }
     }
 
-    /// Writes the pose of every link that is needed in each lane; `q` has one entry a joint.
+    /// Writes the pose of every needed link in each lane; `q` has one entry for each joint.
     pub fn place(&self, q: &[F32x8], out: &mut Vec<Frames>) {
         struct Work<'a>(&'a Posing, &'a [F32x8], &'a mut Vec<Frames>);
         impl Wide for Work<'_> {
@@ -201,7 +201,7 @@ impl Posing {
                 out.push(base);
                 continue;
             }
-            // Closures may not be inlined, and what is not is not compiled for wide vectors.
+            // Closures may not be inlined, and code that is not inlined is not compiled for wide vectors.
             let frame = match step.parent {
                 Some(p) => out[p].then(&step.origin),
                 None => base,
@@ -245,7 +245,7 @@ impl Posing {
         }
     }
 
-    /// Largest distance (m) that link origins can have from the base, joints within `reach` (m) of prismatic travel.
+    /// Maximum distance (m) of link origins from the base, with prismatic joints within `reach` (m).
     pub fn size(&self, reach: impl Fn(usize) -> f64) -> f64 {
         self.steps
             .iter()

@@ -6,9 +6,9 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use super::Sphere;
 use crate::Convex;
 
-/// Most faces by which a hull is checked.
+/// Maximum number of faces used for a hull.
 const MAX_FACES: usize = 28;
-/// Faces whose normals are nearer to each other than this (cosine) count as one.
+/// Faces whose normals are closer than this (cosine) count as one.
 const SAME_FACE: f64 = 0.985;
 /// Relative error of single-precision sums of a few terms.
 const ROUNDING: f64 = 1e-6;
@@ -16,14 +16,14 @@ const ROUNDING: f64 = 1e-6;
 /// Three coordinates of eight points.
 pub type Points = [F32x8; 3];
 
-/// A convex obstacle in the form in which points are quickly measured against it; it contains the shape it stands for.
+/// A convex obstacle in a form for fast point queries; it contains the original shape.
 #[derive(Debug, Clone)]
 pub(crate) enum Solid {
     /// Rounded box: middle, axes as rows, half extents.
     Cuboid { center: [f32; 3], axes: [[f32; 3]; 3], half: [f32; 3], radius: f32 },
-    /// Cylinder: middle, axis, half of its length.
+    /// Cylinder: centre, axis, half length.
     Cylinder { center: [f32; 3], axis: [f32; 3], half: f32, radius: f32 },
-    /// Capsule (a ball where the length is 0): one end, direction, length.
+    /// Capsule (a sphere if the length is 0): one end, direction, length.
     Capsule { end: [f32; 3], axis: [f32; 3], length: f32, radius: f32 },
     /// Hull: outward normals and offsets.
     Hull { faces: Vec<[f32; 4]>, radius: f32 },
@@ -49,11 +49,11 @@ pub(crate) fn length(v: &Points) -> F32x8 {
 }
 
 impl Solid {
-    /// The tightest of its forms for a shape in the base frame.
+    /// Returns the tightest form for a shape in the base frame.
     pub fn of(shape: &Convex) -> Self {
         let points = shape.points();
         let size = points.iter().map(|p| p.coords.norm()).fold(1.0, f64::max);
-        // Rounding to single precision stays inside.
+        // The margin keeps the shape inside despite rounding to single precision.
         let radius = (shape.radius() + ROUNDING * size) as f32;
         match points {
             [p] => return Self::Capsule { end: single(&p.coords), axis: [1.0, 0.0, 0.0], length: 0.0, radius },
@@ -83,12 +83,12 @@ impl Solid {
         }
     }
 
-    /// Lower bounds of the distance (m) to the nearest of `balls`, placed at `centers` in eight configurations; then the
-    /// same to the nearest of the balls that lie inside the bodies.
+    /// Lower bounds of the distance (m) to the nearest of `balls`, placed at `centers` in eight configurations; then
+    /// the same for the inner spheres.
     #[inline(always)]
     pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> [F32x8; 2] {
         let mut least = [F32x8::splat(f32::MAX); 2];
-        // A loop in each arm: what kind of solid it is, is found out once.
+        // The loop is inside each arm, so that the kind of solid is tested only once.
         macro_rules! over {
             ($distance:ident($($part:expr),*)) => {
                 for (center, ball) in centers.iter().zip(balls) {
@@ -107,15 +107,14 @@ impl Solid {
         least
     }
 
-    /// By how much (m) the distance of `shape`, which this stands for, may be more than the bound; infinite where that
-    /// is not known.
+    /// Maximum excess (m) of the true distance of `shape` over the bound; infinite if unknown.
     pub fn looseness(&self, shape: &Convex) -> f32 {
         let rounded = |size: f32| 4.0 * ROUNDING as f32 * (1.0 + size);
         match self {
             Self::Cuboid { center, half, .. } => rounded(sum(center) + sum(half)),
             Self::Capsule { end, length, .. } => rounded(sum(end) + length),
             Self::Cylinder { center, half, radius, .. } => {
-                // A prism's faces lie inside the cylinder about it.
+                // The faces of a prism lie inside its circumscribed cylinder.
                 let sides = (shape.points().len() / 2) as f32;
                 radius * (1.0 - (std::f32::consts::PI / sides).cos()) + rounded(sum(center) + half + radius)
             }
@@ -170,7 +169,7 @@ fn to_hull(p: &Points, faces: &[[f32; 4]], radius: f32) -> F32x8 {
     highest - F32x8::splat(radius)
 }
 
-/// The box that eight points are the corners of.
+/// Returns the box whose vertices are these eight points, if any.
 fn cuboid(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     if points.len() != 8 {
         return None;
@@ -195,7 +194,7 @@ fn cuboid(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
                 for (row, edge) in [ways[i], ways[j], ways[k]].iter().enumerate() {
                     let axis = edge.try_normalize(1e-12)?;
                     axes[row] = single(&axis);
-                    // All corners are inside, whatever the rounding.
+                    // Includes all vertices despite rounding.
                     half[row] = points.iter().map(|p| axis.dot(&(p.coords - center)).abs()).fold(0.0, f64::max) as f32;
                 }
                 return Some(Solid::Cuboid { center: single(&center), axes, half, radius });
@@ -205,7 +204,7 @@ fn cuboid(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     None
 }
 
-/// The cylinder around a regular prism of many sides.
+/// Returns the cylinder around a regular prism with many sides, if any.
 fn cylinder(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     if points.len() < 24 {
         return None;
@@ -241,7 +240,7 @@ fn cylinder(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     None
 }
 
-/// The largest faces of a hull; each bounds it whichever are left out.
+/// Returns the largest faces of a hull; any subset of faces is a valid bound.
 fn hull(points: &[Point3<f64>], radius: f32) -> Solid {
     let offset = |n: &Vector3<f64>| points.iter().map(|p| n.dot(&p.coords)).fold(f64::NEG_INFINITY, f64::max);
     let mut found: Vec<(f64, Vector3<f64>)> = Vec::new();

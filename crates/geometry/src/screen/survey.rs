@@ -1,4 +1,4 @@
-//! Lower bounds of all distances of eight configurations.
+//! Lower bounds of all distances in eight configurations.
 
 use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Point3;
@@ -8,11 +8,11 @@ use super::solid::{Points, length};
 use super::{Batch, LANES, Needs, Other, Screen, Sphere, Suspect};
 use crate::{Aabb, Robot};
 
-/// Points of a cloud that leave less than this (m) are looked at one by one.
+/// Cloud points closer than this (m) are tested one by one.
 const CLOSE: f32 = 0.02;
 
 impl Screen {
-    /// Poses the balls of a batch whose lanes are set.
+    /// Places the spheres of a batch whose lanes are set.
     pub fn place(&self, batch: &mut Batch) {
         self.posing.place(&batch.q, &mut batch.frames);
         struct Work<'a>(&'a Screen, &'a mut Batch);
@@ -47,8 +47,8 @@ impl Screen {
         }
     }
 
-    /// Calls `visit` for everything that some lane may be nearer to than is needed and `reach` (m) more. It returns
-    /// whether to go on.
+    /// Calls `visit` for each pair that, in some lane, may be closer than the required distance plus `reach` (m).
+    /// `visit` returns whether to continue.
     pub fn survey(
         &self,
         batch: &mut Batch,
@@ -157,7 +157,7 @@ impl Screen {
         self.ensure(group, batch);
         let own = cluster.balls.clone();
         let [least, inner] = solid.least(&batch.centers[own.clone()], &self.balls[own]);
-        // Neither bound is above the distance: the greater counts.
+        // Both are lower bounds, so the larger one counts.
         let bound = least.max(coarse);
         if all_at_least(bound, limit) {
             return true;
@@ -200,7 +200,7 @@ impl Screen {
         if !all_at_least(bound, limit) {
             let close = need + reach.min(CLOSE);
             for lane in 0..LANES {
-                // What is no number is close.
+                // NaN counts as close.
                 if !is_at_least(gap[lane], close) {
                     let balls = batch.centers[own.clone()].iter().zip(&self.balls[own.clone()]);
                     [gap[lane], max_gap[lane]] = nearest(cloud, lane, close, balls, &bounds);
@@ -236,7 +236,7 @@ impl Screen {
         }
         self.ensure(a, batch);
         self.ensure(b, batch);
-        // Balls of the second that come near the first at all.
+        // Spheres of the second group that come near the first.
         let mut open = std::mem::take(&mut batch.open);
         open.clear();
         for k in two.balls.clone() {
@@ -266,7 +266,7 @@ impl Screen {
         visit(&Suspect { group: a, other: Other::Pair(pair), gap, max_gap })
     }
 
-    /// Looks at one group and one other thing as [`Screen::survey`] looks at all.
+    /// Examines one group and one other body, as [`Screen::survey`] examines all.
     pub fn look_at(
         &self,
         batch: &mut Batch,
@@ -298,8 +298,8 @@ impl Screen {
         wide(Work { screen: self, batch, group, other, need, visit: &mut visit })
     }
 
-    /// Corners of a box around each group that has shapes, lane by lane (m, base frame): `visit` gets group, number of the
-    /// corner and places. No point of a group goes further from one configuration to another than one of them.
+    /// Passes the corners of a box around each group's shapes in every lane (m, base frame) to `visit`: group, index of
+    /// the corner, positions. No point of a group moves further between two configurations than one of these corners.
     pub fn corners(&self, batch: &Batch, mut visit: impl FnMut(usize, usize, [[f32; LANES]; 3])) {
         for (group, cluster) in self.groups.iter().enumerate().filter(|(_, c)| !c.balls.is_empty()) {
             let frame = &batch.frames[cluster.link];
@@ -309,8 +309,8 @@ impl Screen {
         }
     }
 
-    /// Largest distances (m) of each group's points from the axes of the joints that carry it, lane by lane: `visit`
-    /// gets group, joint and distances.
+    /// Passes the maximum distance (m) of each group's points from the axis of each joint that carries it, in every
+    /// lane, to `visit`: group, joint, distances.
     pub fn levers(
         &self,
         batch: &Batch,
@@ -344,8 +344,8 @@ impl Screen {
     }
 }
 
-/// A lower bound of the distance (m) between balls, one of which is nearer to a cloud than `close` by its bound, and the
-/// cloud, at most `close` where none is; then an upper bound for the balls that lie inside the bodies.
+/// Returns a lower bound of the distance (m) between spheres, of which one is closer than `close` to a cloud by its own
+/// bound, and the cloud, at most `close`; then an upper bound for the inner spheres.
 #[inline(always)]
 fn nearest<'a>(
     cloud: &PointGrid,
@@ -376,25 +376,25 @@ fn nearest<'a>(
     [least, inner]
 }
 
-/// Whether a number is at least another; what is no number is not.
+/// Returns whether a number is at least another; false for NaN.
 #[inline(always)]
 fn is_at_least(value: f32, limit: f32) -> bool {
     value >= limit
 }
 
-/// Gap between balls of radii that add up to `radii`.
+/// Returns the gap between spheres whose radii sum to `radii`.
 #[inline(always)]
 fn apart(p: &Points, q: &Points, radii: f32) -> F32x8 {
     length(&[p[0] - q[0], p[1] - q[1], p[2] - q[2]]) - F32x8::splat(radii)
 }
 
-/// Whether every lane is at least `limit`; one that is no number is not.
+/// Returns whether every lane is at least `limit`; false for NaN.
 #[inline(always)]
 pub(super) fn all_at_least(value: F32x8, limit: F32x8) -> bool {
     value.all_at_least(limit)
 }
 
-/// Box around what a ball covers in all lanes.
+/// Returns the box around a sphere in all lanes.
 fn region(center: &Points, radius: f32) -> Aabb {
     let low = |k: usize| f64::from(center[k].to_array().into_iter().fold(f32::MAX, f32::min) - radius);
     let high = |k: usize| f64::from(center[k].to_array().into_iter().fold(f32::MIN, f32::max) + radius);
