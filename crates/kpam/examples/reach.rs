@@ -1,4 +1,4 @@
-//! Plans a Panda's way to a handle: `cargo run --release -p gensim2-kpam --example reach -- panda_v2.urdf`.
+//! Plans the motion of a Panda to a handle: `cargo run --release -p gensim2-kpam --example reach -- panda_v2.urdf`.
 
 use std::sync::Arc;
 

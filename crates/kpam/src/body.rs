@@ -1,4 +1,4 @@
-//! Bodies: what stands about a robot, or rides on its hand.
+//! Bodies around the robot or attached to its hand.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::ProblemError;
 use crate::checked::checked_when_read;
 
-/// Farthest that anything may lie from the base (m); beyond, the input is taken for damage.
+/// Maximum distance of any point from the base (m); a larger one counts as damaged input.
 const FARTHEST: f64 = 1e3;
 
 /// Role of a body in the default contact rules.
@@ -20,15 +20,15 @@ const FARTHEST: f64 = 1e3;
 pub enum Role {
     /// The table.
     Table,
-    /// The part of the object that stands still.
+    /// The fixed part of the object.
     ObjectBody,
-    /// The part that moves.
+    /// The part that the joint moves.
     MovingLink,
     /// Anything else.
     Rigid,
-    /// A rigid object that the hand may touch: what it reaches for.
+    /// A rigid object that the hand reaches for and may touch.
     Target,
-    /// Rides on the hand; its pose is in the hand frame.
+    /// A body attached to the hand; its pose is in the hand frame.
     Attached,
 }
 
@@ -47,7 +47,7 @@ impl Role {
     }
 }
 
-/// A body of the scene: an obstacle, or what the hand reaches for or holds. Clones share its shapes.
+/// A body of the scene: an obstacle, a target of the hand, or an attached body. Clones share its shapes.
 ///
 /// ```
 /// use gensim2_geometry::{Convex, Pose};
@@ -76,7 +76,7 @@ pub struct Body {
 
 checked_when_read!(Body);
 
-/// Builds a [`Body`]; [`BodyBuilder::build`] checks the whole.
+/// Builds a [`Body`]; [`BodyBuilder::build`] validates it.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct BodyBuilder {
@@ -88,7 +88,7 @@ pub struct BodyBuilder {
 }
 
 impl Body {
-    /// A body at the base, without shapes; its name is unique in its scene.
+    /// Returns a builder for a body at the base, without shapes; its name must be unique in its scene.
     pub fn builder(name: impl Into<String>, role: Role) -> BodyBuilder {
         let (shapes, keypoints) = (Vec::new(), BTreeMap::new());
         BodyBuilder { name: name.into(), role, shapes, pose: Pose::identity(), keypoints }
@@ -112,19 +112,19 @@ impl Body {
         &self.shapes
     }
 
-    /// Pose in the robot base frame; of an attached body, in the hand frame.
+    /// Pose in the robot base frame, or in the hand frame for an attached body.
     #[must_use]
     pub fn pose(&self) -> &Pose {
         &self.pose
     }
 
-    /// Keypoints in the body frame (m); of use to scenes.
+    /// Keypoints in the body frame (m), for scenes.
     #[must_use]
     pub fn keypoints(&self) -> &BTreeMap<String, Vector3<f64>> {
         &self.keypoints
     }
 
-    /// The same body in another role, at another pose.
+    /// Returns the body with another role and pose.
     pub(crate) fn placed(&self, role: Role, pose: Pose) -> Result<Self, ProblemError> {
         let body = Self { role, pose, ..self.clone() };
         body.check().map(|()| body)
@@ -159,7 +159,7 @@ impl BodyBuilder {
         self
     }
 
-    /// Sets the pose in the robot base frame, or in the hand frame where the body is attached.
+    /// Sets the pose in the robot base frame, or in the hand frame for an attached body.
     pub fn pose(mut self, pose: Pose) -> Self {
         self.pose = pose;
         self
@@ -171,10 +171,10 @@ impl BodyBuilder {
         self
     }
 
-    /// The body.
+    /// Returns the body.
     ///
     /// # Errors
-    /// A pose that is not rigid, or a place or shape that is not within 1,000 m.
+    /// The pose is not rigid, or a position or shape is not within 1,000 m.
     pub fn build(self) -> Result<Body, ProblemError> {
         let Self { name, role, shapes, pose, keypoints } = self;
         let body = Body { name, role, shapes: shapes.into(), pose, keypoints };
@@ -182,7 +182,7 @@ impl BodyBuilder {
     }
 }
 
-/// A place within reach of anything.
+/// Validates that a position is within the maximum distance.
 pub(crate) fn place(field: &str, p: &Vector3<f64>) -> Result<(), ProblemError> {
     if p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST) {
         return Ok(());
@@ -190,7 +190,7 @@ pub(crate) fn place(field: &str, p: &Vector3<f64>) -> Result<(), ProblemError> {
     Err(ProblemError::new(field, format!("{:?} is not a finite place within {FARTHEST} m", p.as_slice())))
 }
 
-/// A rigid transform to such a place.
+/// Validates that a transform is rigid and within the maximum distance.
 pub(crate) fn rigid(field: &str, pose: &Pose) -> Result<(), ProblemError> {
     place(field, &pose.translation.vector)?;
     if is_rigid(pose) { Ok(()) } else { Err(ProblemError::new(field, "has a rotation that is not orthonormal")) }

@@ -1,19 +1,19 @@
-//! Ending planning from another thread.
+//! Cancellation of planning from another thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A flag that planning looks at; clones share it. Once set it stays set.
+/// A flag that planning checks; clones share it. The flag cannot be cleared.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel {
     flag: Arc<AtomicBool>,
-    /// Time from which on it counts as set.
+    /// Time after which the flag counts as set.
     end: Option<Instant>,
 }
 
 impl Cancel {
-    /// Makes a flag that is not set.
+    /// Creates a flag that is not set.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -24,7 +24,7 @@ impl Cancel {
         self.flag.store(true, Ordering::Relaxed);
     }
 
-    /// The same flag, which counts as set from a time on.
+    /// Returns the flag with a time after which it counts as set.
     pub(crate) fn until(self, end: Option<Instant>) -> Self {
         Self { end: end.or(self.end), ..self }
     }
@@ -36,7 +36,8 @@ impl Cancel {
     }
 }
 
-/// Time at which planning that began at `begun` has to end; never where that is too far to tell.
+/// Returns the time at which planning that started at `begun` must end; `None` if the deadline is too far for the
+/// clock.
 pub(crate) fn end_of(begun: Instant, deadline: Option<Duration>) -> Option<Instant> {
     deadline.and_then(|time| begun.checked_add(time))
 }

@@ -1,7 +1,7 @@
-//! Values that are read from elsewhere pass the check that values made here pass.
+//! Validation of deserialized values by the same checks as for values created in code.
 
-/// Implements serde's traits for a type whose derives carry `#[serde(remote = "Self")]`: it is written as it is, and read
-/// only where its `check` passes.
+/// Implements serde's traits for a type whose derives carry `#[serde(remote = "Self")]`: it is serialized unchanged,
+/// and deserialized only if its `check` passes.
 macro_rules! checked_when_read {
     ($($name:ty),+) => {$(
         impl serde::Serialize for $name {

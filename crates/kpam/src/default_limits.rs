@@ -1,4 +1,4 @@
-//! Acceleration and jerk limits where neither the options nor the URDF give any: few URDFs do.
+//! Acceleration and jerk limits for robots whose options and URDF give none, which is the case for most URDFs.
 
 use gensim2_geometry::Robot;
 
@@ -7,18 +7,19 @@ use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::{LimitSet, Options};
 use crate::timing::{Braking, Envelope};
 
-/// Of a joint that nothing is known of (rad/s^2 or m/s^2, and rad/s^3 or m/s^3); Franka's Research 3 has the same.
+/// Defaults for a joint without known limits (rad/s^2 or m/s^2, and rad/s^3 or m/s^3), equal to those of Franka's
+/// Research 3.
 const ACCELERATION: f64 = 10.0;
 const JERK: f64 = 5000.0;
-/// The same in words.
+/// The default acceleration in words.
 const ASSUMED_ACCELERATION: &str = "10 rad/s^2 or m/s^2";
 const ASSUMED_JERK: &str = "5,000 rad/s^3 or m/s^3";
-/// As Franka publishes them for the Panda.
+/// Limits published by Franka for the Panda.
 const PANDA_ACCELERATION: [f64; 7] = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0];
 const PANDA_JERK: [f64; 7] = [7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0];
 
-/// As Franka publishes them for the Research 3 (rad/s and rad): greatest velocities, and upper, lower, gain and offset of
-/// the bounds that depend on the position.
+/// Limits published by Franka for the Research 3 (rad/s and rad): maximum velocities, and upper, lower, gain and offset
+/// of the position-dependent limits.
 const FR3_VELOCITY: [f64; 7] = [2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26];
 const FR3_BRAKING: [[f64; 4]; 7] = [
     [2.7501, -2.7501, 12.0, 0.3],
@@ -30,20 +31,20 @@ const FR3_BRAKING: [[f64; 4]; 7] = [
     [3.0196, -3.0196, 34.0, 0.35],
 ];
 
-/// Velocity limits of a known arm that depend on the position.
+/// Returns the position-dependent velocity limits of a known arm.
 pub(crate) fn braking(options: &Options) -> Option<Envelope> {
     let one = |[upper, lower, gain, offset]: [f64; 4]| Some(Braking { upper, lower, gain, offset });
     let list = FR3_BRAKING.map(one);
     (options.limits == Some(LimitSet::Fr3)).then(|| Envelope::new(list.len(), &list).ok()).flatten()
 }
 
-/// Velocity limits of a known arm, beside the URDF's.
+/// Returns the velocity limits of a known arm, in addition to the URDF's.
 pub(crate) fn greatest_velocity(options: &Options) -> Option<[f64; 7]> {
     (options.limits == Some(LimitSet::Fr3)).then_some(FR3_VELOCITY)
 }
 
-/// Acceleration and jerk limits of the variables that hold where the options give none: the URDF's, and those of the arm
-/// that the options name; else assumed ones.
+/// Returns the acceleration and jerk limits of the variables if the options give none: the URDF's, then those of the
+/// arm named in the options, then the defaults.
 pub(crate) fn default_limits(model: &Model, options: &Options) -> (Row, Row) {
     let (mut acceleration, mut jerk) = ([ACCELERATION; MAX_JOINTS], [JERK; MAX_JOINTS]);
     if options.limits == Some(LimitSet::Panda) {
@@ -59,12 +60,12 @@ pub(crate) fn default_limits(model: &Model, options: &Options) -> (Row, Row) {
     (acceleration, jerk)
 }
 
-/// Names of the limits that nothing is known of and that are assumed.
+/// Returns the names of the limits for which defaults are assumed.
 pub(crate) fn assumed_limits(model: &Model, options: &Options) -> Vec<String> {
     unknown_limits(model, options).into_iter().map(|(name, _)| name.to_owned()).collect()
 }
 
-/// Limits that nothing is known of, and the variables that lack them.
+/// Returns the unknown limits, and the variables that lack them.
 fn unknown_limits(model: &Model, options: &Options) -> Vec<(&'static str, Vec<usize>)> {
     let known = [
         ("acceleration", &options.acceleration_limits, &model.acceleration),
@@ -75,7 +76,7 @@ fn unknown_limits(model: &Model, options: &Options) -> Vec<(&'static str, Vec<us
     open.filter(|(_, joints): &(_, Vec<usize>)| !joints.is_empty()).collect()
 }
 
-/// What a user should know of any motion of a robot: which limits are assumed, and which links are never checked.
+/// Returns warnings for any motion of a robot: assumed limits, and links that are never checked for collisions.
 pub(crate) fn warnings(robot: &Robot, model: &Model, options: &Options) -> Vec<String> {
     let mut out = Vec::new();
     for (name, variables) in unknown_limits(model, options) {
@@ -100,7 +101,7 @@ pub(crate) fn warnings(robot: &Robot, model: &Model, options: &Options) -> Vec<S
     out
 }
 
-/// Refuses the limits of an arm of seven joints for one that has not seven.
+/// Refuses the limits of a seven-joint arm for any other robot.
 pub(crate) fn check_limit_set(model: &Model, options: &Options) -> Result<(), ProblemError> {
     let name = match options.limits {
         Some(LimitSet::Panda) => "panda",

@@ -1,4 +1,4 @@
-//! Typed errors that name the field and the remedy.
+//! Errors that name the field and the remedy.
 
 use std::fmt;
 
@@ -15,7 +15,7 @@ macro_rules! field_error {
         }
 
         impl $name {
-            /// Error about `field`.
+            /// Creates an error about `field`.
             pub fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
                 Self { field: field.into(), message: message.into() }
             }
@@ -32,10 +32,10 @@ macro_rules! field_error {
 }
 
 field_error!(
-    /// A solver config that cannot be used.
+    /// A solver config cannot be used.
     ConfigError
 );
 field_error!(
-    /// A problem whose parts do not fit each other.
+    /// Parts of a problem do not fit each other.
     ProblemError
 );

@@ -1,10 +1,10 @@
-//! Finger joints: the moving joints below the hand. Planning holds them still, at `finger_width` where that is given.
+//! Finger joints: the moving joints below the hand. Planning keeps them fixed, at `finger_width` if given.
 
 use gensim2_geometry::Robot;
 
 use crate::{KeypointProblem, ProblemError};
 
-/// Rounding that a limit of a finger forgives (rad or m).
+/// Tolerance of a finger's limits for rounding (rad or m).
 const ROUNDING: f64 = 1e-6;
 
 /// Moving joints whose links hang below the hand.
@@ -19,11 +19,11 @@ fn finger_joints(robot: &Robot) -> Vec<usize> {
     out
 }
 
-/// Full joint vector while planning: the start, with every finger joint that follows none at `finger_width`, and those
-/// that follow one of them where it takes them.
+/// Returns the full joint vector for planning: the start, with every independent finger joint at `finger_width`, and
+/// the joints that follow them accordingly.
 ///
 /// # Errors
-/// A robot without finger joints, or a width that takes one beyond its limits.
+/// The robot has no finger joints, or the width exceeds the limits of one.
 pub(crate) fn resting_joints(problem: &KeypointProblem) -> Result<Vec<f64>, ProblemError> {
     let mut rest = problem.q_start.clone();
     let Some(width) = problem.options.finger_width else { return Ok(rest) };

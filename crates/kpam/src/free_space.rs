@@ -1,27 +1,27 @@
-//! Free motion between two joint vectors: the straight segment where it is free, else RRT-Connect (Kuffner and
-//! LaValle, 2000) and shortcuts. Samples come from a counter, so the same problem gives the same path.
+//! Free motion between two joint vectors: the straight segment if it is collision-free, else RRT-Connect (Kuffner and
+//! LaValle, 2000) with shortcuts. Samples come from a counter, so the same problem gives the same path.
 
 use gensim2_geometry::Robot;
 
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, World};
 
-/// Longest edge that a tree grows by (weighted, m), and that of one of which so many in a row were blocked: among things
-/// that are near, only short ones are free.
+/// Maximum length of an edge by which a tree grows (weighted, m), and the shorter maximum after several blocked edges
+/// in a row: near obstacles only short edges are free.
 const EDGE: f64 = 0.3;
 const SHORT_EDGE: f64 = 0.05;
 const STUCK: usize = 16;
-/// Directions that are tried to leave an overlap, ever longer ones, and the longest (weighted, m).
+/// Number of directions tried to leave an overlap, with growing length, and the maximum length (weighted, m).
 const EXITS: usize = 96;
 const EXIT: f64 = 0.6;
-/// Step at which that is watched (weighted, m).
+/// Step between checks on the way out of an overlap (weighted, m).
 const EXIT_STEP: f64 = 0.005;
-/// Rounds of shortcuts.
+/// Number of shortcut attempts.
 const SHORTCUTS: usize = 60;
 
 struct Tree {
     nodes: Vec<(Row, usize)>,
-    /// Long edges that were blocked since one was free.
+    /// Number of long edges that were blocked since the last free one.
     blocked: usize,
 }
 
@@ -30,7 +30,7 @@ impl Tree {
         Self { nodes: vec![(*root, 0)], blocked: 0 }
     }
 
-    /// Whether nothing has grown from the root.
+    /// Whether the tree consists of its root only.
     fn is_bare(&self) -> bool {
         self.nodes.len() == 1
     }
@@ -57,8 +57,8 @@ impl Tree {
     }
 }
 
-/// Distance of joint vectors in metres: each joint counts by how far it moves the robot's furthest points in the mean over
-/// its ranges, so that sliding and turning compare.
+/// Distance between joint vectors in metres: each joint is weighted by how far it moves the robot's furthest points on
+/// average, so that sliding and rotating joints are comparable.
 #[derive(Debug, Clone, Copy)]
 struct Metric {
     n: usize,
@@ -87,16 +87,16 @@ fn between(n: usize, a: &Row, b: &Row, s: f64) -> Row {
     out
 }
 
-/// SplitMix64: a small generator with a fixed sequence.
+/// SplitMix64, a small generator with a fixed sequence.
 pub(crate) struct Draws(u64);
 
 impl Draws {
-    /// For a purpose, with the seed of a problem.
+    /// Creates the generator for a purpose and the seed of a problem.
     pub fn of(purpose: u64, seed: usize) -> Self {
         Self(purpose ^ ((seed as u64) << 32))
     }
 
-    /// Uniform in 0..1.
+    /// Returns a uniform number in 0..1.
     pub fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
@@ -107,27 +107,27 @@ impl Draws {
     }
 }
 
-/// Why there is no free motion.
+/// Reason why there is no free motion.
 #[derive(Debug, Clone)]
 pub(crate) enum NoWay {
-    /// An end is not free.
+    /// One end is not free.
     Blocked(Hit),
-    /// The samples are spent; this is in the straight way.
+    /// The samples are used up; this obstacle blocks the straight segment.
     NotFound(Hit),
-    /// The same, and none of them got anywhere from where the motion begins.
+    /// Like `NotFound`, and no sample could be connected to the start.
     BoxedIn(Hit),
 }
 
-/// Samples of a search for a free motion.
+/// Sampling parameters of a search for a free motion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sampling {
-    /// Most samples.
+    /// Maximum number of samples.
     pub max_samples: usize,
-    /// Which of them.
+    /// Seed of the samples.
     pub seed: usize,
 }
 
-/// Corners of a free joint path from `a` to `b`, both included.
+/// Returns the vertices of a free joint path from `a` to `b`, both included.
 pub(crate) fn connect(
     world: &mut World<'_>,
     model: &Model,
@@ -180,8 +180,8 @@ pub(crate) fn connect(
     Err(if is_boxed { NoWay::BoxedIn(hit) } else { NoWay::NotFound(hit) })
 }
 
-/// For a start that overlaps something: a pose near it that is free, straight to which the overlap only lessens, and all
-/// else keeps to margins.
+/// For a start in an overlap, returns a free pose nearby such that the overlap only decreases on the straight segment
+/// to it, and all other pairs keep the margins.
 pub(crate) fn way_out(
     world: &mut World<'_>,
     model: &Model,
@@ -211,7 +211,7 @@ pub(crate) fn way_out(
             continue;
         }
         let steps = (length / EXIT_STEP).ceil() as usize;
-        // Each pair for itself: one that has come apart stays apart while others have not.
+        // Each pair is tracked separately: once separated, it must stay separated.
         let mut before = world.overlaps(State::still(start), segment);
         let lessens = (1..=steps).all(|i| {
             let next = world.overlaps(State::still(&between(n, start, &end, i as f64 / steps as f64)), segment);
@@ -226,13 +226,14 @@ pub(crate) fn way_out(
     None
 }
 
-/// Whether the straight segment between two free joint vectors is free. What blocks one mostly shows at a few places.
+/// Returns whether the straight segment between two free joint vectors is free. A few configurations are checked first,
+/// since they reveal most obstacles.
 fn is_free(world: &mut World<'_>, n: usize, a: &Row, b: &Row, segment: MotionSegment, margins: &Margins) -> bool {
     let blocked = |s: &f64| world.hit_at(State::still(&between(n, a, b, *s)), segment, margins).is_some();
     ![0.5, 0.25, 0.75].iter().any(blocked) && world.sweep(a, b, segment, margins).is_none()
 }
 
-/// Grows a tree one edge towards `goal`; the new node, or `None` where it is blocked.
+/// Grows a tree by one edge towards `goal`; returns the new node, or `None` if the edge is blocked.
 fn grow(
     world: &mut World<'_>,
     metric: &Metric,
@@ -260,7 +261,7 @@ fn grow(
     Some(tree.nodes.len() - 1)
 }
 
-/// Cuts corners: first whole runs of them, then between points drawn on the path.
+/// Shortens the path: first over whole runs of vertices, then between random points on the path.
 fn shorten(
     world: &mut World<'_>,
     metric: &Metric,
@@ -317,8 +318,8 @@ mod tests {
     use crate::config::Constraint;
     use crate::{Body, KeypointProblem, Role, SolverConfig};
 
-    /// Search for a way of a cube of 2 cm on two slides from the middle of a square chamber, of half its inner width (m), to
-    /// a place outside. The wall to the right ends at `door` (m), and a screen stands behind it.
+    /// Searches a path for a 2 cm cube on two slides from the middle of a square chamber, of half inner width `room`
+    /// (m), to a point outside. The wall to the right ends at `door` (m), and a screen stands behind it.
     fn out_of_a_chamber(room: f64, door: f64) -> Result<Vec<Row>, NoWay> {
         let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-1.0, 1.0).velocity(1.0);
         let pen = Convex::cuboid([0.01; 3], &Pose::identity()).unwrap();
@@ -370,7 +371,7 @@ mod tests {
 
     #[test]
     fn joints_count_by_how_far_they_move_the_arm() {
-        // A carriage that carries an arm of 2 m: a radian of it is two metres of the carriage.
+        // A carriage with an arm of 2 m: one radian of the arm counts like two metres of the carriage.
         let urdf = r#"<robot name="crane"><link name="base"/><link name="carriage"/>
             <link name="arm"><collision><origin xyz="1 0 0"/><geometry><box size="2 0.02 0.02"/></geometry></collision></link>
             <joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>

@@ -1,5 +1,5 @@
-//! Joint motion along a given path of the hand: small steps, each of which meets the next hand pose exactly within joint
-//! limits and spends what freedom is left on staying away from them.
+//! Joint motion along a given hand path: small steps, each of which reaches the next hand pose exactly within joint
+//! limits, and uses redundancy to stay away from the limits.
 
 use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
@@ -10,39 +10,39 @@ use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
 use crate::timing::Spline;
 
-/// Longest step of the hand (m) and largest turn (rad) between waypoints.
+/// Maximum translation (m) and rotation (rad) of the hand between waypoints.
 const STRIDE: f64 = 0.01;
 const TURN: f64 = 0.05;
-/// A joint that moves more than this between waypoints (rad or m) has changed branch or passed a singularity.
+/// A joint that moves more than this between waypoints (rad or m) has switched branches or passed a singularity.
 const JUMP: f64 = 0.25;
-/// Hand pose is met within this (m and rad) at waypoints.
+/// Tolerance of the hand pose at waypoints (m and rad).
 const EXACT: f64 = 1e-6;
-/// The curve through the waypoints leaves the path by at most this (m).
+/// Maximum deviation (m) of the curve through the waypoints from the path.
 pub(crate) const OFF_PATH: f64 = 2e-3;
-/// If it would leave the path or the joint limits, waypoints come this many times closer, and once more.
+/// If the curve leaves the path or the joint limits, the waypoint spacing is divided by these factors in turn.
 const FINER: [usize; 3] = [1, 4, 16];
-/// Part of a stride's free motion that goes on in the next: less than all, or the arm would swing about its middle.
+/// Fraction of a step's redundant motion that continues in the next step; less than 1, or the arm would oscillate.
 const KEEP: f64 = 0.5;
-/// Free motion a stride (rad) of a joint that is pushed from its limit, once under way.
+/// Redundant motion per step (rad) of a joint pushed away from its limit.
 const PUSH: f64 = 0.03;
-/// Weight of a step's size where it cannot meet the hand pose exactly and is to miss it least.
+/// Weight of the step size if the hand pose cannot be reached exactly and the error is minimized.
 const FREE_WEIGHT: f64 = 1e-8;
-/// Kept from the joint limits, so that the spline between waypoints stays inside (rad or m).
+/// Margin to the joint limits, so that the spline between waypoints stays inside (rad or m).
 pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
 
-/// Waypoints along a path, as far as it can be followed.
+/// Waypoints along a path, as far as the arm can follow it.
 pub(crate) struct Followed {
-    /// Joints at even steps of the path, the start first.
+    /// Joints at even steps of the path, starting with the start.
     pub waypoints: Vec<Row>,
-    /// Fraction of the path that was followed: 1 where all of it was.
+    /// Fraction of the path that was followed; 1 for all of it.
     pub fraction: f64,
 }
 
 /// A path of the hand over 0..1.
 pub(crate) trait Guide {
-    /// Pose at `s` in 0..1.
+    /// Returns the pose at `s` in 0..1.
     fn at(&self, s: f64) -> Pose;
-    /// Length of the hand origin's way (m) and angle turned (rad).
+    /// Returns the length of the hand origin's path (m) and the rotation (rad).
     fn length(&self) -> (f64, f64);
 }
 
@@ -69,7 +69,7 @@ impl<'p> Follower<'p> {
         Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new() }
     }
 
-    /// Hand pose at `x`.
+    /// Returns the hand pose at `x`.
     pub fn hand(&mut self, x: &Row) -> Pose {
         self.placed.place(&self.problem.robot, self.model, x);
         self.placed.hand
@@ -77,8 +77,8 @@ impl<'p> Follower<'p> {
 
     /// Follows `path` from `x`, which is at its start (or, with `backwards`, at its end).
     ///
-    /// The motion runs on the curve through the waypoints, so that has to keep to the path and to the joint limits
-    /// between them as well: where a joint turns sharply, waypoints come closer together, or the path ends there.
+    /// The motion runs on the curve through the waypoints, which must keep to the path and the joint limits between
+    /// them as well. If a joint turns sharply, waypoints come closer together, or the path ends there.
     pub fn follow(&mut self, path: &impl Guide, x: &Row, backwards: bool) -> Followed {
         let (way, turn) = path.length();
         let steps = ((way / STRIDE).max(turn / TURN).ceil() as usize).max(1);
@@ -94,7 +94,7 @@ impl<'p> Follower<'p> {
 
     fn follow_in(&mut self, path: &impl Guide, x: &Row, backwards: bool, strides: usize, finer: usize) -> Followed {
         let steps = strides * finer;
-        // A push of one stride, shared among finer steps, drives the arm as fast as it would a stride at a time.
+        // The push per step is divided among finer steps, so that the arm moves equally fast.
         let keep = KEEP.powf(1.0 / finer as f64);
         let push = PUSH * (1.0 - keep) / finer as f64;
         let mut waypoints = vec![*x];
@@ -115,13 +115,13 @@ impl<'p> Follower<'p> {
         Followed { waypoints, fraction: 1.0 }
     }
 
-    /// The first waypoint after which the curve through them leaves the path or the joint limits.
+    /// Returns the first waypoint after which the curve leaves the path or the joint limits.
     fn strays(&mut self, path: &impl Guide, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
         let n = self.model.n();
         let waypoints = &followed.waypoints;
         let curve = Spline::through(n, waypoints, None);
         if curve.intervals() + 1 != waypoints.len() {
-            return None; // the path is shorter than what counts as a step
+            return None; // the path is shorter than one step
         }
         (0..waypoints.len() - 1).find(|&i| {
             let limited = curve.keeps_within(i..i + 1, &self.model.lower, &self.model.upper);
@@ -134,8 +134,8 @@ impl<'p> Follower<'p> {
         })
     }
 
-    /// Joints near `from` at which the hand is at `goal`; `drift` is what goes on of the previous step where
-    /// the hand leaves freedom, `push` the strength by which joints are driven from their limits.
+    /// Returns joints near `from` with the hand at `goal`; `drift` is the continued redundant motion of the previous
+    /// step, and `push` the strength with which joints are pushed away from their limits.
     fn reach(&mut self, goal: &Pose, from: &Row, drift: &Row, push: f64) -> Option<Row> {
         let n = self.model.n();
         let mut x = *from;
@@ -157,7 +157,7 @@ impl<'p> Follower<'p> {
                     gradient[v] = -drift[v] - push * self.limit_push(v, &x);
                 }
             }
-            // Most steps meet no joint limit: those need no active set.
+            // Most steps reach no joint limit and need no active set.
             let step = match smallest_step(n, &rows, &values, &gradient) {
                 Some(step) if self.within_limits(&x, &step) => step,
                 _ => self.limited_step(&x, &rows, &values, &gradient)?,
@@ -172,7 +172,8 @@ impl<'p> Follower<'p> {
         None
     }
 
-    /// Range of joint `v` from `x` either way. A start at or outside its margin may stay there, not leave further.
+    /// Returns the range of joint `v` around `x`. A start at or outside its margin may stay there, but not move further
+    /// out.
     fn room(&self, v: usize, x: &Row) -> (f64, f64) {
         let (low, high) = (self.model.lower[v] + LIMIT_MARGIN, self.model.upper[v] - LIMIT_MARGIN);
         (low.min(x[v]) - x[v], high.max(x[v]) - x[v])
@@ -185,8 +186,8 @@ impl<'p> Follower<'p> {
         })
     }
 
-    /// The smallest step that meets `rows . step = values` within joint limits. With fewer joints than the hand has
-    /// freedoms the rows depend on each other, and rounding makes them contradict: there, the step that misses least.
+    /// Returns the smallest step with `rows . step = values` within joint limits. With fewer than six joints the rows
+    /// are dependent and contradict each other by rounding; then the step with the smallest error is returned.
     fn limited_step(&mut self, x: &Row, rows: &[Row; 6], values: &[f64; 6], gradient: &Row) -> Option<Row> {
         let n = self.model.n();
         let few = n < rows.len();
@@ -218,7 +219,7 @@ impl<'p> Follower<'p> {
         }
     }
 
-    /// Direction and size of a joint's push from its limits towards the middle, growing near them.
+    /// Returns direction and strength of a joint's push from its limits towards the middle, which grows near them.
     fn limit_push(&self, v: usize, x: &Row) -> f64 {
         let (low, high) = (self.model.lower[v], self.model.upper[v]);
         if !(low.is_finite() && high.is_finite() && low < high) {

@@ -1,5 +1,5 @@
 //! Full joint vectors as an affine function of the joints that planning moves: `q = A x + b`. Every joint is driven by
-//! one variable at most, itself or through a mimic, so `A` is a list of factors.
+//! at most one variable, directly or through a mimic, so `A` is a list of factors.
 
 use gensim2_geometry::Robot;
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ use crate::model::{MAX_JOINTS, Row};
 /// A joint of the robot that a variable drives: `q[joint] = factor * x[variable] + offset`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DrivenJoint {
-    /// Place in the full joint vector.
+    /// Index in the full joint vector.
     pub joint: usize,
     /// The variable that drives it.
     pub variable: usize,
@@ -21,17 +21,18 @@ pub struct DrivenJoint {
     pub link: usize,
 }
 
-/// Map from variables to full joint vectors; joints that no variable drives stay where they are.
+/// Map from variables to full joint vectors; joints that no variable drives keep their values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointMap {
     rest: Vec<f64>,
-    /// Place in the full joint vector of each variable.
+    /// Index in the full joint vector of each variable.
     indices: Vec<usize>,
     driven: Vec<DrivenJoint>,
 }
 
 impl JointMap {
-    /// Map of the independent joints `indices` of a robot; the others stay as in the full vector `rest`.
+    /// Creates the map for the independent joints `indices` of a robot; other joints keep the values of the full vector
+    /// `rest`.
     pub(crate) fn new(robot: &Robot, indices: Vec<usize>, rest: &[f64]) -> Self {
         let mut driven = Vec::new();
         for (link, joint) in robot.links().iter().enumerate().filter_map(|(l, link)| Some((l, link.joint()?))) {
@@ -45,13 +46,13 @@ impl JointMap {
         Self { rest: rest.to_vec(), indices, driven }
     }
 
-    /// Map of joint vectors in which every joint is a variable of its own.
+    /// Creates the map in which every joint is its own variable.
     pub(crate) fn each(joints: usize, rest: &[f64]) -> Self {
         let own = |joint| DrivenJoint { joint, variable: joint, factor: 1.0, offset: 0.0, link: joint };
         Self { rest: rest.to_vec(), indices: (0..joints).collect(), driven: (0..joints).map(own).collect() }
     }
 
-    /// Whether it names joints and variables that there are, by finite numbers.
+    /// Whether the map refers to existing joints and variables with finite numbers.
     pub(crate) fn is_sound(&self) -> bool {
         let (joints, variables) = (self.rest.len(), self.indices.len());
         let drives = |d: &DrivenJoint| {
@@ -63,31 +64,31 @@ impl JointMap {
             && self.driven.iter().all(drives)
     }
 
-    /// Number of entries of a full joint vector.
+    /// Length of a full joint vector.
     #[must_use]
     pub fn joints(&self) -> usize {
         self.rest.len()
     }
 
-    /// Place in the full joint vector of each variable.
+    /// Index in the full joint vector of each variable.
     #[must_use]
     pub fn indices(&self) -> &[usize] {
         &self.indices
     }
 
-    /// Full joint vector of what no variable drives.
+    /// Full joint vector with the values of undriven joints.
     #[must_use]
     pub fn rest(&self) -> &[f64] {
         &self.rest
     }
 
-    /// Every joint that a variable drives, in the order of the links that they carry (parents first).
+    /// Every driven joint, in the order of the links that they carry (parents first).
     #[must_use]
     pub fn driven(&self) -> &[DrivenJoint] {
         &self.driven
     }
 
-    /// Variables of a full joint vector, of positions or of rates.
+    /// Returns the variables of a full joint vector of positions or rates.
     #[must_use]
     pub fn pick(&self, full: &[f64]) -> Row {
         let mut x = [0.0; MAX_JOINTS];
@@ -97,7 +98,7 @@ impl JointMap {
         x
     }
 
-    /// Full joint positions (rad or m) of variables `x`.
+    /// Computes full joint positions (rad or m) from variables `x`.
     pub fn positions(&self, x: &Row, out: &mut Vec<f64>) {
         out.clear();
         out.extend_from_slice(&self.rest);
@@ -106,7 +107,7 @@ impl JointMap {
         }
     }
 
-    /// Full joint rates (velocity, acceleration or jerk) of rates of the variables; joints that none drives have 0.
+    /// Computes full joint rates (velocity, acceleration or jerk) from rates of the variables; undriven joints get 0.
     pub fn rates(&self, rates: &Row, out: &mut Vec<f64>) {
         out.clear();
         out.resize(self.rest.len(), 0.0);
@@ -115,7 +116,8 @@ impl JointMap {
         }
     }
 
-    /// Full position, velocity and acceleration of rows of the variables, into slices of [`JointMap::joints`] numbers.
+    /// Writes full position, velocity and acceleration from rows of the variables into slices of [`JointMap::joints`]
+    /// numbers.
     pub(crate) fn fill(&self, state: &[Row; 3], position: &mut [f64], velocity: &mut [f64], acceleration: &mut [f64]) {
         position.copy_from_slice(&self.rest);
         velocity.fill(0.0);
@@ -127,8 +129,8 @@ impl JointMap {
         }
     }
 
-    /// Greatest rate of each variable at which no joint that it drives exceeds its own: `limit(joint)` is that of a
-    /// joint of the full vector.
+    /// Returns the maximum rate of each variable at which no driven joint exceeds its own limit; `limit(joint)` is the
+    /// limit of a joint of the full vector.
     #[must_use]
     pub fn least(&self, limit: impl Fn(usize) -> f64) -> Row {
         let mut out = [f64::INFINITY; MAX_JOINTS];

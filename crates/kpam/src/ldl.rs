@@ -1,9 +1,9 @@
 //! Small symmetric linear systems.
 
-/// Solves `a x = b` in the first `n` variables by an LDL factorization; `a` is given by its lower triangle. `None` where
-/// a pivot is not more than `least(i)`: `a` is not positive definite, or nearly so.
+/// Solves `a x = b` in the first `n` variables by an LDL factorization; `a` is given by its lower triangle. `None` if a
+/// pivot is not larger than `least(i)`, that is, if `a` is not positive definite, or nearly so.
 ///
-/// Inlined, so that a caller who knows `n` has its loops unrolled.
+/// The function is inlined, so that the loops of a caller with known `n` are unrolled.
 #[inline(always)]
 pub(crate) fn solve_ldl<const M: usize>(
     n: usize,
@@ -11,7 +11,7 @@ pub(crate) fn solve_ldl<const M: usize>(
     b: &[f64; M],
     least: impl Fn(usize) -> f64,
 ) -> Option<[f64; M]> {
-    let n = n.min(M); // so that the compiler need not check each index
+    let n = n.min(M); // avoids bounds checks
     let mut l = [[0.0; M]; M];
     // L times D.
     let mut scaled = [[0.0; M]; M];

@@ -8,41 +8,42 @@ use nalgebra::Vector3;
 use crate::ProblemError;
 pub(crate) use crate::joint_map::{DrivenJoint, JointMap};
 
-/// Most joints that planning moves at once; buffers of this length live on the stack.
+/// Maximum number of joints that planning moves; buffers of this length are allocated on the stack.
 pub const MAX_JOINTS: usize = 12;
 
 /// Joint values, velocities or a Jacobian row of the moving joints; entries past their number are zero.
 pub type Row = [f64; MAX_JOINTS];
 
-/// The joints that move the hand, as independent variables. Mimic joints are none: they follow the variables, through
-/// [`Model::map`], and their limits bind the variables that drive them.
+/// The joints that move the hand, as independent variables. Mimic joints are not variables: they follow the variables
+/// through [`Model::map`], and their limits bound the variables that drive them.
 #[derive(Debug, Clone)]
 pub struct Model {
     map: JointMap,
-    /// Lower limits (rad or m), those of joints that follow included.
+    /// Lower limits (rad or m), including those of mimic joints.
     pub lower: Row,
     /// Upper limits (rad or m).
     pub upper: Row,
-    /// Velocity limits (rad/s or m/s), those of joints that follow included.
+    /// Velocity limits (rad/s or m/s), including those of mimic joints.
     pub velocity: Row,
-    /// Acceleration limits (rad/s^2 or m/s^2) of the URDF, those of joints that follow included; infinity for none.
+    /// Acceleration limits (rad/s^2 or m/s^2) of the URDF, including those of mimic joints; infinity for none.
     pub acceleration: Row,
-    /// Jerk limits (rad/s^3 or m/s^3) of the URDF, those of joints that follow included; infinity for none.
+    /// Jerk limits (rad/s^3 or m/s^3) of the URDF, including those of mimic joints; infinity for none.
     pub jerk: Row,
-    /// Variables of which a whole turn changes nothing, so that they count modulo one turn.
+    /// Variables that are periodic with a full turn.
     endless: [bool; MAX_JOINTS],
-    /// Half of the range drawn from where limits are open (rad or m).
+    /// Half width of the sampling range of variables with open limits (rad or m).
     reach: Row,
-    /// Joints of the chain to the hand that variables drive: place in the chain, variable and factor.
+    /// Joints of the chain to the hand that variables drive: index in the chain, variable and factor.
     columns: Vec<(usize, usize, f64)>,
 }
 
 impl Model {
-    /// Variables of `robot`; joints that do not move the hand stay as in the full joint vector `rest`.
+    /// Creates the variables of `robot`; joints that do not move the hand keep the values of the full joint vector
+    /// `rest`.
     ///
     /// # Errors
-    /// No joint moves the hand, more than [`MAX_JOINTS`] do, `rest` has another length than the robot's joint vectors,
-    /// or a variable whose own limits and those of its mimics contradict each other.
+    /// No joint moves the hand, more than [`MAX_JOINTS`] do, `rest` has the wrong length, or a variable's own limits
+    /// and those of its mimics contradict each other.
     pub fn new(robot: &Robot, rest: &[f64]) -> Result<Self, ProblemError> {
         let joints = robot.joints();
         if rest.len() != joints.len() {
@@ -78,7 +79,7 @@ impl Model {
                 return Err(ProblemError::new("robot", message));
             }
             reach[v] = if joints[*j].kind() == JointKind::Revolute { PI } else { 0.5 };
-            // A whole turn changes nothing where every joint that it drives makes whole turns.
+            // A variable is periodic if every joint that it drives makes whole turns.
             endless[v] = map.driven().iter().filter(|d| d.variable == v).all(|d| {
                 let joint = &joints[d.joint];
                 let open = joint.lower() == f64::NEG_INFINITY && joint.upper() == f64::INFINITY;
@@ -97,7 +98,8 @@ impl Model {
         &self.map
     }
 
-    /// Way (m) of the robot's furthest points a unit of each variable, in the mean over the joints' ranges.
+    /// Returns the mean displacement (m) of the robot's furthest points per unit of each variable, averaged over the
+    /// joints' ranges.
     #[must_use]
     pub fn mean_levers(&self, robot: &Robot) -> Row {
         let mut out = [0.0; MAX_JOINTS];
@@ -107,12 +109,12 @@ impl Model {
         out
     }
 
-    /// Joints of the chain to the hand that variables drive: place in the chain, variable and factor.
+    /// Joints of the chain to the hand that variables drive: index in the chain, variable and factor.
     pub(crate) fn columns(&self) -> &[(usize, usize, f64)] {
         &self.columns
     }
 
-    /// Variables of which a whole turn changes nothing.
+    /// Variables that are periodic with a full turn.
     pub(crate) fn endless(&self) -> &[bool; MAX_JOINTS] {
         &self.endless
     }
@@ -129,21 +131,21 @@ impl Model {
         self.map.pick(q)
     }
 
-    /// The variables where planning begins.
+    /// Returns the variables at the start of planning.
     #[must_use]
     pub fn start(&self) -> Row {
         self.map.pick(self.map.rest())
     }
 
-    /// Hand frames at `x`.
+    /// Computes the hand frames at `x`.
     pub fn forward(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>, frames: &mut ChainFrames) {
         self.map.positions(x, q);
         let placed = robot.chain().forward(q, frames);
         debug_assert!(placed.is_ok(), "a model's map has an entry for each joint of its robot");
     }
 
-    /// Range of a variable to draw values from: its limits; where those are open, half a turn (or half a metre) to
-    /// either side of where planning begins.
+    /// Returns the sampling range of a variable: its limits, or half a turn (half a metre) to either side of the start
+    /// if they are open.
     #[must_use]
     pub fn range(&self, v: usize) -> (f64, f64) {
         let (lower, upper) = (self.lower[v], self.upper[v]);
@@ -155,8 +157,8 @@ impl Model {
         (middle - half, middle + half)
     }
 
-    /// Whether two joint vectors are nearer to each other than `limit` (rad or m) in every variable, whole turns of
-    /// endless ones left out.
+    /// Returns whether two joint vectors differ by less than `limit` (rad or m) in every variable, ignoring whole turns
+    /// of periodic ones.
     #[must_use]
     pub fn are_near(&self, a: &Row, b: &Row, limit: f64) -> bool {
         (0..self.n()).all(|v| {
@@ -166,7 +168,8 @@ impl Model {
         })
     }
 
-    /// `x` with endless variables brought to within half a turn of `center`: the same pose of every link.
+    /// Returns `x` with periodic variables shifted to within half a turn of `center`, which keeps the pose of every
+    /// link.
     #[must_use]
     pub fn unwound(&self, x: &Row, center: &Row) -> Row {
         let mut out = *x;
@@ -177,10 +180,10 @@ impl Model {
     }
 }
 
-/// A point or direction of the hand in the base frame, and the vector by which its second derivatives are weighed.
+/// A hand point or direction in the base frame, and the vector that weights its second derivatives.
 pub(crate) type Weighed = (Vector3<f64>, Vector3<f64>);
 
-/// The hand at a joint vector, and how it moves with each joint.
+/// The hand pose at a joint vector, with its derivatives.
 #[derive(Debug, Clone)]
 pub struct Placed {
     /// The joint vector.
@@ -192,7 +195,8 @@ pub struct Placed {
     frames: ChainFrames,
 }
 
-/// Motion of the hand as one chain joint moves: angular velocity, and velocity of the point of the hand at the base origin.
+/// Motion of the hand per unit of one chain joint: angular velocity, and velocity of the hand point at the base's
+/// origin.
 #[derive(Debug, Clone, Copy)]
 struct Column {
     variable: usize,
@@ -213,7 +217,7 @@ impl Default for Placed {
 }
 
 impl Placed {
-    /// Moves the hand to `x`; nothing is computed where it is there already.
+    /// Moves the hand to `x`; does nothing if it is already there.
     pub fn place(&mut self, robot: &Robot, model: &Model, x: &Row) {
         if self.x == *x {
             return;
@@ -233,7 +237,7 @@ impl Placed {
         }
     }
 
-    /// Gradient of `direction . p` for a point `p` fixed to the hand, given in the base frame (m).
+    /// Returns the gradient of `direction . p` for a point `p` fixed to the hand, given in the base frame (m).
     #[must_use]
     pub fn linear_row(&self, point: &Vector3<f64>, direction: &Vector3<f64>) -> Row {
         let moment = point.cross(direction);
@@ -244,7 +248,7 @@ impl Placed {
         row
     }
 
-    /// Gradients of the three coordinates of a point fixed to the hand, given in the base frame (m).
+    /// Returns the gradients of the three coordinates of a point fixed to the hand, given in the base frame (m).
     #[must_use]
     pub fn point_rows(&self, point: &Vector3<f64>) -> [Row; 3] {
         let mut rows = [[0.0; MAX_JOINTS]; 3];
@@ -257,7 +261,7 @@ impl Placed {
         rows
     }
 
-    /// Gradient of the angle turned about `direction` by the hand.
+    /// Returns the gradient of the hand's rotation about `direction`.
     #[must_use]
     pub fn angular_row(&self, direction: &Vector3<f64>) -> Row {
         let mut row = [0.0; MAX_JOINTS];

@@ -1,4 +1,4 @@
-//! Hand poses of the keyframes, and the path of the hand between them, from an actuation pose and the config.
+//! Hand poses of the keyframes, and hand paths between them, computed from an actuation pose and the config.
 
 use gensim2_geometry::{Pose, rotation_about, rotation_log, screw_about};
 use nalgebra::{Rotation3, Translation3, Vector3};
@@ -18,16 +18,16 @@ pub(crate) struct Keyframe {
 /// Motion of the hand between keyframes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum HandPath {
-    /// Straight, turning evenly.
+    /// Straight line with uniform rotation.
     Line { from: Pose, to: Pose },
-    /// Rigidly about a line.
+    /// Rigid rotation about a line.
     Arc { from: Pose, point: Vector3<f64>, axis: Vector3<f64>, angle: f64 },
-    /// A point `tip` of the hand goes round a line while the hand keeps its orientation.
+    /// The hand point `tip` moves around a line while the hand keeps its orientation.
     Trace { from: Pose, tip: Vector3<f64>, point: Vector3<f64>, axis: Vector3<f64>, angle: f64 },
 }
 
 impl HandPath {
-    /// Pose at `s` in 0..1.
+    /// Returns the pose at `s` in 0..1.
     pub fn at(&self, s: f64) -> Pose {
         match self {
             Self::Line { from, to } => {
@@ -45,7 +45,7 @@ impl HandPath {
         }
     }
 
-    /// Length of the hand origin's way (m) and angle turned (rad).
+    /// Returns the length of the hand origin's path (m) and the rotation (rad).
     pub fn length(&self) -> (f64, f64) {
         match self {
             Self::Line { from, to } => (
@@ -64,32 +64,32 @@ impl HandPath {
     }
 }
 
-/// Keyframes in time (pre_{n-1}, ..., pre_0, actuation, post_0, ..., let_go) and the paths between them: path i leads from
-/// keyframe i to i + 1.
+/// Keyframes in time order (pre_{n-1}, ..., pre_0, actuation, post_0, ..., let_go) and the paths between them: path i
+/// leads from keyframe i to i + 1.
 #[derive(Clone)]
 pub(crate) struct Motions {
     pub keyframes: Vec<Keyframe>,
     pub paths: Vec<HandPath>,
     pub actuation: usize,
-    /// Number of the keyframe at which the hand lets go, where it does.
+    /// Index of the keyframe at which the hand releases the object, if it does.
     pub lets_go_at: Option<usize>,
 }
 
 impl Motions {
-    /// The hand where it lets go, if it does.
+    /// Returns the hand pose at the release, if any.
     pub fn letting_go(&self) -> Option<&Pose> {
         self.lets_go_at.map(|k| &self.keyframes[k].hand)
     }
 }
 
-/// Motions around an actuation pose of the hand.
+/// Returns the motions around an actuation pose of the hand.
 pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
     let config = &problem.config;
     let schedule = Schedule::of(config);
     let before = schedule.actuation();
     let mut keyframes = vec![Keyframe { label: schedule.label(before), hand: *actuation }];
     let mut paths = Vec::new();
-    // Pre-actuation motions chain outwards from the actuation pose, backwards in time.
+    // Pre-actuation motions are chained away from the actuation pose, backwards in time.
     for (i, motion) in config.pre.iter().enumerate() {
         let next = keyframes[0].hand;
         let (hand, path) = match *motion {
@@ -106,7 +106,7 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
                 let hand = shifted(&next, &v);
                 (hand, HandPath::Line { from: hand, to: next })
             }
-            // Refused by the config reader before the actuation.
+            // The config reader refuses these motions before the actuation.
             Motion::FollowJoint(_) | Motion::FollowJointTo(_) | Motion::TraceJoint(_) | Motion::TraceJointTo(_) => {
                 (next, HandPath::Line { from: next, to: next })
             }
@@ -161,7 +161,7 @@ fn rotation_path(problem: &KeypointProblem, arc: HandPath) -> HandPath {
     }
 }
 
-/// With the object's joint by `value`: rigidly where `turning`, else by the contact point alone.
+/// Follows the object's joint by `value`: rigidly if `turning`, else with the contact point only.
 fn follow(problem: &KeypointProblem, from: Pose, value: f64, turning: bool) -> HandPath {
     match problem.joint {
         Some(j) if j.kind == ObjectJointKind::Revolute => {
@@ -173,7 +173,7 @@ fn follow(problem: &KeypointProblem, from: Pose, value: f64, turning: bool) -> H
             HandPath::Trace { from, tip, point, axis, angle: value }
         }
         Some(j) => HandPath::Line { from, to: shifted(&from, &(j.axis * value)) },
-        // Refused by the problem's check.
+        // Validation refuses such a problem.
         None => HandPath::Line { from, to: from },
     }
 }

@@ -7,7 +7,7 @@ use crate::ProblemError;
 use crate::body::place;
 use crate::checked::checked_when_read;
 
-/// Axes have length 1 within this.
+/// Tolerance of the unit length of axes.
 const UNIT: f64 = 1e-6;
 
 /// Kind of an object's joint.
@@ -34,11 +34,11 @@ pub struct ObjectJoint {
 checked_when_read!(ObjectJoint);
 
 impl ObjectJoint {
-    /// A joint about, or along, the direction `axis` through `origin` (m), which stands at `value` (rad or m). `lower` is
-    /// its value at openness 0, `upper` that at openness 1.
+    /// Creates a joint about or along the direction `axis` through `origin` (m), with current value `value` (rad or m).
+    /// `lower` is its value at openness 0, `upper` at openness 1.
     ///
     /// # Errors
-    /// An axis without a direction, limits the wrong way round, numbers that are not finite.
+    /// The axis is zero, the limits are inverted, or a number is not finite.
     pub fn new(
         kind: ObjectJointKind,
         origin: Vector3<f64>,
@@ -63,13 +63,13 @@ impl ObjectJoint {
         &self.origin
     }
 
-    /// Unit axis; the joint opens in its positive sense.
+    /// Unit axis; the joint opens in the positive direction.
     #[must_use]
     pub fn axis(&self) -> &Vector3<f64> {
         &self.axis
     }
 
-    /// Present value (rad or m).
+    /// Current value (rad or m).
     #[must_use]
     pub fn value(&self) -> f64 {
         self.value

@@ -1,4 +1,4 @@
-//! Options of a problem beside the config.
+//! Options of a problem in addition to the config.
 
 use std::ops::RangeInclusive;
 
@@ -9,11 +9,11 @@ use crate::ProblemError;
 use crate::default_limits::{check_limit_set, greatest_velocity};
 use crate::model::Model;
 
-/// Slowest, gentlest limits (per second, and its powers): motions under them still have a length one can store.
+/// Minimum limit (per second, and its powers), so that motions have a duration that can be stored.
 const GENTLEST: f64 = 1e-3;
-/// Fastest joint that a motion may start with (rad/s or m/s).
+/// Maximum joint velocity at the start of a motion (rad/s or m/s).
 const FASTEST: f64 = 100.0;
-/// Greatest acceleration that a motion may start with (rad/s^2 or m/s^2).
+/// Maximum joint acceleration at the start of a motion (rad/s^2 or m/s^2).
 const HARDEST: f64 = 1e4;
 
 /// Timing of keyframes.
@@ -23,21 +23,21 @@ const HARDEST: f64 = 1e4;
 pub enum Timing {
     /// As fast as velocity, acceleration and jerk limits allow.
     Limits,
-    /// On the config's clock.
+    /// At the times given in the config.
     Config,
 }
 
-/// Acceleration and jerk limits of an arm, of which its URDF says nothing.
+/// Acceleration and jerk limits of an arm that its URDF does not contain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum LimitSet {
-    /// As Franka publishes them for the Panda: 7.5 to 20 rad/s^2, 3,750 to 10,000 rad/s^3.
+    /// Limits published by Franka for the Panda: 7.5 to 20 rad/s^2, 3,750 to 10,000 rad/s^3.
     Panda,
-    /// As Franka publishes them for the Research 3: 10 rad/s^2, 5,000 rad/s^3, and velocity limits that fall towards the
-    /// ends of the joints' ranges.
+    /// Limits published by Franka for the Research 3: 10 rad/s^2, 5,000 rad/s^3, and velocity limits that decrease
+    /// towards the ends of the joints' ranges.
     Fr3,
-    /// 10 rad/s^2 and 5,000 rad/s^3 (m for sliding joints) every joint.
+    /// 10 rad/s^2 and 5,000 rad/s^3 (m for sliding joints) for every joint.
     Plain,
 }
 
@@ -48,11 +48,11 @@ pub enum LimitSet {
 pub enum Frames {
     /// In the hand frame.
     Object,
-    /// In the hand frame turned by the object's yaw about the hand's z axis.
+    /// In the hand frame rotated by the object's yaw about the hand's z axis.
     Original,
 }
 
-/// Path by which "rotate" moves the hand between its keyframes.
+/// Path of the hand between the keyframes of "rotate".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -63,11 +63,11 @@ pub enum RotatePath {
     Chord,
 }
 
-/// Bodies that may overlap for a while.
+/// Bodies that may overlap between two keyframes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContactWindow {
-    /// Links of the robot, and bodies that ride on the hand.
+    /// Links of the robot, and attached bodies.
     pub links: Vec<String>,
     /// Bodies of the scene.
     pub bodies: Vec<String>,
@@ -75,17 +75,17 @@ pub struct ContactWindow {
     pub from: String,
     /// Last keyframe of the window, or `end`.
     pub to: String,
-    /// Depth by which they may overlap (m), 0 to 1; by default as `contact_depth` says.
+    /// Maximum overlap (m), 0 to 1; default: `contact_depth`.
     #[serde(default)]
     pub depth: Option<f64>,
 }
 
-/// Options of a problem. Fields that are not set take the defaults below; unknown fields are refused.
+/// Options of a problem. Omitted fields have the defaults below; unknown fields are refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Options {
-    /// Keyframe times; by default the config's clock where it sets times, else the limits.
+    /// Timing of keyframes; default: the config's clock if it sets times, else the limits.
     pub timing: Option<Timing>,
     /// Time of the first waypoint (s), on the config's clock, within 1e6.
     pub start_time: f64,
@@ -93,76 +93,77 @@ pub struct Options {
     pub velocity_scale: f64,
     /// Fraction of the acceleration and jerk limits, 0.001 to 1.
     pub acceleration_scale: f64,
-    /// Velocity limits (rad/s or m/s) a full joint, 0.001 to 1e9; by default the URDF's.
+    /// Velocity limits (rad/s or m/s) for each joint, 0.001 to 1e9; default: the URDF's.
     pub velocity_limits: Option<Vec<f64>>,
-    /// Acceleration limits (rad/s^2 or m/s^2) a full joint, 0.001 to 1e9; by default the URDF's, else those of `limits`.
+    /// Acceleration limits (rad/s^2 or m/s^2) for each joint, 0.001 to 1e9; default: the URDF's, else those of
+    /// `limits`.
     pub acceleration_limits: Option<Vec<f64>>,
-    /// Jerk limits (rad/s^3 or m/s^3) a full joint, 0.001 to 1e9; by default the URDF's, else those of `limits`.
+    /// Jerk limits (rad/s^3 or m/s^3) for each joint, 0.001 to 1e9; default: the URDF's, else those of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
-    /// Torque limits (N m; N for sliding joints) a full joint, 0.001 to 1e9; by default torques are not looked at.
+    /// Torque limits (N m; N for sliding joints) for each joint, 0.001 to 1e9; default: torques are not limited.
     pub torque_limits: Option<Vec<f64>>,
-    /// Acceleration and jerk limits where none are given; by default plain ones, and the plan says that they are assumed.
+    /// Acceleration and jerk limits if none are given; default: plain ones, and the plan reports them as assumed.
     pub limits: Option<LimitSet>,
-    /// Velocity at the start, a full joint, within 100 rad/s or m/s; by default at rest.
+    /// Velocity of each joint at the start, within 100 rad/s or m/s; default: at rest.
     pub start_velocity: Option<Vec<f64>>,
-    /// Acceleration at the start, a full joint, within 1e4 rad/s^2 or m/s^2; by default none.
+    /// Acceleration of each joint at the start, within 1e4 rad/s^2 or m/s^2; default: none.
     pub start_acceleration: Option<Vec<f64>>,
-    /// Greatest speed (m/s) of the point that touches, from the actuation on, 0.001 to 1,000; null for what the joints can do.
+    /// Maximum speed (m/s) of the contact point from the actuation on, 0.001 to 1,000; null for no limit.
     pub contact_speed: Option<f64>,
-    /// Reading of list-type post-actuation translations.
+    /// Frame of list-type post-actuation translations.
     pub frames: Frames,
-    /// Path of "rotate".
+    /// Hand path of "rotate".
     pub rotate_path: RotatePath,
-    /// Weight of each joint's squared way to the actuation pose in its cost, a full joint, 0.001 to 1e6; by default 1.
+    /// Weight of each joint's squared step in the cost of the actuation pose, 0.001 to 1e6; default: 1.
     pub joint_weights: Option<Vec<f64>>,
-    /// Start values of the actuation pose, the present joints included: 1 to 1,000.
+    /// Number of start values for the actuation pose, including the current joints: 1 to 1,000.
     pub num_seeds: usize,
-    /// Poses on the constraints, cheapest first, that are moved to their optimum: 1 to 1,000.
+    /// Number of feasible poses, cheapest first, that are optimized: 1 to 1,000.
     pub num_refinements: usize,
-    /// Box of the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for none.
+    /// Bounds of the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for none.
     pub workspace: Option<[[f64; 3]; 2]>,
-    /// Clearance (m) that the whole motion keeps from what it may not touch, 0 to 0.2. Two bodies that are nearer to each
-    /// other where a segment begins or ends keep what they have there; the plan says so.
+    /// Clearance (m) of the whole motion from bodies that it may not touch, 0 to 0.2. A pair that is closer at the
+    /// start or end of a segment keeps its distance there, and the plan reports it.
     pub margin: f64,
-    /// Clearance (m) that will do where no motion keeps `margin`, 0 to that; by default none will.
+    /// Smaller clearance (m) for a second attempt if no motion keeps `margin`, 0 to `margin`; default: no second
+    /// attempt.
     pub least_margin: Option<f64>,
-    /// Overlap (m) allowed to things that may touch, 0 to 1; null for no limit. Contact windows may have their own.
+    /// Maximum overlap (m) of pairs that may touch, 0 to 1; null for no limit. Contact windows may have their own.
     pub contact_depth: Option<f64>,
-    /// Depth (m) allowed to arm and held bodies inside of what the object's joint moves where it is a guess how far it
-    /// moves, 0 to 0.1.
+    /// Maximum depth (m) of arm and attached bodies inside the moving link if its travel is estimated, 0 to 0.1.
     pub guess_depth: f64,
-    /// Depth (m) allowed to the robot inside of something at the start, 0 to 1: it comes out first. Deeper, nothing is
-    /// planned.
+    /// Maximum overlap (m) of the robot at the start, 0 to 1; the motion first leaves the overlap. With a deeper one,
+    /// nothing is planned.
     pub start_depth: f64,
-    /// Clearance (m) that robot and held bodies keep from what the hand reaches for (the moving link, targets, what it
-    /// picks) on the way to the actuation pose and at it, 0 to 0.05. By default hand and fingers may touch it in the
-    /// last segment before the actuation pose, and a target always.
+    /// Clearance (m) of robot and attached bodies from the handled bodies (moving link, targets, picked bodies) up to
+    /// the actuation pose, 0 to 0.05. By default, hand and fingers may touch them in the last segment before the
+    /// actuation pose, and targets always.
     pub reach_clearance: Option<f64>,
-    /// Take the longest part of the motion where the whole is out of reach or blocked after the actuation pose.
+    /// Accept the longest part of the motion if the rest after the actuation pose is unreachable or blocked.
     pub allow_partial: bool,
-    /// Value of the finger joints (those below the hand) during the motion (m or rad), within their limits; mimic joints
-    /// among them follow. By default as in `q_start`.
+    /// Value of the finger joints (joints below the hand) during the motion (m or rad), within their limits; mimic
+    /// joints follow. Default: as in `q_start`.
     pub finger_width: Option<f64>,
-    /// Most actuation poses that are tried for the whole motion: 1 to 1,000.
+    /// Maximum number of actuation poses for which the whole motion is tried: 1 to 1,000.
     pub candidates: usize,
-    /// Further start values that are spent where no pose from `num_seeds` allows the whole motion: at most 100,000.
+    /// Number of additional start values if no pose from `num_seeds` allows the whole motion: at most 100,000.
     pub extra_seeds: usize,
-    /// Most poses that are moved out of what they overlap, where that is what stops all others: at most 1,000.
+    /// Maximum number of overlapping poses that are moved out of contact if all other poses fail: at most 1,000.
     pub clearings: usize,
-    /// Most samples of the free-space planner a candidate: at most 1,000,000.
+    /// Maximum number of samples of the path planner for each pose: at most 1,000,000.
     pub samples: usize,
-    /// Which start values and samples are drawn, 0 to 1,000,000: other ones lead to other motions where there are several.
+    /// Seed of start values and samples, 0 to 1,000,000; another seed may give another motion.
     pub seed: usize,
-    /// Whether collisions decide. Without, they are only reported.
+    /// Whether collisions are avoided; otherwise they are only reported.
     pub avoid_collisions: bool,
-    /// Contact windows in place of the default rules; null for those.
+    /// Contact windows that replace the default rules; null for the defaults.
     pub contacts: Option<Vec<ContactWindow>>,
-    /// Bodies that the hand picks at the actuation pose: they ride on it from there on.
+    /// Bodies that the hand picks at the actuation pose; they are attached to the hand from there on.
     pub pick: Vec<String>,
-    /// Attached bodies that the hand releases at the actuation pose: they stand there from there on.
+    /// Attached bodies that the hand releases at the actuation pose; they stay in place from there on.
     pub release: Vec<String>,
-    /// By how much (rad or m) each post-actuation motion moves the object's joint, one entry a motion. By default
-    /// motions that follow or trace the joint say so, and others take it along with the contact point.
+    /// Travel of the object's joint (rad or m) in each post-actuation motion. By default, motions that follow or trace
+    /// the joint define it, and other motions move the joint with the contact point.
     pub joint_travel: Option<Vec<f64>>,
 }
 
@@ -210,7 +211,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Checks each option against its range, and the robot's own speeds against the slowest that is planned.
+    /// Validates each option against its range, and the robot's own velocity limits against the minimum.
     pub(crate) fn check(&self, robot: &Robot, model: &Model) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         let numbers = [
@@ -287,8 +288,8 @@ impl Options {
     }
 }
 
-/// A joint that all but stands still has no motion that one could wait for, or store; one without a limit would go as fast
-/// as its acceleration allows.
+/// Refuses joints that are almost blocked, whose motions would take too long to be stored, and joints without a
+/// velocity limit, which would be limited by their acceleration only.
 fn check_speeds(robot: &Robot, model: &Model, options: &Options) -> Result<(), ProblemError> {
     let mut velocity = options.velocity_limits.as_ref().map_or(model.velocity, |l| model.map().least(|j| l[j]));
     if let Some(most) = greatest_velocity(options) {

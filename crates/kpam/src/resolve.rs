@@ -1,4 +1,4 @@
-//! The constraints of a problem in numbers: every name looked up, every frame turned into base axes.
+//! The constraints of a problem as numbers: names are resolved, and frames are converted to base axes.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ impl KeypointProblem {
         look_up(&self.object_keypoints, "object_keypoints", name)
     }
 
-    /// Axes of a frame in the base frame, as columns.
+    /// Returns the axes of a frame in the base frame, as columns.
     fn axes(&self, frame: Frame, field: &str) -> Result<nalgebra::Matrix3<f64>, ProblemError> {
         match frame {
             Frame::World => Ok(*self.world.rotation.matrix()),
@@ -26,7 +26,7 @@ impl KeypointProblem {
         }
     }
 
-    /// The joint frame at the config's target keypoint, as columns x, y, z in the base frame.
+    /// Returns the joint frame at the config's target keypoint, as columns x, y, z in the base frame.
     fn joint_frame(&self, field: &str) -> Result<nalgebra::Matrix3<f64>, ProblemError> {
         let joint = self
             .joint
@@ -56,7 +56,7 @@ impl KeypointProblem {
         Ok(nalgebra::Matrix3::from_columns(&[y.cross(&z), y, z]))
     }
 
-    /// The constraints with every name and frame replaced by numbers.
+    /// Returns the constraints with all names and frames replaced by numbers.
     pub(crate) fn resolve(&self) -> Result<Resolved, ProblemError> {
         let mut out = Resolved::default();
         for (i, c) in self.config.constraints.iter().enumerate() {
@@ -127,7 +127,7 @@ fn direction(v: Vector3<f64>, field: &str, from: &str, to: &str) -> Result<Vecto
     Err(ProblemError::new(field, format!("{from:?} and {to:?} coincide, so the axis between them has no direction")))
 }
 
-/// A point of the hand bound to a box.
+/// A hand point constrained to a box.
 #[derive(Debug, Clone)]
 pub(crate) struct PointBound {
     pub entry: usize,
@@ -136,7 +136,7 @@ pub(crate) struct PointBound {
     pub tolerance: f64,
 }
 
-/// A direction of the hand bound to a band of angles about a direction.
+/// A hand direction constrained to a range of angles from a direction.
 #[derive(Debug, Clone)]
 pub(crate) struct AxisBound {
     pub entry: usize,
@@ -163,7 +163,7 @@ pub(crate) struct PlaneTerm {
     pub weight: f64,
 }
 
-/// Constraints in numbers.
+/// Constraints as numbers.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Resolved {
     pub points: Vec<PointBound>,

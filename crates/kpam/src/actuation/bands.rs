@@ -7,11 +7,12 @@ use nalgebra::Vector3;
 
 use crate::resolve::AxisBound;
 
-/// Constraints are aimed at this fraction of their tolerance, so that rounding never leaves it.
+/// Fraction of the tolerance that constraints aim for, so that rounding never exceeds the tolerance.
 pub(super) const INSIDE: f64 = 0.995;
-/// Sides of the polygon inscribed in the cone of a parallel constraint: 2 % of the tolerance is given away.
+/// Number of sides of the polygon inscribed in the cone of a parallel constraint, which gives away 2 % of the
+/// tolerance.
 const CONE_SIDES: usize = 16;
-/// Sine and cosine of the direction of each.
+/// Sine and cosine of the direction of each side.
 static SIDES: LazyLock<[(f64, f64); CONE_SIDES]> =
     LazyLock::new(|| std::array::from_fn(|k| (2.0 * PI / CONE_SIDES as f64 * k as f64).sin_cos()));
 
@@ -29,7 +30,7 @@ pub(super) fn axis_bands(a: &AxisBound, u: &Vector3<f64>) -> impl Iterator<Item 
     let (e1, e2) = across(&target);
     let cross = target.cross(&u);
     let sin = cross.norm();
-    // Unit direction across the target in which u lies.
+    // Unit direction, perpendicular to the target, towards which u is tilted.
     let outward = if sin > 1e-9 { cross.cross(&target) / sin } else { e1 };
     let is_polygon = closed && center + t < std::f64::consts::FRAC_PI_2;
     let apothem = if is_polygon { (center + t).sin() * (PI / CONE_SIDES as f64).cos() } else { 0.0 };

@@ -1,5 +1,5 @@
-//! Onto the constraints, eight seeds at a time and in single precision: damped Gauss-Newton as in `projection`. What
-//! arrives is brought home in double precision, so nothing that is found depends on how numbers are rounded here.
+//! Projection of eight seeds at a time onto the constraints, in single precision, by damped Gauss-Newton as in
+//! `projection`. Results are refined in double precision, so they do not depend on the rounding here.
 
 use std::f64::consts::TAU;
 
@@ -15,15 +15,15 @@ use crate::KeypointProblem;
 use crate::model::{DrivenJoint, MAX_JOINTS, Model, Row};
 use crate::resolve::Resolved;
 
-/// Smaller residuals than this (m or rad) are rounding.
+/// Residuals below this (m or rad) are rounding errors.
 const ROUNDING: f64 = 4e-6;
-/// Damping stays within this: less is rounding, more is no way on.
+/// Range and initial value of the damping: a smaller value is rounding, a larger one makes no progress.
 const DAMPING: [f32; 3] = [1e-6, 1e-3, 1e3];
 
-/// One number a variable.
+/// One number for each variable.
 pub(super) type Lanes = [F32x8; MAX_JOINTS];
 /// Normal equations of a Gauss-Newton step: half the gradient of the squared residuals, and the lower triangle of the
-/// products of their gradients.
+/// matrix of gradient products.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
     pub gradient: Lanes,
@@ -40,7 +40,7 @@ pub(super) type Single = [f32; 3];
 pub(super) struct Column {
     pub link: usize,
     pub variable: usize,
-    /// Axis in the link's frame, times what the joint makes of its variable.
+    /// Axis in the link's frame, scaled by the factor between joint and variable.
     pub axis: Single,
     pub turns: bool,
 }
@@ -48,13 +48,13 @@ pub(super) struct Column {
 pub(super) struct Axis {
     pub on_hand: Single,
     pub target: Single,
-    /// Some direction across the target.
+    /// Some direction perpendicular to the target.
     pub across: Single,
-    /// Least and greatest angle that is not pulled.
+    /// Minimum and maximum angle without a residual.
     pub range: [f32; 2],
 }
 
-/// A cost: the weighted square of how far a point of the hand is from a plane.
+/// A cost term: the weighted squared distance of a hand point from a plane.
 pub(super) struct Plane {
     pub on_hand: Single,
     pub target: Single,
@@ -62,7 +62,7 @@ pub(super) struct Plane {
     pub weight: f32,
 }
 
-/// The constraints of a problem and its cost, for eight joint vectors at a time.
+/// Constraints and cost of a problem, for eight joint vectors at a time.
 pub(super) struct BatchProjection {
     pub posing: Posing,
     pub hand: usize,
@@ -75,14 +75,15 @@ pub(super) struct BatchProjection {
     pub workspace: Option<[Single; 2]>,
     pub lower: [f32; MAX_JOINTS],
     pub upper: [f32; MAX_JOINTS],
-    /// Squared norm of residuals below which a projection has arrived, and below which it may be within the tolerances.
+    /// Squared norm of residuals below which a projection has converged, and below which it may be within the
+    /// tolerances.
     pub near: [f32; 2],
-    /// Weights of the joints' ways, relative to each other.
+    /// Weights of the joints' steps, relative to each other.
     pub metric: [f32; MAX_JOINTS],
-    /// Weights of the joints' squared ways.
+    /// Weights of the joints' squared steps.
     pub weights: [f32; MAX_JOINTS],
-    /// Start configuration, from which costs count, continuous joints unwound near zero; rotation (by rows) and position of the
-    /// hand there.
+    /// Start configuration, to which costs refer, with continuous joints unwound near zero; rotation (by rows) and
+    /// position of the hand there.
     pub begin: Row,
     pub begin_turn: [Single; 3],
     pub begin_at: Single,
@@ -92,7 +93,7 @@ pub(super) struct BatchProjection {
     pub frames: Vec<Frames>,
 }
 
-/// Weights relative to their mean, within what single precision can tell apart.
+/// Returns the weights relative to their mean, clipped to the range of single precision.
 fn metric(weights: &[f64]) -> [f32; MAX_JOINTS] {
     let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
     let mut out = [1.0; MAX_JOINTS];
@@ -100,7 +101,7 @@ fn metric(weights: &[f64]) -> [f32; MAX_JOINTS] {
     out
 }
 
-/// A start value, and how strongly its first step is damped.
+/// A start value, and the damping of its first step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seed {
     pub x: Row,
@@ -117,20 +118,20 @@ impl Seed {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Arrival {
     pub seed: Seed,
-    /// Cost of the pose there, rounded.
+    /// Cost of the pose, in single precision.
     pub cost: f32,
     /// Sum of squared residuals (m², rad²).
     pub miss: f32,
-    /// Whether it may meet the constraints.
+    /// Whether the pose may meet the constraints.
     pub near: bool,
-    /// Whether it has not got there yet, but may with more steps.
+    /// Whether the pose has not converged yet but may with more steps.
     pub late: bool,
 }
 
-/// State of the start in one lane.
+/// State of a seed in one lane.
 #[derive(Clone, Copy)]
 struct Seat {
-    /// Number of the start; none where the lane is empty.
+    /// Index of the seed; `None` for an empty lane.
     start: Option<usize>,
     rounds: usize,
     milestone: f32,
@@ -141,7 +142,7 @@ fn single(v: &Vector3<f64>) -> Single {
 }
 
 impl BatchProjection {
-    /// Of a problem; `hand` is where the hand is where planning begins, `near` what residuals have to be less than together.
+    /// Prepares a problem; `hand` is the hand pose at the start, and `near` the bound on the norm of the residuals.
     pub fn new(problem: &KeypointProblem, model: &Model, resolved: &Resolved, hand: &Pose, near: f64) -> Self {
         let (robot, weights) = (&problem.robot, problem.joint_weights(model));
         let joints = robot.joints();
@@ -177,7 +178,7 @@ impl BatchProjection {
         };
         let limits = |values: &Row| std::array::from_fn(|v| values[v] as f32);
         let near = near.max(ROUNDING);
-        // Constraints that contradict each other a little are met without any residual vanishing.
+        // Slightly contradictory constraints are met although no residual vanishes.
         let tolerances = resolved.points.iter().map(|p| p.tolerance).chain(resolved.axes.iter().map(|a| a.tolerance));
         let reach = near + tolerances.map(|t| 3.0 * t * t).sum::<f64>().sqrt();
         Self {
@@ -205,7 +206,7 @@ impl BatchProjection {
         }
     }
 
-    /// Takes seeds onto the constraints, by at most `rounds` steps each: where each ends, in their order.
+    /// Projects seeds onto the constraints with at most `rounds` steps each, and returns the results in their order.
     pub fn project(&mut self, seeds: &[Seed], rounds: usize) -> Vec<Arrival> {
         let nowhere = Seed::at([0.0; MAX_JOINTS]);
         let nothing = Arrival { seed: nowhere, cost: f32::INFINITY, miss: f32::INFINITY, near: false, late: false };
@@ -219,12 +220,12 @@ impl BatchProjection {
         let mut seats = [Seat { start: None, rounds: 0, milestone: f32::INFINITY }; WIDTH];
         let mut next_start = 0;
         loop {
-            // Where all lanes begin there is no step to take.
+            // If all lanes hold new seeds, there is no step to evaluate.
             if seats.iter().any(|seat| seat.start.is_some()) {
                 trial = wide(Step { batch: self, x: &x, normal, damping: F32x8::new(damping) });
             }
             for (lane, seat) in seats.iter_mut().enumerate().filter(|(_, seat)| seat.start.is_none()) {
-                // A start is a step that is always taken; lanes that are left over take up what others began with.
+                // The first evaluation of a seed is always accepted; unused lanes repeat the first seed.
                 let start = seeds.get(next_start).or(seeds.first());
                 for (v, value) in start.into_iter().flat_map(|seed| &seed.x).take(self.n).enumerate() {
                     trial[v].set(lane, (*value as f32).clamp(self.lower[v], self.upper[v]));
@@ -240,7 +241,7 @@ impl BatchProjection {
             if seats.iter().all(|seat| seat.start.is_none()) {
                 return out;
             }
-            // No lane goes on from its last place.
+            // No lane continues from its last position.
             let last = seats.iter().all(|seat| seat.start.is_none() || seat.rounds >= rounds);
             let [next, new_cost] = self.look(&trial, &begin, (!last).then_some(&mut *trial_normal));
             let after = next.to_array();
@@ -285,8 +286,8 @@ impl BatchProjection {
         }
     }
 
-    /// Sum of the squares of the residuals, which vanish inside the constraints, and the cost; their normal equations, where
-    /// they are wanted.
+    /// Returns the sum of squared residuals, which vanish inside the constraints, and the cost; on request also the
+    /// normal equations.
     fn look(&mut self, x: &Lanes, begin: &Lanes, normal: Option<&mut Normal>) -> [F32x8; 2] {
         let mut q = std::mem::take(&mut self.q);
         let mut frames = std::mem::take(&mut self.frames);
@@ -328,7 +329,7 @@ mod tests {
                 let (mut home, before) = (*end, search.violation(end));
                 assert!(before < 0.05 && search.project(&mut home) <= 0.0, "{before}");
             }
-            // Steps are the same but for rounding.
+            // The steps agree except for rounding.
             if *there && single {
                 same += usize::from(model.are_near(&alone, end, 0.01));
             }
@@ -353,7 +354,7 @@ mod tests {
         resolved.costs = vec![plane([0.6, 0.0, 0.8], 3.0), plane([0.0, 1.0, 0.0], 0.7)];
         let mut search = ActuationSearch::new(&problem, &model, &resolved);
         let seeds: Vec<Seed> = (0..43).map(|k| Seed::at(search.start(k))).collect();
-        // No step: where each begins.
+        // Without steps, the initial positions are returned.
         let begun = search.batch.project(&seeds, 0);
         for (seed, there) in seeds.iter().zip(&begun) {
             let wanted = search.cost(&seed.x);

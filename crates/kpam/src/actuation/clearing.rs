@@ -1,32 +1,33 @@
-//! Poses that meet the constraints but overlap something, moved along the constraints until they are clear of it.
+//! Moves poses that meet the constraints but overlap a body along the constraints until they are collision-free.
 
 use super::{ActuationSearch, Candidate};
 use crate::model::{MAX_JOINTS, Row};
 use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
 use crate::world::Clearance;
 
-/// Most steps of one pose.
+/// Maximum number of steps for one pose.
 const STEPS: usize = 10;
-/// Largest change of a joint in one step (rad or m).
+/// Maximum change of a joint in one step (rad or m).
 const STEP: f64 = 0.15;
-/// Largest part of a missing distance that one step tries to gain (m): the way out of a deep overlap changes on it.
+/// Maximum distance that one step tries to gain (m), since the direction out of a deep overlap changes on the way.
 const GAIN: f64 = 0.03;
-/// Every so many steps the largest missing distance has to come down to this share.
+/// Number of steps within which the largest missing distance must decrease to the following share.
 const PATIENCE: usize = 3;
 const SLOWEST: f64 = 0.9;
-/// Times that a step asks for half as much, where the constraints leave no room for the whole.
+/// Number of times that a step halves its target if the constraints leave no room for all of it.
 const HALVINGS: usize = 4;
-/// Distance beyond what is asked to which a pose is moved, and that will do (m).
+/// Extra distance beyond the required one that a pose is moved to, and that is sufficient (m).
 const SPARE: f64 = 2e-3;
 const ENOUGH: f64 = 1e-3;
-/// Distance beyond what is asked up to which things count, so that a step away from one does not run into another (m).
+/// Extra distance beyond the required one up to which bodies are considered, so that a step away from one body does not
+/// run into another (m).
 pub(crate) const HEEDED: f64 = 0.03;
 
 impl ActuationSearch<'_> {
-    /// The pose nearby that meets the constraints and keeps clear of everything; none where the steps do not lead to one.
+    /// Returns a nearby pose that meets the constraints and is collision-free; `None` if the steps find none.
     ///
-    /// Each step is the least one that meets the constraints, the joint limits and the clearances, all linearized.
-    /// `clearances` appends those at a pose that have less than [`HEEDED`] left.
+    /// Each step is the smallest one that meets the constraints, the joint limits and the clearances, all linearized.
+    /// `clearances` appends the clearances at a pose that are below [`HEEDED`].
     pub fn cleared(&mut self, from: &Row, mut clearances: impl FnMut(&Row, &mut Vec<Clearance>)) -> Option<Candidate> {
         let mut x = *from;
         let mut found = Vec::new();
@@ -94,8 +95,8 @@ mod tests {
     use super::*;
     use crate::model::Model;
 
-    /// The tip stays at its goal while the hand leans out of a plane that it is behind; by more than the hand is long
-    /// there is no such pose.
+    /// The tip stays at its goal while the hand tilts out of a plane. Deeper than the hand's length there is no such
+    /// pose.
     #[test]
     fn a_hand_leans_out_of_a_plane() {
         let mut found = 0;

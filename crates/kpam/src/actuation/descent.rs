@@ -1,5 +1,5 @@
-//! Along the constraints: sequential quadratic programming with the exact Hessian of the Lagrangian (kinematic second
-//! derivatives are cross products of what the Jacobian has anyway).
+//! Optimization along the constraints: sequential quadratic programming with the exact Hessian of the Lagrangian
+//! (second kinematic derivatives are cross products of columns of the Jacobian).
 
 use nalgebra::Vector3;
 
@@ -10,18 +10,19 @@ use crate::model::{MAX_JOINTS, Row, Weighed};
 use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
 use gensim2_geometry::Pose;
 
-/// Most iterations.
+/// Maximum number of iterations.
 const ITERATIONS: usize = 30;
-/// A step that gains less than this share of the cost is the last one.
+/// The iteration ends after a step that reduces the cost by less than this share.
 const GAIN: f64 = 1e-5;
-/// A descent ends where even so many times what a step promises would not make it the cheapest.
+/// A descent ends if this multiple of the predicted gain would still not make the pose the cheapest.
 const SURELY: f64 = 2.0;
-/// A short step this near a known optimum (rad or m) will end there too.
+/// A short step this close to a known optimum (rad or m) leads to that optimum.
 const BASIN: f64 = 0.05;
 
 impl ActuationSearch<'_> {
-    /// SQP from a pose that meets the constraints; the cheapest pose on the way that still meets them, not taken to the end
-    /// where that would cost more than an optimum that is `known`. `None` where it leads to one of those.
+    /// Runs SQP from a pose that meets the constraints, and returns the cheapest pose on the way that still meets them.
+    /// The descent stops early if it would end at a higher cost than an optimum in `known`; `None` if it leads to one
+    /// of those.
     pub(super) fn descend(&mut self, from: &Row, known: &[Candidate]) -> Option<Candidate> {
         let n = self.model.n();
         let mut x = *from;
@@ -58,7 +59,7 @@ impl ActuationSearch<'_> {
             };
             self.bounds = bounds;
             let QpOutcome::Solved { step, multipliers } = outcome else {
-                // Curvature took the pose out of the linearized constraints' reach: come back first.
+                // Curvature has moved the pose away from the linearized constraints, so project it back first.
                 if self.project(&mut x) > 1e-6 {
                     break;
                 }
@@ -71,7 +72,7 @@ impl ActuationSearch<'_> {
                 continue;
             };
             let length = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
-            // Where the model is good, and leads to its own optimum, it says how low this goes.
+            // If the model is accurate and leads to its own optimum, it predicts the final cost.
             if iteration > 0 && length < 0.9 * radius {
                 let predicted = predicted(n, &step, &gradient, &hessian);
                 if known.iter().any(|c| c.cost < cost + SURELY * predicted) {
@@ -116,7 +117,8 @@ impl ActuationSearch<'_> {
         best
     }
 
-    /// Two Gauss-Newton corrections onto the constraints, least change of the joints; returns the violation left.
+    /// Performs two Gauss-Newton corrections onto the constraints with minimum joint change; returns the remaining
+    /// violation.
     fn project_gently(&mut self, x: &mut Row) -> f64 {
         let n = self.model.n();
         for _ in 0..3 {
@@ -147,7 +149,7 @@ impl ActuationSearch<'_> {
         self.violation(x).max(0.0)
     }
 
-    /// Constraints linearized at `x` (frames are placed there), as bounds on the step.
+    /// Linearizes the constraints at `x`, where the frames are placed, as bounds on the step.
     pub(super) fn linearize(&mut self, x: &Row, out: &mut Vec<Bound>) {
         self.place(x);
         out.clear();
@@ -176,8 +178,8 @@ impl ActuationSearch<'_> {
         }
     }
 
-    /// Multipliers gathered into the vectors whose second derivatives the Lagrangian needs. Frames are those of the
-    /// pose at which the bounds were linearized; the next pose is near enough.
+    /// Combines the multipliers into the vectors that weight the second derivatives in the Lagrangian. The frames
+    /// belong to the pose at which the bounds were linearized; the next pose is close enough.
     fn curvature_of(&self, multipliers: &[f64], out: &mut Curvature) {
         out.points.clear();
         out.axes.clear();
@@ -223,7 +225,8 @@ impl ActuationSearch<'_> {
         g
     }
 
-    /// Hessian of the Lagrangian, with a proximal term across the constraints where it would be indefinite.
+    /// Returns the Hessian of the Lagrangian, with a proximal term perpendicular to the constraints if it would be
+    /// indefinite.
     pub(super) fn hessian(&mut self, x: &Row, curvature: &Curvature) -> [Row; MAX_JOINTS] {
         self.place(x);
         let n = self.model.n();
@@ -248,7 +251,8 @@ impl ActuationSearch<'_> {
             let p = hand.rotation * t.on_hand + origin;
             add(&placed.linear_row(&p, &t.normal), 2.0 * t.weight);
         }
-        // Across the constraints the step is set by them, not by this Hessian: stiffness there only keeps it convex.
+        // Perpendicular to the constraints, the constraints determine the step; stiffness there only keeps the Hessian
+        // convex.
         const STIFF: f64 = 20.0;
         for p in &self.resolved.points {
             let at = hand.rotation * p.on_hand + origin;
@@ -279,13 +283,13 @@ impl ActuationSearch<'_> {
     }
 }
 
-/// Change of the cost that the model of a step predicts.
+/// Returns the change of the cost that the model of a step predicts.
 fn predicted(n: usize, step: &Row, gradient: &Row, hessian: &[Row; MAX_JOINTS]) -> f64 {
     let curved = |i: usize| (0..n).map(|k| hessian[i][k] * step[k]).sum::<f64>();
     (0..n).map(|i| step[i] * (gradient[i] + 0.5 * curved(i))).sum()
 }
 
-/// Vectors that weigh second derivatives: forces on points of the hand, and pulls on its directions.
+/// Weights of the second derivatives: forces on hand points, and torques on hand directions.
 #[derive(Default)]
 pub(super) struct Curvature {
     points: Vec<Weighed>,

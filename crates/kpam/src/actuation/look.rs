@@ -1,4 +1,4 @@
-//! Residuals of the constraints, the normal equations of their Gauss-Newton step and the cost, for eight joint vectors at a
+//! Residuals of the constraints, normal equations of their Gauss-Newton step, and cost, for eight joint vectors at a
 //! time.
 
 use gensim2_geometry::Frames;
@@ -7,13 +7,13 @@ use gensim2_geometry::lanes::{F32x8, Wide};
 use super::batch::{BatchProjection, Lanes, Normal, Single};
 use crate::model::MAX_JOINTS;
 
-/// Evaluation at the present poses of the links.
+/// Evaluation at the current poses of the links.
 pub(super) struct Look<'a> {
     pub batch: &'a BatchProjection,
     pub frames: &'a [Frames],
     pub x: &'a Lanes,
     pub begin: &'a Lanes,
-    /// The normal equations, where they are wanted.
+    /// Normal equations, if requested.
     pub normal: Option<&'a mut Normal>,
 }
 
@@ -72,16 +72,16 @@ impl Normal {
 }
 
 impl Look<'_> {
-    /// Sum of squared residuals, and the cost, of an arm with at most `N` joints.
+    /// Returns the sum of squared residuals and the cost, for an arm with at most `N` joints.
     #[inline(always)]
     fn of<const N: usize>(self) -> [F32x8; 2] {
         let Self { batch, frames, x, begin, mut normal } = self;
         let zero = F32x8::ZERO;
-        // Turn, and velocity of the point at the base origin, of each variable.
+        // Angular velocity, and velocity of the point at the base's origin, for each variable.
         let (mut turns, mut shifts) = ([[zero; 3]; N], [[zero; 3]; N]);
         for column in batch.columns.iter().filter(|_| normal.is_some()) {
             let frame = &frames[column.link];
-            // Nearly every joint turns about its own z axis.
+            // Nearly every joint rotates about its own z axis.
             let axis = match column.axis {
                 [0.0, 0.0, factor] => [frame.r[0][2] * factor, frame.r[1][2] * factor, frame.r[2][2] * factor],
                 axis => frame.direction(&axis),
@@ -163,7 +163,7 @@ impl Look<'_> {
             for e in 0..3 {
                 let c = hand.t[e];
                 let miss = c - c.max(F32x8::splat(low[e])).min(F32x8::splat(high[e]));
-                // Most are inside: then nothing pulls.
+                // Most angles are inside the range and have no residual.
                 if miss.all_at_least(zero) && zero.all_at_least(miss) {
                     continue;
                 }

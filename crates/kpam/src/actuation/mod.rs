@@ -1,7 +1,7 @@
 //! The actuation pose: multi-start sequential quadratic programming over the keypoint constraints.
 //!
 //! Each start is first projected onto the constraints by damped Gauss-Newton, then moved along them by SQP with the
-//! exact Hessian of the Lagrangian (kinematic second derivatives are cross products of what the Jacobian has anyway).
+//! exact Hessian of the Lagrangian (second kinematic derivatives are cross products of columns of the Jacobian).
 
 mod bands;
 mod batch;
@@ -24,7 +24,7 @@ use crate::qp::{ActiveSet, Bound};
 use crate::resolve::Resolved;
 use crate::{Cancel, KeypointProblem};
 
-/// Poses closer than this in every joint are one (rad or m).
+/// Poses closer than this in every joint count as the same (rad or m).
 const SAME: f64 = 0.02;
 
 /// A pose that meets all constraints.
@@ -38,7 +38,7 @@ pub(crate) struct Candidate {
 pub(crate) struct Actuation {
     /// Distinct poses that meet every constraint, cheapest first.
     pub candidates: Vec<Candidate>,
-    /// The pose that misses the constraints least, where none meets them.
+    /// Pose with the smallest constraint error, if no pose meets the constraints.
     pub best_effort: Option<Row>,
 }
 
@@ -46,26 +46,26 @@ pub(crate) struct ActuationSearch<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
     resolved: &'p Resolved,
-    /// Set once the search has to end.
+    /// Flag that ends the search.
     pub over: Cancel,
     start: Row,
     start_hand: Pose,
     lower: Row,
     upper: Row,
-    /// Of each variable's squared way from the start.
+    /// Weights of each variable's squared step from the start.
     weights: Row,
-    /// Residuals below which a projection has arrived.
+    /// Norm of residuals below which a projection has converged.
     near: f64,
     /// Target of projections within the tolerances.
     aim: Aim,
     placed: Placed,
-    /// The last joint vectors that were judged, with violation and cost.
+    /// The last evaluated joint vectors, with violation and cost.
     violated: (Row, f64),
     cost_at: (Row, f64),
     batch: BatchProjection,
     aside: Aside,
     qp: ActiveSet,
-    // Buffers that live from one iteration to the next.
+    // Buffers reused between iterations.
     residuals: Residuals,
     trial_residuals: Residuals,
     bounds: Vec<Bound>,
@@ -104,7 +104,7 @@ impl<'p> ActuationSearch<'p> {
         }
     }
 
-    /// Hand pose at `x`.
+    /// Returns the hand pose at `x`.
     pub fn hand(&mut self, x: &Row) -> Pose {
         self.place(x);
         self.placed.hand
@@ -114,15 +114,17 @@ impl<'p> ActuationSearch<'p> {
         self.placed.place(&self.problem.robot, self.model, x);
     }
 
-    /// A pose that meets the constraints, no further than half a turn from the start in joints without limits.
+    /// Creates a candidate from a pose that meets the constraints, with unlimited joints within half a turn of the
+    /// start.
     fn candidate(&mut self, x: &Row) -> Candidate {
         Candidate { x: self.model.unwound(x, &self.start), cost: self.cost(x) }
     }
 
-    /// The pose that further start value number `index` projects to, where it meets the constraints.
+    /// Returns the pose to which additional start value `index` projects, if it meets the constraints.
     pub fn sample(&mut self, index: usize) -> Option<Candidate> {
         let mut x = self.further_start(index);
-        // What is to keep clear of a thing has to shift within the tolerances: their middle is one place of many.
+        // With a required clearance from the target, the position within the tolerances matters, and their centre is
+        // only one of many.
         if self.problem.options.reach_clearance.is_some() {
             self.aim = Aim::within(self.resolved, index + 1);
         }
@@ -131,13 +133,13 @@ impl<'p> ActuationSearch<'p> {
         met.then(|| self.candidate(&x))
     }
 
-    /// The pose itself where it meets the constraints, else what it projects to.
+    /// Returns the pose if it meets the constraints, else its projection onto them, if that does.
     pub fn from(&mut self, x: &Row) -> Option<Candidate> {
         let mut x = *x;
         (self.violation(&x) <= 0.0 || self.project(&mut x) <= 0.0).then(|| self.candidate(&x))
     }
 
-    /// Poses by cost, without those that are near a cheaper one.
+    /// Sorts poses by cost and drops those close to a cheaper one.
     fn distinct(&self, mut poses: Vec<Candidate>) -> Vec<Candidate> {
         poses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut out: Vec<Candidate> = Vec::new();
@@ -149,7 +151,7 @@ impl<'p> ActuationSearch<'p> {
         out
     }
 
-    /// Joint steps from the start to `x`; joints without limits go the short way round.
+    /// Returns the joint steps from the start to `x`; unlimited joints take the shorter direction.
     fn steps(&self, x: &Row) -> Row {
         let mut out = self.model.unwound(x, &self.start);
         for v in 0..self.model.n() {
@@ -158,8 +160,8 @@ impl<'p> ActuationSearch<'p> {
         out
     }
 
-    /// Cost of a pose: weighted squared joint steps, squared way of the hand, 1 - cos of its turn, and the config's
-    /// own cost terms.
+    /// Returns the cost of a pose: weighted squared joint steps, squared translation of the hand, 1 - cos of its
+    /// rotation, and the cost terms of the config.
     pub fn cost(&mut self, x: &Row) -> f64 {
         self.place(x);
         if self.cost_at.0 == *x {
@@ -184,7 +186,8 @@ impl<'p> ActuationSearch<'p> {
         cost
     }
 
-    /// Largest violation over all constraints beyond their tolerance (m or rad), limits and workspace included.
+    /// Returns the largest violation of a constraint beyond its tolerance (m or rad), including joint limits and
+    /// workspace.
     pub fn violation(&mut self, x: &Row) -> f64 {
         self.place(x);
         if self.violated.0 == *x {
@@ -309,7 +312,7 @@ mod tests {
             angle in -1.5..1.5f64, out in 0.35..0.6f64, up in 0.2..0.5f64,
             met_at in prop::option::of(prop::collection::vec(-2.5..2.5f64, 6)),
         ) {
-            // Any target, or one that some joint vector meets.
+            // A random target, or one that some joint vector meets.
             let (inner, target) = match &met_at {
                 None => (inner, [out * angle.cos(), out * angle.sin(), up]),
                 Some(q) => {

@@ -1,5 +1,5 @@
-//! Many starts, few of which are taken to the end: most that look dear after a step onto the constraints are dear, and most
-//! arrivals end in the same few optima.
+//! Multi-start search that optimizes only a few of its starts: most poses that are expensive after one step onto the
+//! constraints stay expensive, and most projections lead to the same few optima.
 
 use std::ops::Range;
 
@@ -11,42 +11,44 @@ use super::seeds::NEARBY;
 use super::{Actuation, ActuationSearch, Candidate, SAME};
 use crate::model::{MAX_JOINTS, Row};
 
-/// Half as many seeds again are spent while fewer than this many have led to the constraints, or where the cheapest pose
-/// lies beyond where most of them lie.
+/// Half as many seeds are added if fewer than this many have led to the constraints, or if the cheapest pose lies
+/// outside the region of most seeds.
 const ENOUGH: usize = 3;
-/// So many times as many are spent before it is said that none leads there.
+/// Multiple of the number of seeds tried before the constraints count as infeasible.
 const PERSISTENCE: usize = 5;
-/// Steps after which seeds are compared.
+/// Number of steps after which seeds are compared.
 const SCREEN: usize = 1;
-/// One of so many goes on then.
+/// One in this many seeds continues after the comparison.
 const KEPT: usize = 4;
-/// Steps that those get first: most that arrive have by then. The others wait, as those that did not go on.
+/// Number of steps that the continued seeds get first, enough for most that converge. The others wait with those that
+/// were not continued.
 const SOON: usize = 7;
-/// Weight of what a seed still misses the constraints by (m, rad) beside its cost, when seeds are compared.
+/// Weight of a seed's remaining constraint error (m, rad) relative to its cost when seeds are compared.
 const MISS: f32 = 10.0;
-/// Share of the continued seeds that must arrive; below it the constraints are hard to meet, and the others continue too.
+/// Share of the continued seeds that must converge; otherwise the constraints are hard to meet, and the other seeds
+/// continue too.
 const HARD: [usize; 2] = [3, 4];
 
-/// Seeds and arrivals that the search for the cheapest pose has postponed.
+/// Seeds and converged poses that the search for the cheapest pose has postponed.
 #[derive(Default)]
 pub(super) struct Aside {
-    /// Seeds that did not go on.
+    /// Seeds that were not continued.
     waiting: Vec<Seed>,
-    /// Arrivals that cost more, not brought home.
+    /// Converged poses with a higher cost, not yet refined in double precision.
     arrived: Vec<Arrival>,
 }
 
-/// Poses that miss the constraints, in the order in which they were found. By how much matters only where no pose meets
-/// them.
+/// Poses that do not meet the constraints, in the order of discovery. Their errors matter only if no pose meets the
+/// constraints.
 type Missed = Vec<Row>;
 
 impl ActuationSearch<'_> {
-    /// Searches for the cheapest pose from the present joints, from points about them, and from points spread evenly over
-    /// the joint ranges: `seeds` of them, half as many more where few lead to the constraints or the cheapest pose lies
-    /// beyond the points about the present joints, and wider ones while none does.
+    /// Searches for the cheapest pose from the current joints, from points around them, and from points spread evenly
+    /// over the joint ranges. It uses `seeds` starts, half as many more if few of them reach the constraints or if the
+    /// cheapest pose lies far from the current joints, and further ones while none reaches them.
     ///
-    /// Every start takes a step onto the constraints; a quarter of them, that cost least by then, go on, and the others
-    /// where few of those arrive. The cheapest of the distinct poses that gives are then moved to their optima.
+    /// Every start takes a step onto the constraints. The cheapest quarter continues, and the others only if few of
+    /// these converge. The cheapest distinct poses are then optimized.
     pub fn cheapest(&mut self, seeds: usize) -> Actuation {
         let (most, last) = (seeds + seeds / 2, PERSISTENCE * seeds);
         let mut missed = Missed::new();
@@ -85,7 +87,7 @@ impl ActuationSearch<'_> {
         }
     }
 
-    /// The pose that misses the constraints least, the first of equals.
+    /// Returns the pose with the smallest constraint error, the first of equals.
     fn least_missed(&mut self, missed: &Missed) -> Option<Row> {
         let mut best: Option<(f64, &Row)> = None;
         for x in missed {
@@ -97,8 +99,8 @@ impl ActuationSearch<'_> {
         best.map(|(_, x)| self.model.unwound(x, &self.start))
     }
 
-    /// Every distinct pose that the seeds lead to, cheapest first, where the motion to the cheapest one may not be free:
-    /// off the optimum there are other points of the constraint set. `known` are poses that are found already.
+    /// Returns every distinct pose that the seeds lead to, cheapest first, for use when the cheapest pose allows no
+    /// collision-free motion. Poses away from an optimum are included. `known` are poses that were already found.
     pub fn others(&mut self, known: &[Candidate]) -> Vec<Candidate> {
         let mut missed = Missed::new();
         let Aside { waiting, mut arrived } = std::mem::take(&mut self.aside);
@@ -113,18 +115,18 @@ impl ActuationSearch<'_> {
         self.distinct(poses)
     }
 
-    /// The cheapest pose and all others that the seeds lead to.
+    /// Returns the cheapest pose and all others that the seeds lead to.
     pub fn all(&mut self, seeds: usize) -> Actuation {
         let found = self.cheapest(seeds);
         Actuation { candidates: self.others(&found.candidates), best_effort: found.best_effort }
     }
 
-    /// A start value. Single precision knows angles near zero best; whole turns of joints without limits change nothing.
+    /// Creates a seed with unlimited joints unwound, since single precision is most accurate near zero.
     fn seed(&self, x: Row) -> Seed {
         Seed::at(self.model.unwound(&x, &[0.0; MAX_JOINTS]))
     }
 
-    /// Those of the start values that cost least after the first steps; the others wait.
+    /// Returns the start values with the lowest cost after the first steps; the others wait.
     fn screened(&mut self, numbers: Range<usize>) -> Vec<Seed> {
         let seeds: Vec<Seed> = numbers.map(|k| self.seed(self.start(k))).collect();
         let seen = self.batch.project(&seeds, SCREEN);
@@ -136,7 +138,8 @@ impl ActuationSearch<'_> {
         kept.iter().map(|(_, k)| seen[*k].seed).collect()
     }
 
-    /// Arrivals of seeds that meet the constraints in single precision within `steps`, and those that may with more.
+    /// Returns the seeds that meet the constraints in single precision within `steps`, and those that may with more
+    /// steps.
     fn arrivals(&mut self, from: &[Seed], steps: usize, missed: &mut Missed) -> (Vec<Arrival>, Vec<Seed>) {
         let (mut near, mut late) = (Vec::new(), Vec::new());
         for arrival in self.batch.project(from, steps) {
@@ -153,7 +156,7 @@ impl ActuationSearch<'_> {
         (near, late)
     }
 
-    /// The pose of an arrival, where it meets the constraints in double precision too.
+    /// Refines a converged pose in double precision; `None` if it does not meet the constraints.
     fn home(&mut self, arrival: &Arrival, missed: &mut Missed) -> Option<Candidate> {
         let mut x = arrival.seed.x;
         if self.project(&mut x) > 0.0 {
@@ -163,7 +166,7 @@ impl ActuationSearch<'_> {
         Some(self.candidate(&x))
     }
 
-    /// Brings the cheapest arrivals home and down to their optima; the others stay aside.
+    /// Refines and optimizes the cheapest converged poses; the others are postponed.
     fn descend_cheapest(&mut self, missed: &mut Missed) -> Vec<Candidate> {
         let mut arrived = std::mem::take(&mut self.aside.arrived).into_iter();
         let (mut poses, mut optima): (Vec<Candidate>, Vec<Candidate>) = (Vec::new(), Vec::new());
@@ -178,7 +181,7 @@ impl ActuationSearch<'_> {
         self.distinct(poses)
     }
 
-    /// Arrivals by cost, without those that are near a cheaper one.
+    /// Sorts converged poses by cost and drops those close to a cheaper one.
     fn distinct_arrivals(&self, mut arrived: Vec<Arrival>) -> Vec<Arrival> {
         arrived.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut out: Vec<Arrival> = Vec::new();
@@ -190,8 +193,8 @@ impl ActuationSearch<'_> {
         out
     }
 
-    /// Whether the cheapest arrival lies beyond the seeds about the present joints: what is cheapest there is told by few
-    /// seeds.
+    /// Returns whether the cheapest pose lies outside the region of seeds around the current joints, where few seeds
+    /// search.
     fn are_far(&self, arrived: &[Arrival]) -> bool {
         let best = arrived.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         best.is_some_and(|best| {

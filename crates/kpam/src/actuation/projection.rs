@@ -1,4 +1,4 @@
-//! Onto the constraints: damped Gauss-Newton within joint limits.
+//! Projection onto the constraints: damped Gauss-Newton within joint limits.
 
 use nalgebra::Vector3;
 
@@ -9,36 +9,36 @@ use crate::ldl::solve_ldl;
 use crate::model::{MAX_JOINTS, Row};
 use crate::resolve::Resolved;
 
-/// Most iterations of the projection.
+/// Maximum number of iterations of the projection.
 pub(super) const PROJECTIONS: usize = 25;
-/// A projection that has not halved its squared miss within this many iterations is given up.
+/// A projection that has not halved its squared error within this many iterations is abandoned.
 pub(super) const PATIENCE: usize = 8;
-/// Largest change of a joint in one iteration (rad or m).
+/// Maximum change of a joint in one iteration (rad or m).
 pub(super) const STEP: f64 = 0.5;
-/// Share of an angle's tolerance within which it is not pulled further.
+/// Share of an angle's tolerance within which the residual is zero.
 pub(super) const SLACK: f64 = 0.3;
-/// Distance to the workspace's faces that is aimed at (m).
+/// Targeted distance from the faces of the workspace (m).
 pub(super) const INNER: f64 = 1e-3;
 
-/// Shares of the tolerances of points and of angles within which a projection may aim.
+/// Share of the tolerances of points and of angles within which a projection may aim.
 const POINT_AIM: f64 = 0.7;
 const ANGLE_AIM: f64 = 0.4;
 
-/// Target of a projection inside the tolerances; at their middle where it says nothing.
+/// Target of a projection within the tolerances; by default their centre.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Aim {
-    /// Off each point constraint's target (m).
+    /// Offset from each point constraint's target (m).
     points: Vec<Vector3<f64>>,
-    /// Off each axis constraint's angle (rad).
+    /// Offset from each axis constraint's angle (rad).
     angles: Vec<f64>,
 }
 
 impl Aim {
-    /// Aim number `number`, from 1: all over the tolerances, the same on every machine.
+    /// Returns aim `number`, from 1, of a fixed sequence that covers the tolerances.
     pub fn within(resolved: &Resolved, number: usize) -> Self {
         let mut dimension = MAX_JOINTS;
         let mut draw = || {
-            // The first dimensions spread the seeds.
+            // The first dimensions of the sequence are used for the seeds.
             dimension = dimension.checked_sub(1).unwrap_or(MAX_JOINTS - 1);
             2.0 * halton(number, dimension) - 1.0
         };
@@ -56,7 +56,7 @@ impl Aim {
 pub(super) type Residuals = Vec<(Row, f64)>;
 
 impl ActuationSearch<'_> {
-    /// Moves `x` onto the constraints; returns the violation that is left, at most zero where they are met.
+    /// Moves `x` onto the constraints; returns the remaining violation, at most zero if they are met.
     pub(super) fn project(&mut self, x: &mut Row) -> f64 {
         let n = self.model.n().min(MAX_JOINTS);
         for v in 0..n {
@@ -111,7 +111,7 @@ impl ActuationSearch<'_> {
         self.violation(x)
     }
 
-    /// The damped Gauss-Newton step from `x`.
+    /// Returns the damped Gauss-Newton step from `x`.
     #[inline(always)]
     fn gauss_newton(&self, n: usize, x: &Row, rows: &Residuals, damping: f64) -> Option<Row> {
         let mut gradient = [0.0; MAX_JOINTS];
@@ -126,7 +126,7 @@ impl ActuationSearch<'_> {
             let pushed_out =
                 (x[v] <= self.lower[v] && gradient[v] > 0.0) || (x[v] >= self.upper[v] && gradient[v] < 0.0);
             if pushed_out {
-                // Joints at a limit that would be pushed further stay there.
+                // Joints at a limit that the step would exceed stay fixed.
                 gradient[v] = 0.0;
                 for k in 0..n {
                     normal[v.max(k)][v.min(k)] = 0.0;
@@ -141,7 +141,7 @@ impl ActuationSearch<'_> {
         solve_ldl(n, &normal, &gradient, |_| 0.0)
     }
 
-    /// Residuals that vanish well inside the constraints, with their gradients.
+    /// Computes residuals that vanish well inside the constraints, with their gradients.
     fn residual_rows(&mut self, x: &Row, out: &mut Residuals) {
         self.place(x);
         out.clear();
@@ -162,14 +162,14 @@ impl ActuationSearch<'_> {
             let slack = SLACK * a.tolerance;
             let center = a.center + self.aim.angles.get(i).copied().unwrap_or(0.0);
             let miss = angle - angle.clamp(center - slack, center + slack);
-            // Where the directions are (anti)parallel, any axis across them turns one away from the other.
+            // For (anti)parallel directions, any perpendicular axis rotates one away from the other.
             let normal = if sin > 1e-9 { cross / sin } else { any_across(&u) };
             out.push((placed.angular_row(&-normal), miss));
         }
         if let Some([low, high]) = self.problem.options.workspace {
             for k in 0..3 {
                 let c = hand.translation.vector[k];
-                // In a thin box it is the middle half, whose ends rounding cannot swap.
+                // For a thin box, use its middle half, so that rounding cannot swap the ends.
                 let inner = INNER.min(0.25 * (high[k] - low[k]));
                 let miss = c - c.clamp(low[k] + inner, high[k] - inner);
                 if miss != 0.0 {
@@ -181,7 +181,7 @@ impl ActuationSearch<'_> {
 }
 
 impl Resolved {
-    /// Bound on the residuals' norm under which every constraint holds: well inside the tightest tolerance.
+    /// Returns the bound on the residuals' norm below which every constraint holds, well inside the tightest tolerance.
     pub(super) fn nearness(&self) -> f64 {
         let points = self.points.iter().map(|p| p.tolerance);
         let angles = self.axes.iter().map(|a| a.tolerance);

@@ -1,23 +1,24 @@
-//! Start values of the search for actuation poses spread evenly, the same on every machine.
+//! Start values of the search for actuation poses, evenly spread and the same on every machine.
 
 use std::sync::LazyLock;
 
 use super::ActuationSearch;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Width of the seeds about the present joints, as a fraction of the joint ranges.
+/// Width of the region of seeds around the current joints, as a fraction of the joint ranges.
 pub(super) const NEARBY: f64 = 0.4;
-/// Every so many seeds one lies anywhere in the ranges: the cheapest pose is mostly near the present joints.
+/// One in this many seeds lies anywhere in the ranges; the cheapest pose is usually close to the current joints.
 const ANYWHERE: usize = 3;
-/// If the cheap poses allow no motion, further seeds lie twice as far about the present joints, or anywhere by turns.
+/// If the cheap poses allow no motion, additional seeds lie within twice the distance from the current joints,
+/// alternating with seeds anywhere.
 const FURTHER: f64 = 2.0 * NEARBY;
-/// Points of the sequence from one seed to the next: more than a plan spends, and no multiple of a base.
+/// Distance in the sequence between two seeds: more points than a plan uses, and coprime to the bases.
 const STRETCH: usize = 104_729;
 
 impl ActuationSearch<'_> {
-    /// Start value number `index`: the present joints, then points about them and, every third, points all over the joint
-    /// ranges. Each kind counts for itself: the odd points of a Halton sequence, say, lie in one half of the first joint's
-    /// range.
+    /// Returns start value `index`: the current joints, then points around them and, every third time, points anywhere
+    /// in the joint ranges. Each kind has its own counter, because, for example, the odd points of a Halton sequence
+    /// all lie in one half of the first joint's range.
     pub(super) fn start(&self, index: usize) -> Row {
         if index == 0 {
             return self.start;
@@ -26,8 +27,8 @@ impl ActuationSearch<'_> {
         if index % ANYWHERE == 1 { self.anywhere(so_far) } else { self.near(index - so_far, NEARBY) }
     }
 
-    /// Start value number `index` of those that are spent on other poses than the cheapest. They go on where the first
-    /// ones ended: the same points again would lead to the same poses.
+    /// Returns additional start value `index`, used to find other poses than the cheapest. The sequence continues after
+    /// the first start values, since repeated points would lead to the same poses.
     pub(super) fn further_start(&self, index: usize) -> Row {
         let first = self.problem.options.num_seeds + self.problem.options.num_seeds / 2;
         let number = first.div_ceil(ANYWHERE) + 1 + index / 2;
@@ -52,19 +53,19 @@ impl ActuationSearch<'_> {
         x
     }
 
-    /// Which point of the sequence is number `number`: each seed has a stretch of its own.
+    /// Returns the index in the sequence of point `number`; each seed has its own section.
     fn drawn(&self, number: usize) -> usize {
         self.problem.options.seed * STRETCH + number
     }
 }
 
-/// Points of the Halton sequence that are made once: more than most plans spend.
+/// Number of precomputed points of the Halton sequence, more than most plans use.
 const READY: usize = 256;
 
-/// Coordinate `dimension` of point `index` of the Halton sequence: evenly spread, the same on every machine. Digits are
-/// scrambled by a factor near the golden section of each base: as they are, coordinates of large bases go up together for
-/// the first points. On 230 recorded and 360 drawn problems 32 scrambled seeds find as many cheapest poses as 48 plain
-/// ones.
+/// Returns coordinate `dimension` of point `index` of the Halton sequence, which is evenly spread and the same on every
+/// machine. Digits are scrambled by a factor near the golden section of each base, because unscrambled coordinates of
+/// large bases are correlated in the first points. On 230 recorded and 360 generated problems, 32 scrambled seeds find
+/// as many cheapest poses as 48 unscrambled ones.
 pub(crate) fn halton(index: usize, dimension: usize) -> f64 {
     static POINTS: LazyLock<Vec<Row>> =
         LazyLock::new(|| (0..READY).map(|index| std::array::from_fn(|d| inverted_digits(index, d))).collect());
@@ -115,7 +116,7 @@ mod tests {
         let model = Model::new(&problem.robot, &problem.q_start).unwrap();
         let resolved = problem.resolve().unwrap();
         let search = ActuationSearch::new(&problem, &model, &resolved);
-        // As few as a plan spends, and many: the share of each joint's range that falls to each fifth of its box.
+        // For as few points as a plan uses and for many: the share of each joint's range in each fifth of its box.
         for (count, least, most) in [(60, 2, 7), (3000, 180, 220)] {
             for v in 0..model.n() {
                 let (low, high) = model.range(v);

@@ -6,7 +6,7 @@ use super::batch::{BatchProjection, Lanes, Normal};
 use super::projection::STEP;
 use crate::model::MAX_JOINTS;
 
-/// The next step of every lane.
+/// Computes the next step of every lane.
 pub(super) struct Step<'a> {
     pub batch: &'a BatchProjection,
     pub x: &'a Lanes,
@@ -29,7 +29,7 @@ impl Wide for Step<'_> {
 }
 
 impl Step<'_> {
-    /// Of an arm with at most `N` joints: those that are not there have no rows, and stay.
+    /// Computes the step for an arm with at most `N` joints; unused variables stay fixed.
     #[inline(always)]
     fn of<const N: usize>(self) -> Lanes {
         let Self { batch, x, normal, damping } = self;
@@ -43,7 +43,7 @@ impl Step<'_> {
             }
         }
         for v in 0..N {
-            // Joints at a limit that would be pushed further stay there.
+            // Joints at a limit that the step would exceed stay fixed.
             let (low, high) = (F32x8::splat(batch.lower[v]), F32x8::splat(batch.upper[v]));
             let down = low.below(x[v], F32x8::ONE, zero.below(gradient[v], zero, F32x8::ONE));
             let up = x[v].below(high, F32x8::ONE, gradient[v].below(zero, zero, F32x8::ONE));
@@ -57,7 +57,7 @@ impl Step<'_> {
             }
             matrix[v][v] = matrix[v][v] * moves + (F32x8::ONE - moves) + damping * batch.metric[v];
         }
-        // An LDL factorization, and the step that it gives.
+        // LDL factorization and the resulting step.
         let mut l = [[zero; N]; N];
         let mut scaled = [[zero; N]; N];
         let mut inverse = [zero; N];
@@ -98,7 +98,7 @@ impl Step<'_> {
     }
 }
 
-/// Takes steps in the lanes where they lead nearer.
+/// Accepts steps in the lanes in which they reduce the error.
 pub(super) struct Take<'a> {
     pub n: usize,
     pub before: F32x8,

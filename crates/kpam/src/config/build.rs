@@ -1,4 +1,4 @@
-//! Configs from code, and the check that every config passes.
+//! Configs built in code, and the validation of every config.
 
 use std::ops::RangeInclusive;
 
@@ -7,18 +7,18 @@ use nalgebra::Vector3;
 use super::{Constraint, Frame, Gripper, Motion, SolverConfig, TargetAxis};
 use crate::ConfigError;
 
-/// Entries that a list may have; longer ones are taken for damage.
+/// Maximum number of entries of a list; a longer one counts as damaged input.
 pub(super) const MAX_ENTRIES: usize = 200;
-/// Numbers beyond this are taken for damage: metres, radians and seconds of a table-top scene are far smaller.
+/// Maximum absolute value of a number; metres, radians and seconds of a table-top scene are far smaller.
 pub(super) const LARGEST: f64 = 1e6;
-/// Range (m) of the hand's retreat once it has let go.
+/// Range (m) of the hand's retreat after the release.
 const BACK: RangeInclusive<f64> = 0.01..=0.3;
-/// Directions have length 1 within this.
+/// Tolerance of the unit length of directions.
 const UNIT: f64 = 1e-6;
 
 type Result<T> = std::result::Result<T, ConfigError>;
 
-/// Builds a [`SolverConfig`] from constraints and motions; [`SolverConfigBuilder::build`] checks the whole.
+/// Builds a [`SolverConfig`] from constraints and motions; [`SolverConfigBuilder::build`] validates it.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct SolverConfigBuilder(SolverConfig);
@@ -44,7 +44,7 @@ impl SolverConfigBuilder {
         self
     }
 
-    /// Adds a motion before the actuation pose, outwards from it: the one added first is next to the pose.
+    /// Adds a motion before the actuation pose, in the order away from the pose: the first one added is adjacent to it.
     pub fn pre(mut self, motion: Motion) -> Self {
         self.0.pre.push(motion);
         self
@@ -56,28 +56,28 @@ impl SolverConfigBuilder {
         self
     }
 
-    /// Sets the times (s) of the actuation pose and of the keyframes before and after it, as [`SolverConfig`] has them.
+    /// Sets the times (s) of the actuation pose and of the keyframes before and after it, as in [`SolverConfig`].
     pub fn times(mut self, actuation: f64, pre: Vec<f64>, post: Vec<f64>) -> Self {
         (self.0.actuation_time, self.0.pre_times, self.0.post_times) = (Some(actuation), Some(pre), Some(post));
         self
     }
 
-    /// Sets what the fingers do; by default they are open.
+    /// Sets the finger mode; default: open.
     pub fn gripper(mut self, gripper: Gripper) -> Self {
         self.0.gripper = gripper;
         self
     }
 
-    /// Has the hand let go after the last motion, and move back along its own z axis by `distance` (m), 0.01 to 0.3.
+    /// Makes the hand release after the last motion and retreat along its own z axis by `distance` (m), 0.01 to 0.3.
     pub fn let_go(mut self, distance: f64) -> Self {
         self.0.let_go = Some(distance);
         self
     }
 
-    /// The config.
+    /// Returns the config.
     ///
     /// # Errors
-    /// What JSON would be refused for, by the same field.
+    /// The same as for JSON, with the same field.
     pub fn build(self) -> Result<SolverConfig> {
         self.0.check()?;
         Ok(self.0)
@@ -85,15 +85,15 @@ impl SolverConfigBuilder {
 }
 
 impl Constraint {
-    /// Each base coordinate of a tool keypoint within `tolerance` (m) of that of an object keypoint.
+    /// Constrains each base coordinate of a tool keypoint to within `tolerance` (m) of that of an object keypoint.
     #[must_use]
     pub fn point(keypoint: impl Into<String>, target: impl Into<String>, tolerance: f64) -> Self {
         let (keypoint, target) = (keypoint.into(), target.into());
         Self::Point { keypoint, target, offset: Vector3::zeros(), frame: Frame::World, tolerance }
     }
 
-    /// The angle between the direction from one tool keypoint to another and one on the object within `tolerance` (rad)
-    /// of `arccos(inner)`.
+    /// Constrains the angle between the direction from one tool keypoint to another and a direction of the object to
+    /// within `tolerance` (rad) of `arccos(inner)`.
     #[must_use]
     pub fn axis(
         from: impl Into<String>,
@@ -171,8 +171,8 @@ impl Motion {
 }
 
 impl SolverConfig {
-    /// Checks the whole: at least one constraint, numbers in range, directions of length 1, motions before the
-    /// actuation pose that do not need the joint, times that increase, one a motion.
+    /// Validates the config: at least one constraint, numbers in range, unit directions, no joint-following motions
+    /// before the actuation pose, and increasing times, one for each motion.
     pub(crate) fn check(&self) -> Result<()> {
         let lists = [
             ("constraint_list", self.constraints.len()),

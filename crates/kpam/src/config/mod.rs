@@ -20,11 +20,12 @@ pub enum Frame {
     World,
     /// The object frame.
     Object,
-    /// The joint frame at the config's target keypoint: y as the keypoint moves on opening, z the joint axis, x = y × z.
+    /// The joint frame at the config's target keypoint: y in the direction in which the keypoint moves on opening, z
+    /// along the joint axis, x = y × z.
     Joint,
 }
 
-/// Direction on the object that an axis constraint speaks of.
+/// Direction of the object in an axis constraint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum TargetAxis {
@@ -48,32 +49,32 @@ pub enum TargetAxis {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Constraint {
-    /// `point2point_constraint`: each base coordinate of the keypoint within `tolerance` (m) of the target's.
+    /// `point2point_constraint`: each base coordinate of the keypoint lies within `tolerance` (m) of the target's.
     Point {
         /// Keypoint of the tool.
         keypoint: String,
         /// Keypoint of the object.
         target: String,
-        /// Shift of the target (m).
+        /// Offset of the target (m).
         offset: Vector3<f64>,
-        /// Frame of the shift.
+        /// Frame of the offset.
         frame: Frame,
-        /// Half width (m).
+        /// Tolerance (m).
         tolerance: f64,
     },
-    /// The four axis constraints: angle between two directions within `tolerance` (rad) of `arccos(inner)`.
+    /// The four axis constraints: the angle between two directions lies within `tolerance` (rad) of `arccos(inner)`.
     Axis {
         /// Type as written.
         kind: String,
-        /// Tool keypoint where the tool's direction begins.
+        /// Tool keypoint at the start of the tool's direction.
         from: String,
-        /// Tool keypoint where it ends.
+        /// Tool keypoint at its end.
         to: String,
         /// Direction on the object.
         target: TargetAxis,
         /// Target inner product.
         inner: f64,
-        /// Half width (rad).
+        /// Tolerance (rad).
         tolerance: f64,
     },
     /// `point2point_cost`: weight times the squared distance (m^2) of two keypoints.
@@ -101,7 +102,7 @@ pub enum Constraint {
 }
 
 impl Constraint {
-    /// Name for reports: the type and what it binds.
+    /// Name for reports: the type and the names that it refers to.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
@@ -139,18 +140,18 @@ pub enum Motion {
         /// Metres.
         distance: f64,
     },
-    /// Named translation along base axes (m).
+    /// Translation along base axes, given by name (m).
     Move(Vector3<f64>),
     /// Rotation about the object axis through the object frame's origin (rad).
     Rotate(f64),
-    /// Moves the hand with the object's joint by so much (rad or m).
+    /// Moves the hand with the object's joint by this travel (rad or m).
     FollowJoint(f64),
-    /// Moves the hand with the object's joint to this openness (0..1, may overshoot).
+    /// Moves the hand with the object's joint to this openness (0..1, may exceed the range).
     FollowJointTo(f64),
-    /// Moves the tool keypoint of the point constraint with the object's joint by so much (rad or m); the hand keeps
-    /// its orientation.
+    /// Moves the tool keypoint of the point constraint with the object's joint by this travel (rad or m); the hand
+    /// keeps its orientation.
     TraceJoint(f64),
-    /// The same to this openness (0..1, may overshoot).
+    /// Like `TraceJoint`, to this openness (0..1, may exceed the range).
     TraceJointTo(f64),
 }
 
@@ -171,7 +172,7 @@ pub enum Gripper {
     Closed,
     /// Closing at the actuation pose.
     Grasp,
-    /// As they are throughout: something is held.
+    /// Unchanged throughout, because an object is held.
     Hold,
     /// Opening at the actuation pose.
     Release,
@@ -190,7 +191,7 @@ impl Gripper {
         }
     }
 
-    /// Whether the fingers act at the actuation pose, where the motion has to rest then.
+    /// Whether the fingers move at the actuation pose, so that the motion must stop there.
     pub(crate) fn acts(self) -> bool {
         match self {
             Self::Grasp | Self::Release => true,
@@ -199,28 +200,28 @@ impl Gripper {
     }
 }
 
-/// A validated solver config: read from JSON, or built.
+/// A validated solver config, read from JSON or built in code.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct SolverConfig {
     /// Constraints and costs of the actuation pose.
     pub(crate) constraints: Vec<Constraint>,
-    /// Motions before the actuation pose, chained outwards from it: the first one is next to it, the last comes first
-    /// in time.
+    /// Motions before the actuation pose, in the order away from it: the first one is adjacent, and the last one is
+    /// executed first.
     pub(crate) pre: Vec<Motion>,
-    /// Motions after it.
+    /// Motions after the actuation pose.
     pub(crate) post: Vec<Motion>,
     /// Time of the actuation pose (s).
     pub(crate) actuation_time: Option<f64>,
-    /// Times of the pre-actuation keyframes (s), one each, increasing: the last is that of the first motion in `pre`.
+    /// Times of the pre-actuation keyframes (s), increasing; the last one belongs to the first motion in `pre`.
     pub(crate) pre_times: Option<Vec<f64>>,
-    /// Times of the post-actuation keyframes (s), one each.
+    /// Times of the post-actuation keyframes (s).
     pub(crate) post_times: Option<Vec<f64>>,
     /// Fingers.
     pub(crate) gripper: Gripper,
-    /// Way (m) that the hand moves back along its own z axis after it has let go at the end.
+    /// Distance (m) by which the hand retreats along its own z axis after the final release.
     pub(crate) let_go: Option<f64>,
-    /// The config as JSON text, as it was given.
+    /// The original JSON text.
     pub(crate) source: String,
 }
 
@@ -232,7 +233,7 @@ impl SolverConfig {
     /// Reads JSON text.
     ///
     /// # Errors
-    /// Anything but the documented language, with the field's path.
+    /// The text is not in the documented language; the error gives the path of the field.
     ///
     /// ```
     /// let bad = gensim2_kpam::SolverConfig::from_json(r#"{"constraint_list": [], "speed": 2}"#);
@@ -243,7 +244,7 @@ impl SolverConfig {
         Self::from_value(&value)
     }
 
-    /// A config from code.
+    /// Returns a builder for a config in code.
     ///
     /// ```
     /// use gensim2_kpam::SolverConfig;
@@ -268,7 +269,7 @@ impl SolverConfig {
         &self.constraints
     }
 
-    /// Motions before the actuation pose; the first one is next to it.
+    /// Motions before the actuation pose; the first one is adjacent to it.
     #[must_use]
     pub fn pre(&self) -> &[Motion] {
         &self.pre
@@ -286,13 +287,13 @@ impl SolverConfig {
         self.gripper
     }
 
-    /// Retreat (m) of the hand along its own z axis at the end, once the fingers have opened; none where it stays.
+    /// Retreat (m) of the hand along its own z axis after the final release; `None` for no release.
     #[must_use]
     pub fn let_go(&self) -> Option<f64> {
         self.let_go
     }
 
-    /// The config as JSON text, as it was given; empty where it was built.
+    /// The original JSON text; empty if the config was built in code.
     #[must_use]
     pub fn source(&self) -> &str {
         &self.source
@@ -304,11 +305,11 @@ impl SolverConfig {
         self.actuation_time.is_some() || self.pre_times.is_some() || self.post_times.is_some()
     }
 
-    /// Keyframe times (s) on the config's clock, increasing: pre-actuation, actuation, post-actuation, letting go.
-    /// Where it sets none, the actuation is at 24 and motions are 4 apart; letting go always takes 4.
+    /// Keyframe times (s) on the config's clock, increasing: pre-actuation, actuation, post-actuation, release. Without
+    /// given times, the actuation is at 24 and motions take 4 each; the release always takes 4.
     ///
     /// # Errors
-    /// Times that do not increase from `start`.
+    /// The times do not increase from `start`.
     pub fn clock(&self, start: f64) -> Result<Vec<f64>> {
         const STEP: f64 = 4.0;
         let actuation = self.actuation_time.unwrap_or(24.0);
@@ -340,7 +341,7 @@ impl SolverConfig {
         Ok(out)
     }
 
-    /// The keypoint that the joint frame stands at: the target of the first point constraint.
+    /// The keypoint at which the joint frame lies: the target of the first point constraint.
     #[must_use]
     pub fn target_keypoint(&self) -> Option<&str> {
         self.constraints.iter().find_map(|c| match c {

@@ -1,4 +1,4 @@
-//! Configs from JSON: each field checked, each error with the field's path.
+//! Reads configs from JSON; each error gives the path of the field.
 
 use nalgebra::Vector3;
 use serde_json::{Map, Value};
@@ -202,8 +202,8 @@ fn frame_of(map: &Map<String, Value>, field: &str, at: &str, default: Option<Fra
         "world" => Ok(Frame::World),
         "object" => Ok(Frame::Object),
         "joint" => Ok(Frame::Joint),
-        // A config of the original has its constraint's type here by mistake; the original reads what is not "object"
-        // as world axes.
+        // Configs of the original mistakenly contain the constraint's type here; the original treats everything but
+        // "object" as world axes.
         "frame_axis_parallel" | "frame_axis_orthogonal" => Ok(Frame::World),
         other => Err(ConfigError::new(path, format!("must be world, object or joint, not {other:?}"))),
     }
@@ -252,7 +252,7 @@ fn times(map: &Map<String, Value>, name: &str) -> Result<Option<Vec<f64>>> {
     entries.iter().enumerate().map(|(i, v)| number(v, &format!("{name}[{i}]"))).collect::<Result<Vec<_>>>().map(Some)
 }
 
-/// A field that is there and not null.
+/// Returns a field that exists and is not null.
 fn present<'a>(map: &'a Map<String, Value>, field: &str) -> Option<&'a Value> {
     map.get(field).filter(|v| !v.is_null())
 }

@@ -1,4 +1,4 @@
-//! Whether the open hand gets to a grasp, and its fingers close there, without touching what they must not.
+//! Clearance of the open hand on its approach to a grasp, and of the closing fingers.
 
 use gensim2_geometry::{Aabb, Bvh, Convex, Corners, Pose, signed_distance};
 use nalgebra::{Point3, Translation3, Vector3};
@@ -7,9 +7,9 @@ use super::gripper::ParallelGripper;
 use super::surface::{Plane, planes};
 use crate::ProblemError;
 
-/// Distances beyond this are all the same (m).
+/// Distances are capped at this value (m).
 pub(super) const FAR: f64 = 0.01;
-/// The closing fingers are followed until their pads are this far from the object (m).
+/// The closing fingers are checked until their pads are this far from the object (m).
 const BEFORE_TOUCH: f64 = 1e-3;
 
 struct Obstacle {
@@ -19,16 +19,16 @@ struct Obstacle {
     bounds: Aabb,
 }
 
-/// The object and what stands around it, in the object frame.
+/// The object and the bodies around it, in the object frame.
 pub(super) struct Surroundings {
     obstacles: Vec<Obstacle>,
     tree: Bvh,
-    /// Faces of what is not the object.
+    /// Faces of the other bodies.
     others: Vec<Vec<Plane>>,
 }
 
 impl Surroundings {
-    /// `object` in its own frame; `others` with their poses in the object frame.
+    /// Prepares `object` in its own frame, and `others` with their poses in the object frame.
     pub fn new(object: &[Convex], others: &[(&[Convex], Pose)]) -> Self {
         let moved: Vec<Convex> =
             others.iter().flat_map(|(shapes, pose)| shapes.iter().map(|s| s.moved(pose))).collect();
@@ -47,12 +47,13 @@ impl Surroundings {
         Self { obstacles, tree: Bvh::new(&boxes), others: faces }
     }
 
-    /// Whether a point lies in a hull that is not the object, or about as near to it as `margin` (m).
+    /// Returns whether a point lies inside or within about `margin` (m) of another body.
     pub fn bury(&self, point: &Point3<f64>, margin: f64) -> bool {
         self.others.iter().any(|planes| planes.iter().all(|plane| plane.height(point) < margin))
     }
 
-    /// Distance of a shape to the nearest obstacle, at most `FAR`; some smaller number once it is below `enough`.
+    /// Returns the distance of a shape to the nearest obstacle, at most `FAR`; the search stops once it is below
+    /// `enough`.
     fn distance(&self, corners: &Corners, radius: f64, bounds: &Aabb, enough: f64) -> f64 {
         let mut least = FAR;
         let middle = nalgebra::center(&bounds.min, &bounds.max);
@@ -71,7 +72,7 @@ impl Surroundings {
     }
 }
 
-/// A gripper's hulls, swept along its approach, in the hand frame.
+/// Hulls of a gripper, swept along its approach, in the hand frame.
 pub(super) struct HandSweep<'g> {
     gripper: &'g ParallelGripper,
     palm: Vec<Convex>,
@@ -80,7 +81,7 @@ pub(super) struct HandSweep<'g> {
 }
 
 impl<'g> HandSweep<'g> {
-    /// The hand as it comes from `approach` (m) back.
+    /// Prepares the hand for a straight approach of length `approach` (m).
     pub fn new(gripper: &'g ParallelGripper, approach: f64) -> Result<Self, ProblemError> {
         let back = gripper.grip().rotation * Vector3::new(0.0, 0.0, -approach);
         let swept = |shapes: &[Convex]| shapes.iter().map(|s| sweep(s, &back)).collect::<Result<Vec<_>, _>>();
@@ -93,16 +94,15 @@ impl<'g> HandSweep<'g> {
         })
     }
 
-    /// Least distance (m, at most `FAR`) that the palm keeps on its way to a grasp; `None` where it is below `least`.
+    /// Returns the minimum distance (m, at most `FAR`) of the palm on its approach; `None` if it is below `least`.
     pub fn palm(&mut self, around: &Surroundings, grip: &Pose, least: f64) -> Option<f64> {
         let hand = grip * self.gripper.grip().inverse();
         kept(&self.palm, &hand, around, &mut self.corners, least)
     }
 
-    /// The same of the fingers at `opening`, which then close to `width`.
+    /// Returns the minimum distance of the fingers, which approach at `opening` and then close to `width`.
     ///
-    /// While they close, it counts as kept where nothing is touched but by the pads, and what is not the object keeps
-    /// `least`.
+    /// While they close, only the pads may touch the object, and other bodies must keep the distance `least`.
     pub fn fingers(&mut self, around: &Surroundings, grip: &Pose, opening: f64, width: f64, least: f64) -> Option<f64> {
         let hand = grip * self.gripper.grip().inverse();
         let closing = grip.rotation * Vector3::x();
@@ -133,7 +133,7 @@ impl<'g> HandSweep<'g> {
     }
 }
 
-/// Least distance of shapes at a pose, at most `FAR`; `None` where it is below `least`.
+/// Returns the minimum distance of shapes at a pose, at most `FAR`; `None` if it is below `least`.
 fn kept(shapes: &[Convex], pose: &Pose, around: &Surroundings, corners: &mut Corners, least: f64) -> Option<f64> {
     let mut most = FAR;
     for shape in shapes {

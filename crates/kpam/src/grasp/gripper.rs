@@ -1,4 +1,4 @@
-//! A parallel gripper: where its pads are, how far they open, and what else may be in the way.
+//! A parallel gripper: its pads, their stroke, and its collision shapes.
 
 use gensim2_geometry::{Convex, JointKind, Pose, Robot, is_rigid};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, Vector3};
@@ -7,25 +7,26 @@ use serde::{Deserialize, Serialize};
 use crate::ProblemError;
 use crate::checked::checked_when_read;
 
-/// Fingers may slide so far off the closing axis (cosine).
+/// Minimum cosine between a finger's sliding direction and the closing axis.
 const ALONG: f64 = 0.99;
-/// Corners of a finger within this of its innermost one belong to its pad (m).
+/// Vertices of a finger within this distance of its innermost one belong to its pad (m).
 const PAD_DEPTH: f64 = 1e-3;
 
 /// Keypoints of a gripper in the hand frame (m).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct GripperKeypoints {
-    /// Middle between the fingertips.
+    /// Midpoint between the fingertips.
     pub head: Vector3<f64>,
-    /// Middle between the finger bases: from here to `head` the fingers point.
+    /// Midpoint between the finger bases; the fingers point from here to `head`.
     pub tail: Vector3<f64>,
-    /// On one side: from `head` to here that finger opens.
+    /// Point beside `head`, in the opening direction of one finger.
     pub side: Vector3<f64>,
 }
 
-/// A gripper with two flat pads that move towards each other equally far.
+/// A gripper with two flat pads that move symmetrically.
 ///
-/// Its grip frame has x along the closing axis, z as the fingers point, and its origin midway between the pads' middles.
+/// Its grip frame has x along the closing axis, z along the fingers, and its origin midway between the centres of the
+/// pads.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct ParallelGripper {
@@ -42,24 +43,24 @@ checked_when_read!(ParallelGripper);
 /// A joint that opens a finger.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct FingerJoint {
-    /// Place in the robot's joint vector.
+    /// Index in the robot's joint vector.
     index: usize,
     /// Value (m) at the smallest opening.
     closed: f64,
-    /// Change of the value for a change of the opening.
+    /// Change of the value per change of the opening.
     slope: f64,
 }
 
 impl ParallelGripper {
-    /// A gripper by its numbers.
+    /// Creates a gripper from its dimensions.
     ///
-    /// `grip` is the grip frame in the hand frame; `pad` the half extents of a pad (m), across the fingers and along
-    /// them; `stroke` the smallest and largest opening (m). `palm` is what does not move, in the hand frame; `fingers`
-    /// are the one on the negative side of the closing axis and the one on the positive side, in the hand frame, where
-    /// they would be at opening zero.
+    /// `grip` is the grip frame in the hand frame; `pad` are the half extents of a pad (m), across and along the
+    /// fingers; `stroke` is the minimum and maximum opening (m). `palm` are the fixed shapes in the hand frame.
+    /// `fingers` are the finger on the negative side of the closing axis and the one on the positive side, in the hand
+    /// frame at opening zero.
     ///
     /// # Errors
-    /// Extents that are not positive, or a stroke that does not open.
+    /// Extents are not positive, or the stroke is empty.
     pub fn new(
         grip: Pose,
         pad: [f64; 2],
@@ -89,10 +90,10 @@ impl ParallelGripper {
         Ok(())
     }
 
-    /// The grip frame of keypoints: x from head to side, made orthogonal to z from tail to head.
+    /// Returns the grip frame of keypoints: x from head to side, made orthogonal to z from tail to head.
     ///
     /// # Errors
-    /// Keypoints that coincide or lie on one line.
+    /// Keypoints coincide or are collinear.
     pub fn frame(keypoints: &GripperKeypoints) -> Result<Pose, ProblemError> {
         let fail = || ProblemError::new("tool_keypoints", "head, tail and side must not lie on one line");
         let z = (keypoints.head - keypoints.tail).try_normalize(1e-6).ok_or_else(fail)?;
@@ -102,11 +103,11 @@ impl ParallelGripper {
         Ok(Pose::from_parts(Translation3::from(keypoints.head), axes))
     }
 
-    /// The gripper of a robot: its fingers are the links below the hand that slide along the closing axis, one to each
-    /// side; pads and stroke follow from their shapes and limits.
+    /// Derives the gripper of a robot: its fingers are the links below the hand that slide along the closing axis, one
+    /// to each side; pads and stroke follow from their shapes and limits.
     ///
     /// # Errors
-    /// Keypoints on one line, or a hand without two such fingers that have shapes and limits.
+    /// The keypoints are collinear, or the hand has no two such fingers with shapes and limits.
     pub fn of_robot(robot: &Robot, keypoints: &GripperKeypoints) -> Result<Self, ProblemError> {
         let mut grip = Self::frame(keypoints)?;
         let axis = grip.rotation * Vector3::x();
@@ -134,7 +135,7 @@ impl ParallelGripper {
             let Some(middle) = middle(robot, index, &hand_from_link) else { continue };
             let side = usize::from((middle - keypoints.head).dot(&axis) > 0.0);
             let outwards = if side == 1 { along } else { -along };
-            // Closed: as far inwards as it slides.
+            // Closed means as far inwards as the joint slides.
             q[joint] = if outwards > 0.0 { slide.lower() } else { slide.upper() };
             joints.push(FingerJoint { index: joint, closed: q[joint], slope: 0.5 * outwards.signum() });
             range = range.min(slide.upper() - slide.lower());
@@ -160,13 +161,13 @@ impl ParallelGripper {
         };
         let fingers = [placed(left), placed(right)];
         let (low, high) = (inner_face(&fingers[0], -1.0), inner_face(&fingers[1], 1.0));
-        // Half extents of what both pads share, across the fingers and along them.
+        // Half extents of the overlap of both pads, across and along the fingers.
         let overlap = |k: usize| (low.lower[k].max(high.lower[k]), low.upper[k].min(high.upper[k]));
         let ((y0, y1), (z0, z1)) = (overlap(1), overlap(2));
         let shift = Vector3::new(0.5 * (high.lower.x + low.upper.x), 0.5 * (y0 + y1), 0.5 * (z0 + z1));
         let gap = (high.lower.x - low.upper.x).max(0.0);
         grip *= Translation3::from(shift);
-        // Where they would be at opening zero, in the hand frame.
+        // The shapes at opening zero, in the hand frame.
         let at_zero = |shapes: &[Convex], inner: f64| -> Vec<Convex> {
             let to_hand = grip * Translation3::from(Vector3::new(-inner, -shift.y, -shift.z));
             shapes.iter().map(|s| s.moved(&to_hand)).collect()
@@ -190,20 +191,20 @@ impl ParallelGripper {
         &self.grip
     }
 
-    /// Half extents of a pad (m): across the fingers, and along them.
+    /// Half extents of a pad (m), across and along the fingers.
     #[must_use]
     pub fn pad(&self) -> [f64; 2] {
         self.pad
     }
 
-    /// Smallest and largest opening (m).
+    /// Minimum and maximum opening (m).
     #[must_use]
     pub fn stroke(&self) -> [f64; 2] {
         self.stroke
     }
 
-    /// Sets the finger joints of a full joint vector to an opening (m), which is kept within the stroke. Does nothing
-    /// where the gripper was given by its numbers.
+    /// Sets the finger joints of a full joint vector to an opening (m), clipped to the stroke. Does nothing for a
+    /// gripper that was created from dimensions.
     pub fn set_opening(&self, q: &mut [f64], opening: f64) {
         let beyond = opening.clamp(self.stroke[0], self.stroke[1]) - self.stroke[0];
         for joint in &self.joints {
@@ -213,7 +214,7 @@ impl ParallelGripper {
         }
     }
 
-    /// Static parts, hand frame.
+    /// Fixed parts, hand frame.
     #[must_use]
     pub fn palm(&self) -> &[Convex] {
         &self.palm
@@ -248,7 +249,7 @@ struct Face {
     upper: Point3<f64>,
 }
 
-/// Box around the innermost corners of a finger on the given side of the closing axis, grip frame.
+/// Returns the box around the innermost vertices of a finger on the given side of the closing axis, grip frame.
 fn inner_face(finger: &[Convex], side: f64) -> Face {
     let corners = || finger.iter().flat_map(|s| s.points().iter().map(move |p| (p, s.radius())));
     let inward = |(p, radius): (&Point3<f64>, f64)| side * p.x - radius;
@@ -304,7 +305,7 @@ mod tests {
     #[test]
     fn pads_and_stroke_are_read_off_the_fingers() {
         let both = r#"lower="0" upper="0.03""#;
-        // Both ways of writing a finger: sliding outwards with its joint, or inwards.
+        // Fingers can slide outwards or inwards with increasing joint values.
         let inwards = r#"lower="-0.03" upper="0""#;
         for robot in [hand([both, both], ["0 1 0", "0 -1 0"]), hand([both, inwards], ["0 1 0", "0 1 0"])] {
             let gripper = ParallelGripper::of_robot(&robot, &keypoints()).unwrap();

@@ -1,54 +1,55 @@
-//! Contacts of two closing pads: seen by lines between them, spread evenly over their faces.
+//! Contacts of two closing pads, computed with lines between them that are spread evenly over their faces.
 
 use gensim2_geometry::Pose;
 use nalgebra::{Point3, Vector3};
 
 use super::surface::{Span, Surface};
 
-/// Lines across the fingers and along them.
+/// Number of lines across and along the fingers.
 const LINES: [usize; 2] = [3, 11];
-/// Matter within this of the first touched counts as touched (m): pads and objects give a little.
+/// Material within this distance of the first contact also counts as touched (m), because pads and objects are slightly
+/// soft.
 const GIVE: f64 = 5e-4;
 
 /// Contact of one pad.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
-    /// Part of the pad that touches, 0..1.
+    /// Fraction of the pad in contact, 0..1.
     pub share: f64,
-    /// Middle of the touched places, object frame (m).
+    /// Centre of the contact points, object frame (m).
     pub center: Point3<f64>,
     /// Mean outward normal of the object there, object frame.
     pub normal: Vector3<f64>,
 }
 
-/// Hold of an object between closed pads.
+/// Contacts of an object between closed pads.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hold {
     /// Distance of the pads (m).
     pub width: f64,
-    /// Middle between them, from the grip frame's origin along the closing axis (m).
+    /// Centre between the pads, from the grip frame's origin along the closing axis (m).
     pub offset: f64,
-    /// On the negative side of the closing axis, and on the positive one.
+    /// On the negative and the positive side of the closing axis.
     pub patches: [Patch; 2],
-    /// Unit direction along which the pads press on each other through the object, object frame: the closing axis where
-    /// they touch opposite places, or else from the middle of the one patch to that of the other.
+    /// Unit direction along which the pads press on each other through the object, object frame: the closing axis if
+    /// the contacts are opposite each other, else the line between the centres of both contacts.
     pub press: Vector3<f64>,
 }
 
-/// Travel of a pad when it touches, the contact point, and the normal there.
+/// Travel of a pad until contact, the contact point, and the normal there.
 type Touch = (f64, Point3<f64>, Vector3<f64>);
 
-/// Memory reused between holds.
+/// Memory reused between grasps.
 #[derive(Default)]
 pub(super) struct Lines {
     spans: Vec<Span>,
-    /// Of each line that meets matter, on both sides.
+    /// Contacts of each line that meets material, on both sides.
     touched: [Vec<Touch>; 2],
 }
 
 impl Lines {
-    /// Contacts of pads of half extents `pad` that close from `opening` in the grip frame `grip` (object frame); `None`
-    /// where there is nothing between them, or matter where they are when open.
+    /// Returns the contacts of pads with half extents `pad` that close from `opening` in the grip frame `grip` (object
+    /// frame); `None` if nothing is between them, or if material overlaps the open pads.
     pub fn hold(&mut self, surface: &Surface, grip: &Pose, pad: [f64; 2], opening: f64) -> Option<Hold> {
         let half = 0.5 * opening;
         let direction = grip.rotation * Vector3::x();

@@ -1,8 +1,8 @@
 //! Grasps of an object for a parallel gripper.
 //!
-//! Points spread evenly over the object's surface, and lines through them along the normal, give pairs of opposite
-//! places whose normals lie within the friction cone. About each such line the hand is turned and shifted; what its
-//! pads then touch, and whether the open hand gets there freely, decides and ranks.
+//! Points spread evenly over the object's surface, and lines through them along the normals, give pairs of opposite
+//! points whose normals lie within the friction cone. About each such line the hand is rotated and shifted. The
+//! contacts of its pads, and the clearance of the open hand on its approach, decide and rank the grasps.
 
 mod clearance;
 mod gripper;
@@ -27,25 +27,26 @@ use crate::{ProblemError, Role, Scene};
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct GraspOptions {
-    /// Largest number of grasps that are returned.
+    /// Maximum number of grasps to return.
     pub count: usize,
-    /// Number of points that are sampled on the surface.
+    /// Number of sampled surface points.
     pub samples: usize,
-    /// Whether every part of the body is sampled equally often, whatever its surface: a knob is a small part of a drawer.
+    /// Whether every part of the body gets the same number of samples regardless of its area, because a knob is a small
+    /// part of a drawer.
     pub per_part: bool,
-    /// Largest number of hand poses whose contacts and approach are checked, the most promising first.
+    /// Maximum number of hand poses whose contacts and approach are checked, the most promising first.
     pub trials: usize,
     /// Friction coefficient between pads and object.
     pub friction: f64,
     /// Length (m) of the straight approach of the open hand along its fingers.
     pub approach: f64,
-    /// Distance (m) that the hand keeps from everything until the pads touch.
+    /// Clearance (m) of the hand until the pads touch.
     pub clearance: f64,
-    /// Direction against gravity, base frame; null where there is none. Grasps from above and near the centre of mass
-    /// are better then.
+    /// Direction against gravity, base frame, or `None`. With gravity, grasps from above and close to the centre of
+    /// mass rank higher.
     pub up: Option<[f64; 3]>,
-    /// Least and largest angle (rad) between the approach and straight down, where there is a down. Grasps outside are
-    /// not tried, and do not count as found.
+    /// Minimum and maximum angle (rad) between the approach and straight down; other grasps are not returned. Ignored
+    /// without gravity.
     pub tilt: [f64; 2],
 }
 
@@ -65,19 +66,19 @@ impl Default for GraspOptions {
     }
 }
 
-/// A way to hold an object.
+/// A grasp of an object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Grasp {
     /// The hand in the object frame.
     pub object_hand: Pose,
-    /// The hand in the base frame, where the object stands now.
+    /// The hand in the base frame, for the object's current pose.
     pub base_hand: Pose,
     /// Unit direction in which the hand approaches, base frame.
     pub approach: Vector3<f64>,
-    /// Distance of the pads when they hold (m).
+    /// Distance of the pads in the grasp (m).
     pub width: f64,
-    /// Distance of the pads on the way there (m).
+    /// Distance of the pads during the approach (m).
     pub opening: f64,
     /// Rank: 0 to 1, higher is better.
     pub score: f64,
@@ -86,14 +87,13 @@ pub struct Grasp {
 }
 
 impl Scene {
-    /// Grasps of a body where it stands among the others, best first; none where the gripper cannot hold it there. What
-    /// rides on the hand is left out.
+    /// Returns grasps of a body among the others, best first; may be empty. Attached bodies are ignored.
     ///
-    /// `center_of_mass` is in the body frame; by default the centre of the body's volume. The same arguments give the
-    /// same grasps.
+    /// `center_of_mass` is in the body frame; by default the centroid of the body's volume. The search is
+    /// deterministic.
     ///
     /// # Errors
-    /// A body that is not there, rides on the hand or has no surface, or options out of range.
+    /// The body does not exist, is attached or has no surface, or an option is out of range.
     pub fn grasps(
         &self,
         body: &str,

@@ -1,4 +1,4 @@
-//! The grasp with which a motion exists: the pick, and every place that the object is to be taken to.
+//! Planning of a pick and its placements with the first grasp that allows all motions.
 
 use std::sync::Arc;
 
@@ -16,19 +16,19 @@ use crate::{
 /// Tolerances of the hand's pose (m, rad).
 const PLACE: f64 = 2e-4;
 const DIRECTION: f64 = 5e-3;
-/// Distance of the keypoints that give directions (m).
+/// Distance of the keypoints that define directions (m).
 const ARM: f64 = 0.1;
 
-/// A pose that the object is to be brought to.
+/// A target pose of the object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Target {
     /// The object in the base frame.
     pub object: Pose,
-    /// Direction (base frame) about which the object may come turned by any angle; none where its pose is fixed.
+    /// Direction (base frame) about which the object may be rotated by any angle; `None` for a fixed orientation.
     pub free_axis: Option<Vector3<f64>>,
 }
 
-/// Object to pick, and its destination.
+/// An object to pick, and its targets.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct GraspTask {
@@ -43,39 +43,39 @@ pub struct GraspTask {
 }
 
 impl GraspTask {
-    /// The pick of a body of a scene from joints `q_start` (one entry a joint of the robot): straight to it over 0.1 m,
-    /// and up by as much.
+    /// Creates the task of picking a body of a scene from joints `q_start` (one entry for each joint of the robot),
+    /// with a straight approach of 0.1 m and a lift of 0.1 m.
     pub fn new(body: impl Into<String>, gripper: ParallelGripper, q_start: Vec<f64>) -> Self {
         let (lift, options) = (Vector3::new(0.0, 0.0, 0.1), Options::default());
         let (body, cancel) = (body.into(), Cancel::new());
         Self { body, gripper, q_start, approach: 0.1, lift, targets: Vec::new(), options, cancel }
     }
 
-    /// Sets the way (m) that the open hand comes straight along its fingers.
+    /// Sets the length (m) of the straight approach of the open hand.
     pub fn approach(mut self, way: f64) -> Self {
         self.approach = way;
         self
     }
 
-    /// Sets the motion (m, base frame) of the hand right after the grasp; also how the object comes to its targets.
+    /// Sets the motion (m, base frame) of the hand after the grasp, which is reversed for the approach to targets.
     pub fn lift(mut self, way: Vector3<f64>) -> Self {
         self.lift = way;
         self
     }
 
-    /// Adds a pose to which the object is taken, after those added before.
+    /// Adds a target pose, after those added before.
     pub fn target(mut self, target: Target) -> Self {
         self.targets.push(target);
         self
     }
 
-    /// Sets the options of every plan; a motion that the arm has at the start is the pick's.
+    /// Sets the options of every plan; a moving start applies to the pick only.
     pub fn options(mut self, options: Options) -> Self {
         self.options = options;
         self
     }
 
-    /// Sets the flag by which another thread ends the search: no grasp is found then.
+    /// Sets the flag by which another thread ends the search, without a result.
     pub fn cancel(mut self, cancel: Cancel) -> Self {
         self.cancel = cancel;
         self
@@ -93,28 +93,28 @@ impl GraspTask {
     }
 }
 
-/// A grasp with its motions, all of them solved.
+/// A grasp with its planned motions.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct GraspPlan {
-    /// Number of the grasp in the list.
+    /// Index of the grasp in the list.
     pub index: usize,
-    /// The hand in the object frame: the grasp's, or that with the fingers swapped.
+    /// The hand in the object frame, possibly with the fingers swapped.
     pub object_hand: Pose,
-    /// From the start to the grasp and up.
+    /// Plan from the start to the grasp and the lift.
     pub pick: Plan,
-    /// From there to each target.
+    /// Plans to the targets.
     pub carries: Vec<Plan>,
 }
 
 impl Scene {
-    /// The first of `grasps` with which the body can be picked and brought to every target.
+    /// Returns the first of `grasps` with which the body can be picked and brought to every target.
     ///
-    /// Each is tried as it is and with the fingers swapped. While it is carried, the body is checked as part of the hand:
-    /// targets are to be free, so a little above what it is put on. `None` where no grasp will do.
+    /// Each grasp is also tried with the fingers swapped. A carried body is checked for collisions as part of the hand,
+    /// so targets must lie slightly above the support. `None` if no grasp works.
     ///
     /// # Errors
-    /// A body that is not there or rides on the hand already, and parts of the task that do not fit each other.
+    /// The body does not exist or is already attached, or parts of the task do not fit each other.
     pub fn plan_grasp(&self, task: &GraspTask, grasps: &[Grasp]) -> Result<Option<GraspPlan>, ProblemError> {
         task.check()?;
         if self.body(&task.body)?.role == Role::Attached {
@@ -134,7 +134,7 @@ impl Scene {
     }
 }
 
-/// A task in its scene.
+/// A grasp task in its scene.
 struct Asked<'a> {
     scene: &'a Scene,
     task: &'a GraspTask,
@@ -158,7 +158,7 @@ impl Asked<'_> {
         Ok(Some((pick, carries)))
     }
 
-    /// The bodies of the scene, with the one that is picked in a role and at a pose.
+    /// Returns the bodies of the scene, with the picked one in a role and at a pose.
     fn bodies(&self, role: Role, pose: impl Fn(&Pose) -> Pose) -> Result<Bodies, ProblemError> {
         self.scene.with_bodies(|body| body.name == self.task.body, role, pose)
     }
@@ -168,7 +168,8 @@ impl Asked<'_> {
         self.task.gripper.set_opening(&mut q, grasp.opening);
         let hand = self.scene.body(&self.task.body)?.pose * object_hand;
         let motions = (vec![Motion::Move(grasp.approach * -self.task.approach)], vec![Motion::Move(self.task.lift)]);
-        // The hand may touch it on the straight approach alone; from the actuation on it is part of the hand.
+        // The hand may touch the body only during the straight approach; after the actuation the body is part of the
+        // hand.
         let options = Options { pick: vec![self.task.body.clone()], ..self.task.options.clone() };
         let bodies = self.bodies(Role::Rigid, |pose| *pose)?;
         self.problem(q, bodies, &Pose::identity(), &hand, None, motions, options)
@@ -178,12 +179,12 @@ impl Asked<'_> {
         let hand_object = object_hand.inverse();
         let bodies = self.bodies(Role::Attached, |_| hand_object)?;
         let motions = (vec![Motion::Move(self.task.lift)], vec![]);
-        // It begins at rest, where the motion before it ends.
+        // This motion starts at rest at the end of the previous one.
         let options = Options { start_velocity: None, start_acceleration: None, ..self.task.options.clone() };
         self.problem(q, bodies, &hand_object, &target.object, target.free_axis, motions, options)
     }
 
-    /// Brings a frame that rides on the hand to a pose, up to turns about `free_axis`.
+    /// Formulates the problem of moving a frame attached to the hand to a pose, up to rotations about `free_axis`.
     #[allow(clippy::too_many_arguments)]
     fn problem(
         &self,
@@ -224,7 +225,7 @@ impl Asked<'_> {
     }
 }
 
-/// Joints at the end of a solved plan.
+/// Returns the joints at the end of a solved plan.
 fn end(plan: &Plan) -> Option<Vec<f64>> {
     let Outcome::Solved(trajectory) = &plan.outcome else { return None };
     Some(trajectory.sample(trajectory.end()).position)

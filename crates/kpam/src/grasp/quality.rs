@@ -10,23 +10,24 @@ use super::hold::Hold;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Quality {
-    /// Angle (rad) by which the line between the touched places stays inside both friction cones.
+    /// Angle (rad) between the line of the contacts and the edge of the narrower friction cone.
     pub friction_margin: f64,
-    /// Part of the pad that touches, 0..1, on the side where it is less.
+    /// Fraction of the pad in contact, 0..1, on the side where it is smaller.
     pub contact: f64,
-    /// Lever (m) of gravity about the middle between the pads; without gravity the distance of the centre of mass.
+    /// Lever arm (m) of gravity about the midpoint between the pads; without gravity the distance of the centre of
+    /// mass.
     pub lever: f64,
-    /// Distance (m) that the open hand keeps on its way, from the object and from everything else.
+    /// Clearance (m) of the open hand on its approach, from the object and from everything else.
     pub clearance: f64,
     /// Angle (rad) between the approach and straight down; 0 without gravity.
     pub tilt: f64,
 }
 
-/// Contact beyond which more does not count.
+/// Contact fraction above which the score no longer increases.
 const FULL_CONTACT: f64 = 0.4;
-/// Lever at which a grasp is half as good (m).
+/// Lever arm at which the score is halved (m).
 const LEVER: f64 = 0.04;
-/// Clearance beyond which more does not count (m).
+/// Clearance above which the score no longer increases (m).
 const ROOMY: f64 = 0.006;
 /// Weights of margin, contact, lever, clearance and tilt; they add up to 1.
 const WEIGHTS: [f64; 5] = [0.25, 0.25, 0.3, 0.1, 0.1];
@@ -47,8 +48,8 @@ pub(super) fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 }
 
 impl Quality {
-    /// Of a hold in the grip frame `grip` (object frame), with the clearance that the hand keeps (m); `None` where it
-    /// is outside the friction cone.
+    /// Rates contacts in the grip frame `grip` (object frame) with the clearance of the hand (m); `None` outside the
+    /// friction cone.
     pub(super) fn of(hold: &Hold, grip: &Pose, physics: &Physics, clearance: f64) -> Option<Self> {
         let [first, second] = &hold.patches;
         let axis = grip.rotation * Vector3::x();
@@ -60,13 +61,14 @@ impl Quality {
         (friction_margin > 0.0).then_some(Self { friction_margin, contact, lever, clearance, tilt })
     }
 
-    /// The best that a grasp can be whose pads meet two places `off` (rad) the closing axis.
+    /// Returns an upper bound of the quality for contacts at two points that deviate by `off` (rad) from the closing
+    /// axis.
     pub(super) fn at_best(middle: &Point3<f64>, grip: &Pose, off: f64, physics: &Physics) -> Self {
         let (lever, tilt) = physics.lever_and_tilt(middle, grip);
         Self { friction_margin: physics.cone - off, contact: 1.0, lever, clearance: ROOMY, tilt }
     }
 
-    /// Rank from 0 to 1.
+    /// Returns the score from 0 to 1.
     pub(super) fn score(&self, physics: &Physics) -> f64 {
         let parts = [
             (self.friction_margin / physics.cone).min(1.0),

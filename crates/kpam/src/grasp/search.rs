@@ -1,4 +1,4 @@
-//! From the surface to ranked grasps.
+//! Search from the object's surface to ranked grasps.
 
 use gensim2_geometry::{Pose, rotation_about};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, Vector3};
@@ -11,40 +11,40 @@ use super::quality::{Physics, Quality, angle};
 use super::surface::{ON_SURFACE, Span, Surface};
 use crate::ProblemError;
 
-/// Directions about a closing axis from which the hand comes.
+/// Number of approach directions about a closing axis.
 const TURNS: usize = 12;
-/// Reach of the pads beyond the touched places, as parts of a pad's length, deepest first.
+/// Depths of the pads beyond the contact points, as fractions of a pad's length, deepest first.
 const DEPTHS: [f64; 4] = [0.75, 0.5, 0.3, 0.15];
-/// Least such reach.
+/// Minimum such depth.
 const SHALLOWEST: f64 = 0.04;
-/// Halvings by which the deepest reach is found above what stands in the way.
+/// Number of bisections for the maximum depth above an obstacle.
 const HALVINGS: usize = 5;
-/// Room on each side of the object that an opening must leave (m).
+/// Minimum room on each side of the object at an opening (m).
 const ROOM: f64 = 0.006;
-/// Openings that are tried beyond the width, widest first, after the full stroke (m).
+/// Openings beyond the object's width that are tried after the full stroke, widest first (m).
 const OPENINGS: [f64; 4] = [0.04, 0.024, 2.0 * ROOM, ROOM];
-/// Clearance at which no narrower opening is looked for (m).
+/// Clearance at which no narrower opening is tried (m).
 const COMFORTABLE: f64 = 0.005;
-/// Grasps nearer than this to a better one, in place and direction, are the same (m, cosine).
+/// Grasps closer than this to a better one, in position and direction, count as the same (m, cosine).
 const SAME: (f64, f64) = (0.006, 0.95);
-/// Lines nearer than this are one (m, cosine).
+/// Lines closer than this count as the same (m, cosine).
 const SAME_LINE: (f64, f64) = (0.002, 0.99);
 
-/// Two opposite places of the surface.
+/// Two opposite surface points.
 struct Pair {
     middle: Point3<f64>,
     axis: Vector3<f64>,
     width: f64,
-    /// Largest angle (rad) between the axis and a normal there.
+    /// Maximum angle (rad) between the axis and the normals.
     off: f64,
 }
 
-/// A hand pose that may turn out to be a grasp.
+/// A hand pose to examine.
 struct Trial {
     grip: Pose,
-    /// Distance of the two places (m).
+    /// Distance of the two points (m).
     width: f64,
-    /// The best score that it can have.
+    /// Upper bound of its score.
     bound: f64,
 }
 
@@ -66,7 +66,7 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Distinct grasps that the hand gets to, best first.
+    /// Returns distinct reachable grasps, best first.
     pub fn run(&self) -> Result<Vec<Found>, ProblemError> {
         let mut sweep = HandSweep::new(self.gripper, self.options.approach)?;
         let mut lines = Lines::default();
@@ -85,7 +85,7 @@ impl Search<'_> {
         Ok(found)
     }
 
-    /// Hand poses at all pairs, from all sides and at several depths, most promising first.
+    /// Returns hand poses at all pairs, from all directions and at several depths, most promising first.
     fn trials(&self) -> Vec<Trial> {
         let mut out = Vec::new();
         for pair in self.pairs() {
@@ -108,7 +108,7 @@ impl Search<'_> {
         out
     }
 
-    /// The deepest reach at which the tips of the closed pads are not inside what is not the object.
+    /// Returns the maximum depth at which the tips of the closed pads are not inside another body.
     fn deepest(&self, width: f64, at: impl Fn(f64) -> Pose) -> Option<f64> {
         let [across, along] = self.gripper.pad();
         let free = |depth: f64| {
@@ -131,7 +131,7 @@ impl Search<'_> {
         Some(low)
     }
 
-    /// Hold of the pads in a hand pose, if they hold anything and the hand gets there.
+    /// Returns the grasp of a hand pose, if the pads touch the object and the approach is free.
     fn attempt(&self, trial: &Trial, lines: &mut Lines, sweep: &mut HandSweep<'_>) -> Option<Found> {
         let pad = self.gripper.pad();
         let opening = (trial.width + 2.0 * ROOM).min(self.gripper.stroke()[1]);
@@ -144,7 +144,7 @@ impl Search<'_> {
         Some(Found { grip, width: hold.width, opening, score: quality.score(&self.physics), quality })
     }
 
-    /// Opposite places within the friction cone and the stroke.
+    /// Returns pairs of opposite points within the friction cone and the stroke.
     fn pairs(&self) -> Vec<Pair> {
         let cone = self.physics.cone;
         let (mut out, mut spans): (Vec<Pair>, Vec<_>) = (Vec::new(), Vec::new());
@@ -176,8 +176,8 @@ impl Search<'_> {
         out
     }
 
-    /// Directions at right angles to a closing axis, straight down first, where there is a down, without those from below
-    /// and those that lean more or less than is asked for.
+    /// Returns directions perpendicular to a closing axis, straight down first if there is gravity, within the allowed
+    /// tilt.
     fn approaches(&self, axis: &Vector3<f64>) -> Vec<Vector3<f64>> {
         let down = self.physics.up.and_then(|up| (axis * up.dot(axis) - up).try_normalize(0.05));
         let side = if axis.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() };
@@ -196,8 +196,8 @@ impl Search<'_> {
         }
     }
 
-    /// Clearance that the hand keeps (m), and the opening (m) for that: the widest with which it gets there comfortably,
-    /// or else the one that keeps most.
+    /// Returns the clearance of the hand (m) and the opening (m) for it: the widest opening with a comfortable
+    /// clearance, else the one with the largest clearance.
     fn room(&self, sweep: &mut HandSweep<'_>, grip: &Pose, width: f64) -> Option<(f64, f64)> {
         let full = self.gripper.stroke()[1];
         let palm = sweep.palm(self.around, grip, self.options.clearance)?;
@@ -218,14 +218,14 @@ impl Search<'_> {
 }
 
 impl Pair {
-    /// Whether both are the same line with the same ends, up to their order.
+    /// Whether both are the same line with the same ends, in either order.
     fn is(&self, other: &Self) -> bool {
         (self.middle - other.middle).norm_squared() < SAME_LINE.0 * SAME_LINE.0
             && self.axis.dot(&other.axis).abs() > SAME_LINE.1
     }
 }
 
-/// Whether two grasps are the same up to a swap of the fingers.
+/// Whether two grasps are the same up to swapping the fingers.
 fn same(a: &Pose, b: &Pose) -> bool {
     let (p, q) = (a.rotation.matrix(), b.rotation.matrix());
     (a.translation.vector - b.translation.vector).norm_squared() < SAME.0 * SAME.0

@@ -1,4 +1,4 @@
-//! An object as lines see it: where a line enters and leaves its matter, and with which normals.
+//! An object as seen by lines: where a line enters and leaves its material, and the normals there.
 
 use gensim2_geometry::{Aabb, Bvh, Convex};
 use nalgebra::{Point3, Vector3};
@@ -6,13 +6,14 @@ use nalgebra::{Point3, Vector3};
 use crate::ProblemError;
 use crate::actuation::seeds::halton;
 
-/// Gaps narrower than this between two pieces of matter are none (m).
+/// Gaps between two pieces of material narrower than this are ignored (m).
 const JOIN: f64 = 1e-4;
-/// Points nearer to the surface than this lie on it (m).
+/// Points closer to the surface than this lie on it (m).
 pub(super) const ON_SURFACE: f64 = 1e-6;
-/// Weight of a level face beside that of an upright one: objects lie on things, and are held from the sides.
+/// Weight of a horizontal face relative to a vertical one: objects rest on horizontal faces, and are grasped at the
+/// sides.
 const LEVEL: f64 = 0.2;
-/// Planes closer than this are one.
+/// Planes closer than this count as one.
 const SAME_PLANE: f64 = 1e-7;
 
 #[derive(Debug, Clone, Copy)]
@@ -30,22 +31,22 @@ impl Plane {
 
 #[derive(Debug)]
 enum Piece {
-    /// Part under all planes.
+    /// The region below all planes.
     Hull(Vec<Plane>),
     /// A triangle of a closed mesh.
     Triangle([Point3<f64>; 3]),
 }
 
-/// A stretch of a line inside matter.
+/// An interval of a line inside material.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Span {
-    /// Line parameter (m) where it begins.
+    /// Line parameter (m) at its start.
     pub enter: f64,
-    /// Line parameter (m) where it ends.
+    /// Line parameter (m) at its end.
     pub exit: f64,
-    /// Outward normal where it begins.
+    /// Outward normal at its start.
     pub enter_normal: Vector3<f64>,
-    /// Outward normal where it ends.
+    /// Outward normal at its end.
     pub exit_normal: Vector3<f64>,
 }
 
@@ -55,17 +56,18 @@ pub(super) struct Surface {
     pieces: Vec<Piece>,
     tree: Bvh,
     triangles: Vec<[Point3<f64>; 3]>,
-    /// Weight of all triangles up to and including each.
+    /// Cumulative weights of the triangles.
     weights: Vec<f64>,
-    /// Centre of volume.
+    /// Centroid of the volume.
     pub center: Point3<f64>,
-    /// Whether there are triangles of meshes, whose normals may point inwards.
+    /// Whether there are mesh triangles, whose normals may point inwards.
     pub meshes: bool,
 }
 
 impl Surface {
-    /// Surface of shapes in the body frame; `up` is the direction against gravity, if any. Three corners without
-    /// rounding are a triangle of a mesh. With `per_part` all shapes are sampled equally often, else by their surface.
+    /// Prepares shapes in the body frame; `up` is the direction against gravity, if any. A hull of three points without
+    /// rounding is a mesh triangle. With `per_part` all shapes are sampled equally often, otherwise in proportion to
+    /// their area.
     pub fn new(shapes: &[Convex], up: Option<&Vector3<f64>>, per_part: bool) -> Result<Self, ProblemError> {
         let (mut pieces, mut boxes, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
         let mut weights: Vec<f64> = Vec::new();
@@ -119,7 +121,7 @@ impl Surface {
         Ok(Self { pieces, tree: Bvh::new(&boxes), triangles, weights, center, meshes })
     }
 
-    /// Point number `index` of an even spread over the surface, with the normal there.
+    /// Returns point `index` of an even sampling of the surface, with the normal there.
     pub fn sample(&self, index: usize) -> Option<(Point3<f64>, Vector3<f64>)> {
         let total = *self.weights.last()?;
         let wanted = total * halton(index + 1, 0);
@@ -131,7 +133,7 @@ impl Surface {
         if !self.meshes {
             return Some((p, normal));
         }
-        // Along an outward normal the line leaves matter at the point.
+        // Along an outward normal, the line leaves material at the point.
         let mut spans = Vec::new();
         self.spans(&p, &normal, &mut spans);
         let enters = spans.iter().any(|s| s.enter.abs() < ON_SURFACE);
@@ -147,7 +149,7 @@ impl Surface {
             Piece::Triangle(corners) => crossings.extend(through_triangle(corners, origin, direction)),
         });
         crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Edges are hit by both triangles that share them.
+        // A line through an edge hits both adjacent triangles.
         crossings.dedup_by(|b, a| b.0 - a.0 < 1e-9);
         out.extend(crossings.chunks_exact(2).map(|pair| Span {
             enter: pair[0].0,
@@ -223,7 +225,7 @@ fn against(normal: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
     if normal.dot(direction) > 0.0 { -normal } else { *normal }
 }
 
-/// Joins spans that overlap or all but touch.
+/// Merges spans that overlap or nearly touch.
 fn join(spans: &mut Vec<Span>) {
     spans.sort_by(|a, b| a.enter.total_cmp(&b.enter));
     spans.dedup_by(|next, last| {

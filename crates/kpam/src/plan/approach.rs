@@ -7,28 +7,29 @@ use crate::model::{Model, Row};
 use crate::timing::{Spline, rounded};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
 
-/// Free motions are searched for with this much more than the margin (m): a smooth curve may take it from its corners.
+/// Extra clearance (m) of the search for free motions, which the smooth curve may lose at corners.
 const CURVED: f64 = 1e-3;
-/// Spacings of waypoints (rad or m) on the free approach, and that near its ends.
+/// Waypoint spacings (rad or m) on the free approach, and near its ends.
 const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
 pub(super) const WIDE: f64 = 0.5;
 pub(super) const NEAR: f64 = 0.04;
-/// Searches in a row in which no sample got anywhere from the start, after which none is made from it.
+/// Number of consecutive searches in which no sample could be connected to the start, after which the search is
+/// abandoned.
 const BOXED_IN: usize = 3;
 
 /// A free motion to the first keyframe.
 pub(super) struct Approach {
-    /// Pieces end at rest, and begin there but for the first of a start under way.
+    /// Segments end at rest, and begin at rest except the first one of a moving start.
     pub pieces: Vec<Vec<Row>>,
-    /// The same motion with a stop wherever it turns.
+    /// The same motion with a stop at every corner.
     pub corners: Vec<Vec<Row>>,
     /// Margins that it keeps.
     pub kept: Margins,
-    /// Hits, where hits do not count.
+    /// Collision, if collisions do not count.
     pub hit: Option<Hit>,
 }
 impl Planner<'_> {
-    /// Free motion from the start to the first keyframe.
+    /// Searches the free motion from the start to the first keyframe.
     pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
         let n = self.model.n();
         let segment = self.world.schedule.toward(self.entry);
@@ -39,7 +40,7 @@ impl Planner<'_> {
             if self.stop.is_empty() || self.warm_start.is_none() || self.world.start_overlap > TOUCH {
                 return Err(NoWay::Blocked(hit.clone()));
             }
-            // Nothing but the motion under way may still be free: that is swept once it is taken up.
+            // Only the current motion may still be free; it is swept when it is resumed.
             let kept = self.margins(&start, goal, segment, self.margin, false);
             let pieces = vec![straight(&[start, *goal])];
             return Ok(Approach { pieces, corners: Vec::new(), kept, hit: None });
@@ -49,17 +50,18 @@ impl Planner<'_> {
             let pieces = vec![straight(&[start, *goal])];
             return Ok(Approach { pieces, corners: Vec::new(), kept: Margins::plain(0.0), hit });
         }
-        // What overlaps at the start comes apart first, and then stays apart.
+        // Bodies that overlap at the start are separated first, and then stay separated.
         let out = self.way_out(&start, segment);
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
         let mut wide = self.margins(&start, goal, segment, self.margin + CURVED, out.is_some());
         if out.is_some() {
-            // What came apart keeps what it has there; all else what it has at the start, not on the way out.
+            // A separated pair keeps its current distance; other pairs keep their distance at the start, not the one on
+            // the way out.
             let there = self.margins(&begin, &begin, segment, self.margin + CURVED, true);
             self.world.keep_apart(&mut wide, there);
         }
         let curved = wide.with_clearance(self.margin + PAD);
-        // On the way out of what it overlaps at the start the motion is still inside.
+        // While it leaves an overlap at the start, the motion is still inside.
         let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
         if let Some(way) = self.warm_start_way(&begin, goal, segment, &curved) {
             let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
@@ -69,7 +71,7 @@ impl Planner<'_> {
             }
         }
         let corners = match self.connect(&begin, goal, segment, &wide, samples) {
-            // Straight from stop to stop no more than the margin is needed.
+            // A motion with stops at its corners needs no extra clearance.
             Err(_) => self.connect(&begin, goal, segment, &curved, samples)?,
             Ok(corners) => corners,
         };
@@ -84,7 +86,7 @@ impl Planner<'_> {
         Ok(Approach { pieces, corners: stops, kept, hit: None })
     }
 
-    /// One smooth curve near the corners, with knots ever closer to them, where one stays free.
+    /// Returns a smooth curve near the corners with increasingly dense knots, if one is free.
     fn rounded(&mut self, corners: &[Row], segment: MotionSegment, margins: &Margins) -> Option<Vec<Row>> {
         let n = self.model.n();
         SPACINGS.into_iter().map(|spacing| rounded(n, corners, spacing, NEAR)).find(|curve| {
@@ -92,18 +94,20 @@ impl Planner<'_> {
         })
     }
 
-    /// Margins of the free motion between two poses; `parted` where what overlapped at the start has come apart.
+    /// Returns the margins of the free motion between two poses; `parted`: bodies that overlapped at the start are
+    /// separated.
     fn margins(&mut self, from: &Row, to: &Row, segment: MotionSegment, clearance: f64, parted: bool) -> Margins {
         let margins = self.world.margins_between([State::still(from), State::still(to)], segment, clearance);
         if parted { margins.parted() } else { margins }
     }
 
-    /// Obstacle to the stop from the start, where one is known and counts: then no motion is free but the one under way.
+    /// Returns the obstacle of the stop from the start, if known and relevant; then only the current motion can be
+    /// free.
     pub(super) fn blocked_stop(&self) -> Option<&Hit> {
         self.stop_checked.as_ref().and_then(Option::as_ref).filter(|_| self.problem.options.avoid_collisions)
     }
 
-    /// Finds what is in the way of the stop from the start, where that was not looked for yet.
+    /// Finds the obstacle of the stop from the start, if not done yet.
     fn stop_hit(&mut self, segment: MotionSegment) -> Option<Hit> {
         if self.stop_checked.is_none() {
             let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
@@ -117,7 +121,7 @@ impl Planner<'_> {
         self.stop_checked.clone().flatten()
     }
 
-    /// Samples of the stop, or the start alone where it is at rest.
+    /// Returns samples of the stop, or only the start if it is at rest.
     pub(super) fn stop_way(&self) -> Samples {
         let mut builder = self.builder.clone();
         builder.append_nodes(&self.stop);
@@ -125,7 +129,7 @@ impl Planner<'_> {
         Samples::of(&stop, self.model.n(), [stop.start(), stop.end()], OFF)
     }
 
-    /// Corners of a free motion that keeps to margins.
+    /// Returns the vertices of a free path that keeps the margins.
     fn connect(
         &mut self,
         from: &Row,
@@ -134,7 +138,7 @@ impl Planner<'_> {
         margins: &Margins,
         samples: usize,
     ) -> Result<Vec<Row>, NoWay> {
-        // Where samples get nowhere from the start to some poses, they do to no other either.
+        // If samples cannot be connected to the start for some poses, they cannot for others.
         let max_samples = if self.boxed_in < BOXED_IN { samples } else { 0 };
         let sampling = Sampling { max_samples, seed: self.problem.options.seed };
         let found = free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling);
@@ -146,7 +150,7 @@ impl Planner<'_> {
         found
     }
 
-    /// A free pose near the start, where that overlaps something and can get out of it.
+    /// Returns a free pose near a start that overlaps a body, if one can be reached.
     fn way_out(&mut self, start: &Row, segment: MotionSegment) -> Option<Row> {
         if self.world.start_overlap <= TOUCH {
             return None;
@@ -160,7 +164,7 @@ impl Planner<'_> {
     }
 }
 
-/// Whether a curve stays within the joint limits, or where its waypoints are, and off everything.
+/// Returns whether a curve stays within the joint limits (or its waypoints' range) and collision-free.
 fn curve_is_free(
     world: &mut World<'_>,
     model: &Model,

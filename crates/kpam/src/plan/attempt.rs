@@ -1,4 +1,4 @@
-//! The motion through the keyframes of one actuation pose.
+//! The motion through the keyframes for one actuation pose.
 
 use super::approach::Approach;
 use super::failure::Failure;
@@ -9,58 +9,58 @@ use crate::model::Row;
 use crate::motion::Motions;
 use crate::world::{Hit, Margins, Way};
 
-/// Extent of what is known of a motion.
+/// How far a motion has been checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stage {
-    /// The arm follows the hand's paths so far. It goes no further, but there may be something in the way.
+    /// The arm can follow the hand paths up to here, without regard to obstacles.
     Followed,
-    /// Nothing is in the way at any waypoint.
+    /// All waypoints are collision-free.
     Seen,
-    /// Nor between them; with its margin it goes so far.
+    /// The motion between waypoints is collision-free as well, with its margin.
     Swept,
 }
 
-/// A candidate's motion as far as it goes: joint waypoints of each path, and what stopped it.
+/// Motion of a candidate as far as it goes: joint waypoints of each path, and the reason for its end.
 #[derive(Clone)]
 pub(super) struct Attempt {
     pub x: Row,
-    /// The same before whole turns were taken from it.
+    /// The actuation pose before whole turns were removed.
     pub origin: Row,
-    /// Number of its pose in the order of trial.
+    /// Index of its pose in the order of trial.
     pub rank: usize,
     pub stage: Stage,
     pub motions: Motions,
-    /// Free motions to the first keyframe, each from rest to rest; empty where there is none.
+    /// Free motions to the first keyframe, each from rest to rest; empty if there is none.
     pub approach: Vec<Vec<Row>>,
     /// Waypoints of the path to keyframe i + 1, as far as it goes.
     pub paths: Vec<Vec<Row>>,
-    /// Travel of the object's joint at those waypoints; none before the actuation.
+    /// Travel of the object's joint at these waypoints; empty before the actuation.
     pub travel: Vec<Vec<f64>>,
-    /// Free motions that stop wherever they turn, for where those of `approach` do not stand once they are timed.
+    /// Free motions with a stop at every corner, as a fallback if those of `approach` collide once they are timed.
     pub corners: Vec<Vec<Row>>,
     /// Margins of the free motion and of each path.
     pub kept: Margins,
     pub margins: Vec<Margins>,
-    /// Number of whole paths after the actuation and the fraction of the next one.
+    /// Number of complete paths after the actuation, and the fraction of the next one.
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
     pub failure: Option<Failure>,
-    /// Extent and failure of following the paths, whatever is in the way.
+    /// Extent and failure of following the paths, without regard to obstacles.
     pub reach: ((usize, f64), Option<Failure>),
-    /// Path and waypoint up to which nothing may be in the way, once something is known to be beyond it.
+    /// Path and waypoint up to which the motion may be free, once an obstacle beyond it is known.
     seen: Option<(usize, usize)>,
-    /// Whether the pose itself overlaps something, so that no motion was looked for.
+    /// Whether the pose itself overlaps a body, so that no motion was searched.
     pub overlaps: bool,
-    /// The timed motion, once approach and pre-actuation motions stand: with a failure, the part before it.
+    /// The timed motion, once approach and pre-actuation motions are complete; with a failure, the part before it.
     pub timed: Option<Timed>,
-    /// First path that is planned; those before it are done.
+    /// Index of the first planned path; earlier ones are done.
     pub first: usize,
 }
 
 impl Attempt {
     pub fn new(x: &Row, motions: Motions, first: usize) -> Self {
         let count = motions.paths.len();
-        // What lies before the first path is done.
+        // Paths before the first one are done.
         let done = first.saturating_sub(motions.actuation);
         Self {
             x: *x,
@@ -90,41 +90,42 @@ impl Attempt {
         if self.timed.is_some() { self.extent() } else { 0.0 }
     }
 
-    /// Whether the whole motion stands.
+    /// Whether the whole motion was found.
     pub fn is_whole(&self) -> bool {
         self.timed.is_some() && self.failure.is_none()
     }
 
-    /// Extent if the approach to it is free: zero, if it does not get to the actuation pose and past it. It is no more than
-    /// this, but it may be less before it is swept.
+    /// Extent if its approach is free: zero if it does not get past the actuation pose. This is an upper bound until
+    /// the motion is swept.
     pub fn extent(&self) -> f64 {
         let short = self.failure.as_ref().is_some_and(|f| f.keyframe() <= self.motions.actuation);
         if short { 0.0 } else { 1.0 + self.after.0 as f64 + self.after.1 }
     }
 
-    /// Fraction of a path after the actuation that was followed.
+    /// Returns the fraction of a path after the actuation that was followed.
     fn followed(&self, path: usize) -> f64 {
         let (whole, part) = self.reach.0;
         if path - self.motions.actuation < whole { 1.0 } else { part }
     }
 
-    /// Paths in the order in which they are looked at: from the actuation pose to the start, then to the end.
+    /// Yields the paths in the order of examination: from the actuation pose to the start, then to the end.
     fn outwards(&self) -> impl Iterator<Item = usize> + use<> {
         let act = self.motions.actuation;
         (self.first..act).rev().chain(act.max(self.first)..self.paths.len())
     }
 
-    /// End of the free motion to keyframe `entry`, where the hand's paths begin.
+    /// Returns the end of the free motion to keyframe `entry`, where the hand paths begin.
     pub fn arrival(&self, entry: usize) -> Row {
         self.paths[entry..self.motions.actuation].first().map_or(self.x, |path| path[0])
     }
 
-    /// A path with the travel of the object's joint along it.
+    /// Returns a path with the travel of the object's joint along it.
     pub fn way(&self, path: usize) -> Way<'_> {
         Way { waypoints: &self.paths[path], travel: &self.travel[path], off: &[] }
     }
 
-    /// Something is in the way on a path. Before the actuation that leaves no motion but what lies between it and there.
+    /// Records an obstacle on a path. Before the actuation, only the motion between the obstacle and the actuation
+    /// remains.
     pub fn block(&mut self, path: usize, hit: Hit) {
         let act = self.motions.actuation;
         if path < act {
@@ -138,8 +139,8 @@ impl Attempt {
 }
 
 impl Planner<'_> {
-    /// Looks at single waypoints after the actuation: what is in the way at one of them says how far the motion goes at the
-    /// most, at far less cost than a sweep.
+    /// Checks single waypoints after the actuation: an obstacle at one of them bounds the extent of the motion at much
+    /// lower cost than a sweep.
     pub(super) fn see(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         if self.problem.options.avoid_collisions {
@@ -165,7 +166,7 @@ impl Planner<'_> {
         out.stage = Stage::Seen;
     }
 
-    /// Looks for the free motion to the first keyframe, and times the whole.
+    /// Searches the free motion to the first keyframe, and times the whole motion.
     pub(super) fn complete(&mut self, out: &mut Attempt, samples: usize) {
         self.act(out);
         if self.entry > out.motions.actuation || self.approach_first(out, samples) {
@@ -181,7 +182,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Looks for the free motion to the first keyframe; whether there is one.
+    /// Searches the free motion to the first keyframe; returns whether there is one.
     fn approach_first(&mut self, out: &mut Attempt, samples: usize) -> bool {
         let goal = out.arrival(self.entry);
         let keyframe = self.entry;
@@ -203,8 +204,8 @@ impl Planner<'_> {
         false
     }
 
-    /// Sweeps the paths, and cuts the motion where it hits something. Each keeps the margin, or what either of its ends
-    /// leaves where that is less.
+    /// Sweeps the paths, and ends the motion at a collision. Each path keeps the margin, or the clearance at its ends
+    /// if that is smaller.
     pub(super) fn sweep_all(&mut self, out: &mut Attempt, bar: Option<f64>) {
         out.stage = Stage::Swept;
         self.act(out);
@@ -232,8 +233,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Sweeps a path; the last waypoint up to which it is free, and what it meets then. A path that ends earlier has
-    /// another end, whose clearances are those that count: it is swept again, where it still goes further than `bar`.
+    /// Sweeps a path; returns the last free waypoint and the obstacle. A path that ends earlier has another end with
+    /// other clearances, so it is swept again if it still extends beyond `bar`.
     fn sweep_path(&mut self, out: &mut Attempt, path: usize, bar: Option<f64>) -> Option<(usize, Hit)> {
         let segment = self.world.schedule.along(path);
         let act = out.motions.actuation;

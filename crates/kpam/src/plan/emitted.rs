@@ -1,4 +1,4 @@
-//! Check that what is emitted is what was swept: the motion in time is looked at once more, whole.
+//! Final collision check of the complete timed motion.
 
 use super::attempt::Attempt;
 use super::failure::Failure;
@@ -8,18 +8,18 @@ use crate::Trajectory;
 use crate::model::Row;
 use crate::world::{Hit, Margins, State, TOUCH, Way};
 
-/// Between the samples that are swept, a joint is to lie off the straight segment by no more than this (rad or m).
+/// Maximum deviation of a joint from the straight segment between swept samples (rad or m).
 pub(super) const OFF: f64 = 2e-5;
-/// The same where far from everything: samples as far apart as this allows are enough to prove most of a motion free.
+/// The same far from obstacles, where coarser samples suffice to prove most of a motion free.
 const ROUGH: f64 = 2e-4;
-/// Times between samples (s), and how many of them a segment may have at the least and the greatest step: what takes longer
-/// is slower.
+/// Minimum time between samples (s), and the numbers of samples of a segment at the smallest and the largest step; a
+/// longer motion is slower and needs no more.
 const SHORTEST: f64 = 2e-3;
 const LONGEST: f64 = 2e-2;
 const MAX_SAMPLES: f64 = 2e4;
 const ENOUGH: f64 = 1e3;
 
-/// Samples of a motion, and how far each joint may lie off the straight segment after each of them.
+/// Samples of a motion, with the maximum deviation of each joint from the straight segment after each sample.
 pub(super) struct Samples {
     times: Vec<f64>,
     pub waypoints: Vec<Row>,
@@ -27,8 +27,8 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Of a motion of `joints` variables between two times (s). Within a step `h` whose acceleration is at most `a`, a
-    /// joint lies at most `a h^2 / 8` off its chord.
+    /// Samples a motion of `joints` variables between two times (s). Within a step `h` with acceleration at most `a`, a
+    /// joint deviates by at most `a h^2 / 8` from its chord.
     pub fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2], most: f64) -> Self {
         let mut time = begin;
         let wider = (most / OFF).sqrt();
@@ -58,7 +58,8 @@ impl Samples {
         out
     }
 
-    /// Travel of the object's joint at each sample of a segment: the motion passes its waypoints one after the other.
+    /// Returns the travel of the object's joint at each sample of a segment, in which the motion passes its waypoints
+    /// in order.
     fn travel(&self, joints: usize, segment: &Stretch<'_>) -> Vec<f64> {
         let (waypoints, travel) = (&segment.waypoints, &segment.travel);
         if travel.len() < 2 || travel.len() != waypoints.len() {
@@ -88,8 +89,8 @@ impl Samples {
 }
 
 impl Planner<'_> {
-    /// The timed motion of an attempt, swept as it is emitted. Where it does not stand, the segments about the place stop
-    /// where they meet, then the free motion stops wherever it turns.
+    /// Times an attempt's motion and sweeps the result. After a collision, adjacent segments get a stop between them,
+    /// then the free motion stops at every corner.
     pub(super) fn emit(&mut self, attempt: &mut Attempt) -> Result<Timed, Failure> {
         let clock = self.clock.clone();
         let mut manner = TakeUp::GoesOn;
@@ -125,8 +126,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Finds the first segment of the approach in which something that has come apart overlaps once more, and the pair. Where no
-    /// straight way out of the overlaps at the start was found, they may persist.
+    /// Finds the first segment of the approach in which separated bodies overlap again, with the pair. If no straight
+    /// way out of the overlaps at the start was found, the overlaps may persist.
     fn comes_back(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
         if self.world.start_overlap <= TOUCH || self.exit != Some(None) || segments[0].toward != self.entry {
             return None;
@@ -150,12 +151,12 @@ impl Planner<'_> {
         None
     }
 
-    /// The first segment of a motion in time that comes nearer to something than it may, and to what.
+    /// Returns the first segment of a timed motion that violates a margin, with the pair.
     fn first_hit(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
         let joints = self.model.n();
         segments.iter().zip(&timed.spans).enumerate().find_map(|(k, (segment, span))| {
             let mut rest = *span;
-            // Where the object's joint moves, how far it has between samples is told by close ones alone.
+            // Where the object's joint moves, only close samples determine its travel in between.
             if segment.travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits()) {
                 let rough = Samples::of(&timed.trajectory, joints, *span, ROUGH);
                 let travel: Vec<f64> = segment.travel.first().copied().into_iter().collect();
@@ -187,7 +188,7 @@ mod tests {
         let samples = Samples::of(&motion, 2, [motion.start(), motion.end()], OFF);
         assert_eq!(samples.off.len() + 1, samples.waypoints.len());
         assert!(samples.off.iter().all(|off| off[..2].iter().all(|o| *o <= 2.5 * OFF)));
-        // Some place on the segment is as near as is said in every joint.
+        // Some position on the segment is this close in every joint.
         let beside = |x: &Row, k: usize| {
             let (a, b) = (&samples.waypoints[k], &samples.waypoints[k + 1]);
             let (mut from, mut to) = (0.0_f64, 1.0_f64);

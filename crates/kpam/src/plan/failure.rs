@@ -1,16 +1,16 @@
-//! Why a motion ends before its end.
+//! Reasons why a motion ends early.
 
 use nalgebra::Vector3;
 
 use super::Lack;
 use crate::world::Hit;
 
-/// The place at which the hand cannot follow its path any further.
+/// The position at which the hand cannot follow its path any further.
 #[derive(Debug, Clone)]
 pub(super) struct PathEnd {
-    /// What is left of the path of the hand's origin (m, base frame).
+    /// Remaining translation of the hand's origin (m, base frame).
     pub left: Vector3<f64>,
-    /// Joint nearest to a limit, if it is at one: name, "lower" or "upper", limit, and unit.
+    /// Joint at a limit, if any: name, "lower" or "upper", limit, and unit.
     pub limit: Option<(String, &'static str, f64, &'static str)>,
 }
 
@@ -25,20 +25,20 @@ impl PathEnd {
     }
 }
 
-/// Why a candidate's motion ends before its end. Keyframes are numbered in time.
+/// Reason why a candidate's motion ends early. Keyframes are numbered in time order.
 #[derive(Debug, Clone)]
 pub(super) enum Failure {
-    /// The hand cannot follow the path to this keyframe beyond this fraction; what keeps it from that.
+    /// The hand cannot follow the path to this keyframe beyond this fraction, for the reason in `end`.
     Unreachable { keyframe: usize, fraction: f64, end: PathEnd },
-    /// The motion begins deeper inside something than the problem allows.
+    /// At the start, the robot overlaps a body by more than the problem allows.
     Inside { keyframe: usize, hit: Hit },
-    /// Something is in the way on the path to this keyframe.
+    /// An obstacle blocks the path to this keyframe.
     Blocked { keyframe: usize, hit: Hit },
-    /// No free motion to this keyframe was found; this is in the straight way.
+    /// No free motion to this keyframe was found; this obstacle blocks the straight segment.
     NotFound { keyframe: usize, hit: Hit },
-    /// The clock allows this much less than needed.
+    /// The config's clock allows less time than needed.
     TooFast { keyframe: usize, allowed: f64, needed: f64 },
-    /// No motion along the path to this keyframe keeps the limits from the state at the start on.
+    /// No motion along the path to this keyframe keeps the limits from the start state on.
     Untimed { keyframe: usize },
 }
 
@@ -55,7 +55,7 @@ impl Failure {
         }
     }
 
-    /// Status of planning that ends with it.
+    /// Status of planning with this failure.
     pub fn lack(&self) -> Lack {
         match self {
             Self::Unreachable { .. } => Lack::Unreachable,
@@ -67,7 +67,7 @@ impl Failure {
         }
     }
 
-    /// One sentence for a person; `label` names keyframes.
+    /// Explanation in one sentence; `label` names keyframes.
     pub fn reason(&self, label: impl Fn(usize) -> String) -> String {
         match self {
             Self::Unreachable { keyframe, fraction, end } => {
@@ -98,7 +98,7 @@ impl Failure {
     }
 }
 
-/// The start that cannot be planned from.
+/// Describes a start from which planning is impossible.
 pub(super) fn inside(hit: &Hit) -> String {
     format!("{} is {:.4} m inside {} at the start, {}", hit.first, -hit.distance, hit.second, place(hit))
 }

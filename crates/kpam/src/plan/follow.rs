@@ -1,4 +1,4 @@
-//! The hand's paths before and after one actuation pose, followed.
+//! Follows the hand paths before and after one actuation pose.
 
 use gensim2_geometry::{JointKind, Pose};
 
@@ -10,12 +10,13 @@ use crate::model::Row;
 use crate::motion::motions;
 use crate::world::{Margins, State, Way, World, even, travel_along, travel_over};
 
-/// A joint this near to a limit (rad or m) is what ends a path: a step of the hand moves it as far.
+/// A joint this close to a limit (rad or m) is reported as the reason for a path's end, since one step of the hand
+/// moves it as far.
 const AT_LIMIT: f64 = 10.0 * LIMIT_MARGIN;
 
 impl Planner<'_> {
-    /// The motion from one actuation pose as far as the arm follows the hand's paths. `one_of_many` are looked at
-    /// for what turns them down before they are followed further than that takes; any reason will do.
+    /// Returns the motion from one actuation pose as far as the arm can follow the hand paths. With `one_of_many`, the
+    /// attempt is rejected as early as possible, for any reason.
     pub(super) fn followed(&mut self, x: &Row, one_of_many: bool) -> Attempt {
         let hand = self.follower.hand(x);
         let motions = motions(self.problem, &hand);
@@ -48,7 +49,7 @@ impl Planner<'_> {
             }
         }
         self.follow_before(out);
-        // What comes after the actuation is not followed where there is no way to it.
+        // If the approach is impossible, the paths after the actuation are not followed.
         if one_of_many {
             self.see_before(out);
         }
@@ -64,13 +65,14 @@ impl Planner<'_> {
         }
     }
 
-    /// Margins that only overlaps break. What overlapped at the start has come apart on the approach, where there is one.
+    /// Returns margins that only overlaps violate. Bodies that overlapped at the start are separated on the approach,
+    /// if there is one.
     pub(super) fn overlaps_only(&self) -> Margins {
         let plain = Margins::plain(0.0);
         if self.entry > self.world.schedule.actuation() { plain } else { plain.parted() }
     }
 
-    /// Fixes what is picked to the hand, and places what is released, as at the actuation pose of an attempt.
+    /// Attaches picked bodies and places released ones, as at the actuation pose of an attempt.
     pub(super) fn act(&mut self, attempt: &Attempt) {
         if self.acting != Some(attempt.origin) {
             self.world.act_at(&attempt.origin, attempt.motions.letting_go());
@@ -78,7 +80,7 @@ impl Planner<'_> {
         }
     }
 
-    /// A hit that turns an attempt down. Of `one_of_many` the reason is not reported: any will do.
+    /// Returns a collision that rejects an attempt. With `one_of_many` the collision is not reported, so any will do.
     pub(super) fn judge<T>(&mut self, one_of_many: bool, look: impl FnOnce(&mut World<'_>) -> Option<T>) -> Option<T> {
         self.world.set_early_exit(one_of_many && !self.explain && self.problem.options.avoid_collisions);
         let hit = look(&mut self.world);
@@ -86,8 +88,8 @@ impl Planner<'_> {
         hit
     }
 
-    /// Looks at what turns a motion down before the actuation: something in the way at a waypoint, or where the free
-    /// approach is to end, at which hand and fingers may not touch what they may on the path from there.
+    /// Checks for reasons to reject a motion before the actuation: an obstacle at a waypoint or at the end of the free
+    /// approach, where hand and fingers may not touch bodies that they may touch on the path from there.
     fn see_before(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         if out.failure.is_some() || self.entry > act || !self.problem.options.avoid_collisions {
@@ -97,7 +99,7 @@ impl Planner<'_> {
         let toward = self.world.schedule.toward(self.entry);
         let mut plain = Margins::plain(0.0);
         if self.problem.options.reach_clearance.is_some() {
-            // What is nearer than that there already may stay so.
+            // A pair that is already closer may stay so.
             plain = self.world.margins_between([State::still(&goal); 2], toward, 0.0);
         }
         if let Some(hit) = self.judge(true, |world| world.hit_at(State::still(&goal), toward, &plain)) {
@@ -115,8 +117,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Takes up a motion past the actuation pose: what overlaps there may persist, and the brake is swept. Where that is not
-    /// free, the motion under way may be: its paths are followed from the start itself.
+    /// Resumes a motion after the actuation pose: overlaps there may persist, and the stop is swept. If the stop is not
+    /// free, the current motion may be; its paths are followed from the start itself.
     fn take_up(&mut self, out: &mut Attempt) {
         let path = self.entry - 1;
         let segment = self.world.schedule.along(path);
@@ -146,7 +148,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Follows the paths before the actuation: all of them whole, or there is no motion at all.
+    /// Follows the paths before the actuation; all must be complete.
     fn follow_before(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         let mut at = out.x;
@@ -163,14 +165,14 @@ impl Planner<'_> {
         }
     }
 
-    /// Follows the paths after the actuation as far as the hand gets.
+    /// Follows the paths after the actuation as far as possible.
     fn follow_after(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         let mut at = out.x;
         let mut travel = 0.0;
         for i in act..out.paths.len() {
             let path = &out.motions.paths[i];
-            // What lies before the entry is done; the path to it is followed from the present state.
+            // Paths before the entry are done; the path to the entry is followed from the current state.
             if i + 1 < self.entry {
                 travel = travel_over(self.problem, i - act, path, travel, 0.0..1.0);
                 continue;
@@ -198,7 +200,7 @@ impl Planner<'_> {
         }
     }
 
-    /// What keeps the hand from `goal` at the last of some waypoints.
+    /// Returns the reason why the hand cannot reach `goal` from the last waypoint.
     fn path_end(&mut self, waypoints: &[Row], goal: &Pose) -> PathEnd {
         let x = waypoints.last().copied().unwrap_or_else(|| self.model.start());
         let left = goal.translation.vector - self.follower.hand(&x).translation.vector;
@@ -215,8 +217,8 @@ impl Planner<'_> {
         PathEnd { left, limit }
     }
 
-    /// Takes the motion as many whole turns back, in joints without limits, as it begins beyond half a turn from the
-    /// start: the approach to it goes the short way.
+    /// Removes whole turns of unlimited joints that begin more than half a turn from the start, so that the approach
+    /// takes the shorter direction.
     fn unwind(&self, out: &mut Attempt) {
         let before = out.paths.get(self.entry..out.motions.actuation);
         let Some(first) = before.and_then(<[_]>::first).and_then(|path| path.first()) else { return };

@@ -1,4 +1,4 @@
-//! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
+//! Planning: the cheapest actuation pose whose whole motion is reachable and collision-free.
 
 mod approach;
 mod attempt;
@@ -33,13 +33,13 @@ use resume::warm_start_pose;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Residual {
-    /// Type and what it binds.
+    /// Type of the constraint and the names that it refers to.
     pub name: String,
     /// Largest coordinate difference (m) or angle from the target angle (rad).
     pub residual: f64,
     /// Tolerance of the config.
     pub tolerance: f64,
-    /// Whether it does.
+    /// Whether the residual is within the tolerance.
     pub satisfied: bool,
 }
 
@@ -47,25 +47,26 @@ pub struct Residual {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct KeyframeReport {
-    /// In time: ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ..., `let_go`; numbers are places in the config's lists.
+    /// Label: ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ..., `let_go` in time order; numbers are indices in the
+    /// config's lists.
     pub label: String,
-    /// Time (s), where the motion has one.
+    /// Time (s), if reached.
     pub time: Option<f64>,
-    /// Hand in the base frame, rows.
+    /// Hand in the base frame, by rows.
     pub hand: [[f64; 4]; 4],
-    /// Whether the motion found gets there.
+    /// Whether the motion reaches the keyframe.
     pub reached: bool,
 }
 
-/// Two bodies too near each other.
+/// Two bodies that are too close to each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Collision {
     /// Link and body, or two links.
     pub bodies: [String; 2],
-    /// Time (s), where the motion has one.
+    /// Time (s), if the motion has one.
     pub time: Option<f64>,
-    /// Keyframe that the motion was leading to.
+    /// Keyframe at the end of the segment.
     pub toward: String,
     /// Signed distance (m).
     pub distance: f64,
@@ -73,8 +74,8 @@ pub struct Collision {
     pub point: [f64; 3],
 }
 
-/// Two bodies that are nearer to each other at a keyframe than the margin, though they may not touch on the way there, or
-/// from there on. The motion in which they may not keeps what they have there, in place of the margin.
+/// Two bodies closer than the margin at a keyframe that may not touch before or after it. The motion keeps this
+/// distance instead of the margin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Tight {
@@ -86,7 +87,7 @@ pub struct Tight {
     pub distance: f64,
 }
 
-/// Two bodies that overlap at a keyframe and may: a contact.
+/// Two bodies in permitted contact at a keyframe.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Touch {
@@ -98,15 +99,15 @@ pub struct Touch {
     pub depth: f64,
 }
 
-/// Assumed travel of the object's joint during a motion whose travel the config leaves open.
+/// Estimated travel of the object's joint during a motion whose travel the config does not define.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Guess {
-    /// The keyframe that the motion leads to.
+    /// Keyframe at the end of the motion.
     pub toward: String,
-    /// Travel of the joint (rad or m) over the motion.
+    /// Estimated travel of the joint (rad or m).
     pub travel: f64,
-    /// Overlap (m) with what the joint moves that is let pass for it.
+    /// Overlap (m) with the moving link that is tolerated because of the estimate.
     pub depth: f64,
 }
 
@@ -114,13 +115,13 @@ pub struct Guess {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct TriedPose {
-    /// Joint vector (rad or m), one entry a joint.
+    /// Joint vector (rad or m), one entry for each joint.
     pub q: Vec<f64>,
-    /// Its number in the order of trial.
+    /// Its index in the order of trial.
     pub rank: usize,
     /// Status of its motion.
     pub status: Status,
-    /// One sentence for a person.
+    /// Explanation in one sentence.
     pub reason: String,
 }
 
@@ -128,71 +129,72 @@ pub struct TriedPose {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Plan {
-    /// Version of this value's layout.
+    /// Version of this type's layout.
     pub schema_version: u32,
-    /// Outcome of planning, with the motion.
+    /// Outcome of planning, including the motion.
     pub outcome: Outcome,
-    /// One sentence for a person.
+    /// Explanation in one sentence.
     pub reason: String,
-    /// Clearance (m) that the motion keeps from what it may not touch, but for what is `tight`.
+    /// Clearance (m) that the motion keeps from bodies that it may not touch, except the pairs in `tight`.
     pub margin: f64,
-    /// Pairs that are nearer than that at the start or at a keyframe.
+    /// Pairs that are closer at the start or at a keyframe.
     pub tight: Vec<Tight>,
     /// Permitted overlaps at keyframes.
     pub touches: Vec<Touch>,
-    /// Motions that move the object's joint by an amount that is a guess.
+    /// Motions that move the object's joint by an estimated amount.
     pub guesses: Vec<Guess>,
-    /// Limits (`acceleration`, `jerk`) of which nothing was said, so that plain ones are assumed.
+    /// Limits (`acceleration`, `jerk`) for which defaults are assumed because none were given.
     pub assumed_limits: Vec<String>,
     /// Warnings to the caller.
     pub warnings: Vec<String>,
-    /// The cheapest pose that meets the constraints, obstacles left out.
+    /// The cheapest pose that meets the constraints, ignoring obstacles.
     pub q_actuation: Option<Vec<f64>>,
     /// Its cost.
     pub cost: Option<f64>,
-    /// If no pose meets them: the one that misses least.
+    /// The pose with the smallest constraint error, if no pose meets the constraints.
     pub q_best_effort: Option<Vec<f64>>,
-    /// The actuation pose that the trajectory takes (or that came furthest).
+    /// The actuation pose of the trajectory, or of the failed attempt that came furthest.
     pub q_plan: Option<Vec<f64>>,
-    /// Number of that pose in the order of trial: 0 is the cheapest.
+    /// Index of that pose in the order of trial; 0 is the cheapest.
     pub rank: Option<usize>,
     /// Number of poses whose motion was tried.
     pub tried: usize,
-    /// Outcome of each of them, where [`Request::explain`] asks for it.
+    /// Outcome of each of them, if [`Request::explain`] is set.
     pub tried_poses: Vec<TriedPose>,
     /// Constraints at `q_plan`, else at `q_actuation`, else at `q_best_effort`.
     pub residuals: Vec<Residual>,
     /// Keyframes that follow from `q_plan`.
     pub keyframes: Vec<KeyframeReport>,
-    /// Part of the motion after the actuation pose that can be taken, 0..1 of its paths.
+    /// Fraction of the motion after the actuation pose that is feasible, 0..1.
     pub reached_fraction: f64,
-    /// Obstacle.
+    /// Collisions that block the motion.
     pub collisions: Vec<Collision>,
-    /// Deepest checked overlap at the start (m).
+    /// Largest checked overlap at the start (m).
     pub start_overlap: f64,
 }
 
 impl Plan {
-    /// Status as a word.
+    /// Status as an enumeration.
     #[must_use]
     pub fn status(&self) -> Status {
         self.outcome.status()
     }
 
-    /// The motion, where there is one.
+    /// The motion, if any.
     #[must_use]
     pub fn trajectory(&self) -> Option<&Trajectory> {
         self.outcome.trajectory()
     }
 }
 
-/// CPU time of the planning thread by stages (s); beside the plan, because a plan is the same on every run.
+/// CPU time of the planning thread by stages (s). The times are kept outside the plan, because a plan is the same in
+/// every run.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[non_exhaustive]
 pub struct StageTimes {
-    /// The world compiled, and the start looked at.
+    /// Building the world and checking the start.
     pub setup: f64,
-    /// Actuation pose.
+    /// Search of the actuation pose.
     pub actuation: f64,
     /// Everything after it.
     pub trajectory: f64,
@@ -204,7 +206,7 @@ pub fn plan(problem: &KeypointProblem) -> Plan {
     plan_timed(problem, &Cancel::new()).0
 }
 
-/// As [`plan`], with the time each stage took; ends early, with [`Status::Cancelled`], where `cancel` is set.
+/// Like [`plan`], with the time of each stage; ends early with [`Status::Cancelled`] if `cancel` is set.
 #[must_use]
 pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTimes) {
     let request = Request { cancel: Some(cancel.clone()), ..Request::default() };
@@ -212,10 +214,11 @@ pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTim
         .unwrap_or_else(|e| (refused(Lack::ActuationInfeasible, e.to_string()), StageTimes::default()))
 }
 
-/// As [`plan_timed`], with what the request asks for.
+/// Like [`plan_timed`], with a request.
 ///
 /// # Errors
-/// A keyframe that the motion does not have, or one past the actuation pose without an earlier plan that has one.
+/// The motion does not have the requested keyframe, or the keyframe lies after the actuation pose and there is no
+/// earlier plan with that pose.
 pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Plan, StageTimes), ProblemError> {
     let begun = std::time::Instant::now();
     let mut times = StageTimes::default();
@@ -265,8 +268,8 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     Ok((plan, times))
 }
 
-/// Distance (m) of the hand outside the workspace box where it meets the constraints; `None` where it meets them
-/// nowhere, or there is no box.
+/// Returns the distance (m) of the hand outside the workspace box at a pose that meets the other constraints; `None` if
+/// there is no such pose or no box.
 fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved) -> Option<f64> {
     let [low, high] = problem.options.workspace?;
     let mut open = problem.clone();
@@ -280,7 +283,7 @@ fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved
     found.candidates.iter().map(|c| outside(&c.x)).reduce(f64::min)
 }
 
-/// Number in time of the keyframe that the motion goes to first.
+/// Returns the index in time order of the first keyframe to reach.
 fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, ProblemError> {
     let Some(label) = request.resume else { return Ok(0) };
     let schedule = Schedule::of(&problem.config);
@@ -295,7 +298,8 @@ fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, Prob
     Ok(entry)
 }
 
-/// The cheapest distinct poses that meet the constraints, cheapest first and at most `max_solutions`, obstacles left out.
+/// Returns the cheapest distinct poses that meet the constraints, ignoring obstacles, cheapest first and at most
+/// `max_solutions`.
 ///
 /// # Errors
 /// None for a problem that was built.
@@ -317,20 +321,20 @@ pub fn ik(problem: &KeypointProblem, max_solutions: usize) -> Result<Vec<IkSolut
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct IkSolution {
-    /// Joint values, one entry a joint.
+    /// Joint values, one entry for each joint.
     pub q: Vec<f64>,
     /// Its cost.
     pub cost: f64,
 }
 
-/// Most threads that [`plan_batch`] starts.
+/// Maximum number of threads of [`plan_batch`].
 pub const MAX_THREADS: usize = 256;
 
-/// Plans many problems on `threads` threads, 1 to [`MAX_THREADS`] (one a core where `None`). Each result is that of
-/// [`plan_timed`].
+/// Plans many problems on `threads` threads, 1 to [`MAX_THREADS`] (the number of cores if `None`). Each result equals
+/// that of [`plan_timed`].
 ///
 /// # Errors
-/// A number of threads out of range, or threads that cannot be started.
+/// The number of threads is out of range, or threads cannot be started.
 pub fn plan_batch(
     problems: &[&KeypointProblem],
     threads: Option<usize>,

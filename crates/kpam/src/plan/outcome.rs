@@ -1,35 +1,35 @@
-//! Outcome of planning, with its motion.
+//! Outcome of planning, including its motion.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Trajectory;
 
-/// Status of planning, as a word; [`Outcome`] holds the motion that belongs to it.
+/// Status of planning; [`Outcome`] also holds the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Status {
-    /// The whole motion is reachable and clear.
+    /// The whole motion is reachable and collision-free.
     Solved,
-    /// A part of the motion that the caller allowed to take.
+    /// Only part of the motion was found, as the caller permitted.
     Partial,
     /// No joint values meet the constraints.
     ActuationInfeasible,
-    /// A keyframe is out of reach from every actuation pose tried.
+    /// From every tried actuation pose, a keyframe is out of reach.
     Unreachable,
-    /// Something is in the way from every actuation pose tried.
+    /// From every tried actuation pose, an obstacle is in the way.
     Collision,
-    /// The robot is deeper inside something at the start than the problem allows.
+    /// At the start, the robot overlaps a body by more than the problem allows.
     StartInCollision,
-    /// The clock asks for more than the joints' limits give.
+    /// The config's times require more than the joints' limits allow.
     TooFast,
-    /// No motion from the state at the start stays within the joints' limits.
+    /// No motion from the start state stays within the joints' limits.
     CannotStop,
-    /// A free path was found, and no motion along it that keeps the limits from the state at the start on.
+    /// A free path was found, but no motion along it that keeps the limits from the start state on.
     Untimed,
-    /// The search for a free motion spent its samples and found none; there may be one.
+    /// The search used up its samples without a free motion; one may exist.
     NotFound,
-    /// The caller cancelled it.
+    /// The caller cancelled planning.
     Cancelled,
 }
 
@@ -53,7 +53,7 @@ impl Status {
     }
 }
 
-/// Why there is no whole motion.
+/// Reason why there is no complete motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -94,20 +94,20 @@ impl From<Lack> for Status {
     }
 }
 
-/// Outcome of planning: what is solved, whole or in part, owns its motion.
+/// Outcome of planning; a complete or partial solution includes its motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// The whole motion.
     Solved(Trajectory),
-    /// The longest part of it, which the caller allowed to take, and why it is not the whole.
+    /// The longest part of the motion, as the caller permitted, and the reason why it is not complete.
     Partial(Trajectory, Lack),
-    /// No motion, and why.
+    /// No motion, and the reason.
     Failed(Lack),
 }
 
 impl Outcome {
-    /// Status as a word.
+    /// Status as an enumeration.
     #[must_use]
     pub fn status(&self) -> Status {
         match self {
@@ -117,7 +117,7 @@ impl Outcome {
         }
     }
 
-    /// The motion, where there is one.
+    /// The motion, if any.
     #[must_use]
     pub fn trajectory(&self) -> Option<&Trajectory> {
         match self {

@@ -1,4 +1,4 @@
-//! State of the planning of one problem, and the plan made of its result.
+//! State of the planning of one problem, and construction of the resulting plan.
 
 use std::time::Instant;
 
@@ -24,30 +24,30 @@ pub(super) struct Planner<'p> {
     pub world: World<'p>,
     /// State at the start: position, velocity and acceleration.
     pub start: [Row; 3],
-    /// The stop from there, where planning begins; none at rest.
+    /// The stop from the start, at whose end planning begins; empty at rest.
     pub stop: Vec<Node>,
-    /// Clearance (m) that is kept from what may not be touched.
+    /// Clearance (m) to keep from bodies that may not be touched.
     pub margin: f64,
-    /// Obstacle to the stop, once that was looked at.
+    /// Obstacle of the stop, once checked.
     pub stop_checked: Option<Option<Hit>>,
     /// Inputs of a trajectory of this problem.
     pub builder: Builder,
     pub clock: Option<Vec<f64>>,
-    /// State in which the start has left what it overlaps, once that was looked for.
+    /// State in which the start has left its overlaps, once searched.
     pub exit: Option<Option<Row>>,
-    /// Searches since one in which some sample got anywhere from the start.
+    /// Number of searches since a sample could last be connected to the start.
     pub boxed_in: usize,
-    /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
+    /// Index in time order of the first keyframe to reach; earlier ones are done.
     pub entry: usize,
     pub warm_start: Option<&'p Plan>,
     pub explain: bool,
-    /// Whether part of the motion after the actuation will do.
+    /// Whether a part of the motion after the actuation is acceptable.
     pub partial: bool,
-    /// Actuation pose for which the world is set.
+    /// Actuation pose for which the world is prepared.
     pub acting: Option<Row>,
 }
 
-/// Paths are swept with this much more than the margin (m), for what timing moves them.
+/// Extra margin (m) in the sweep of paths, for the deviation introduced by timing.
 pub(super) const PAD: f64 = 2e-4;
 
 impl<'p> Planner<'p> {
@@ -83,7 +83,7 @@ impl<'p> Planner<'p> {
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
             Timing::Limits => None,
-            // The config's own check has passed; a start time past its first keyframe ends as TooFast.
+            // The config has been validated; a start time after its first keyframe ends as TooFast.
             Timing::Config => problem.config.clock(f64::NEG_INFINITY).ok(),
         };
         Ok(Self {
@@ -108,7 +108,7 @@ impl<'p> Planner<'p> {
         })
     }
 
-    /// Where planning begins: where the arm can rest, or where it is if something is in the way of the stop.
+    /// Returns where planning begins: where the arm can stop, or its current position if the stop is blocked.
     pub(super) fn rest(&self) -> Row {
         self.stop.last().filter(|_| self.blocked_stop().is_none()).map_or(self.start[0], |node| node.position)
     }
@@ -119,7 +119,7 @@ impl<'p> Planner<'p> {
         q
     }
 
-    /// Margins that are tried one after the other.
+    /// Returns the margins to try in turn.
     pub(super) fn margins_in_turn(&self) -> Vec<f64> {
         let options = &self.problem.options;
         let least = options.least_margin.filter(|least| *least < options.margin && options.avoid_collisions);
@@ -132,16 +132,16 @@ impl<'p> Planner<'p> {
         }
     }
 
-    /// Body that the robot is too deep inside of at the start, if any.
+    /// Returns the body that the robot overlaps too deeply at the start, if any.
     pub(super) fn too_deep(&self) -> Option<Hit> {
         let options = &self.problem.options;
         let deep = options.avoid_collisions && self.world.start_overlap > options.start_depth;
         self.world.start_hit.clone().filter(|_| deep)
     }
 
-    /// The plan of a problem that begins too deep inside something.
+    /// Returns the plan of a problem that starts too deep inside a body.
     pub(super) fn too_deep_at_start(&self) -> Option<Plan> {
-        // Past the actuation it is not yet known where things are.
+        // After the actuation the positions of bodies are not known yet.
         let hit = self.too_deep().filter(|_| self.entry <= self.world.schedule.actuation())?;
         let depth = self.problem.options.start_depth;
         let mut out = refused(Lack::StartInCollision, format!("{}; start_depth allows {depth} m", inside(&hit)));
@@ -156,7 +156,7 @@ impl<'p> Planner<'p> {
         Some(out)
     }
 
-    /// The plan of a problem whose planning had to end; `so_far` is what was found by then.
+    /// Returns the plan of a problem whose planning was ended; `so_far` describes the progress.
     pub(super) fn ended(&self, so_far: &str) -> Plan {
         if self.world.is_cancelled() {
             return refused(Lack::Cancelled, "planning was cancelled".to_owned());
@@ -165,7 +165,7 @@ impl<'p> Planner<'p> {
         refused(Lack::NotFound, format!("{spent}; so far {so_far}"))
     }
 
-    /// Result of the trials; `cheapest` is the pose that obstacles aside would be taken.
+    /// Returns the plan from the trials; `cheapest` is the best pose without regard to obstacles.
     pub(super) fn conclude(&mut self, trials: Trials, cheapest: &Candidate) -> Plan {
         let solved = trials.done();
         let Trials { best, tried, mut poses, .. } = trials;
@@ -180,7 +180,7 @@ impl<'p> Planner<'p> {
         if !solved && self.world.is_over() && (self.world.is_cancelled() || out.trajectory().is_none()) {
             let ended = self.ended(&out.reason);
             if self.world.is_cancelled() {
-                // Times are of a trajectory.
+                // Keyframe times exist only with a trajectory.
                 out.keyframes.iter_mut().for_each(|keyframe| keyframe.time = None);
             }
             (out.outcome, out.reason) = (ended.outcome, ended.reason);

@@ -1,4 +1,4 @@
-//! A plan's motion looked at again: where things are at a time, and how near they come.
+//! Replays a plan's motion: the state at a time, and distances along the motion.
 
 use super::Plan;
 use super::resume::Rest;
@@ -8,7 +8,7 @@ use crate::motion::{Motions, motions};
 use crate::world::{Clearances, State, World, travel_over};
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 
-/// Most places of a motion that [`min_clearance`] measures.
+/// Maximum number of states that [`min_clearance`] measures.
 pub const MAX_CHECKS: usize = 100_000;
 
 /// The motion of a plan.
@@ -17,12 +17,12 @@ struct Replay<'p> {
     plan: &'p Plan,
     trajectory: &'p Trajectory,
     motions: Motions,
-    /// Travel of the object's joint where each path begins.
+    /// Travel of the object's joint at the start of each path.
     before: Vec<f64>,
 }
 
 impl<'p> Replay<'p> {
-    /// `None` where the plan has no motion, or one of another robot.
+    /// Returns `None` if the plan has no motion, or one of another robot.
     fn new(problem: &'p KeypointProblem, plan: &'p Plan) -> Option<Self> {
         let (trajectory, q) = (plan.trajectory()?, plan.q_plan.as_ref()?);
         let motions = motions(problem, &problem.robot.link_pose(q, problem.robot.hand())?);
@@ -34,7 +34,7 @@ impl<'p> Replay<'p> {
         Some(Self { problem, plan, trajectory, motions, before })
     }
 
-    /// Number in time of the keyframe that the motion leads to; at a keyframe it still leads there.
+    /// Index in time order of the next keyframe; at a keyframe, that keyframe.
     fn toward(&self, t: f64) -> usize {
         let keyframes = &self.plan.keyframes;
         let due = keyframes.iter().position(|k| k.time.is_some_and(|due| due >= t - 1e-9));
@@ -57,8 +57,8 @@ impl<'p> Replay<'p> {
     }
 }
 
-/// Travel of the object's joint (rad or m, from where it stands) at times (s) of a plan's motion: what the planner takes
-/// it for. Zeros where the plan has no motion or the problem no joint.
+/// Returns the travel of the object's joint (rad or m, from its current value) that the planner assumes at times (s) of
+/// a plan's motion. Zeros if the plan has no motion or the problem no joint.
 #[must_use]
 pub fn joint_travel(problem: &KeypointProblem, plan: &Plan, times: &[f64]) -> Vec<f64> {
     match Replay::new(problem, plan) {
@@ -67,11 +67,11 @@ pub fn joint_travel(problem: &KeypointProblem, plan: &Plan, times: &[f64]) -> Ve
     }
 }
 
-/// Smallest signed distances (m) of checked pairs along a plan's motion, sampled every `step` seconds. `None` where a
-/// plan has no motion or `cancel` is set; infinite where nothing is checked within a metre.
+/// Returns the smallest signed distances (m) of checked pairs along a plan's motion, sampled every `step` seconds.
+/// `None` if the plan has no motion or `cancel` is set; infinite if no checked pair is closer than a metre.
 ///
 /// # Errors
-/// A step that is not positive, or that would make more than [`MAX_CHECKS`] of the motion.
+/// The step is not positive, or would give more than [`MAX_CHECKS`] samples.
 pub fn min_clearance(
     problem: &KeypointProblem,
     plan: &Plan,

@@ -33,7 +33,8 @@ impl Planner<'_> {
             .collect()
     }
 
-    /// The plan where no joint values meet the constraints; with a workspace box they may outside of it, by this (m).
+    /// Returns the plan if no joint values meet the constraints; `outside` is the distance (m) outside the workspace
+    /// box at which they could be met.
     pub(super) fn infeasible(&mut self, best_effort: Option<Row>, outside: Option<f64>) -> Plan {
         let mut out = refused(Lack::ActuationInfeasible, "no joint values meet the constraints".to_owned());
         out.start_overlap = self.world.start_overlap;
@@ -115,8 +116,8 @@ impl Planner<'_> {
         out
     }
 
-    /// Pairs nearer than the margin or overlapping at the start and at keyframes, and what is a guess. Each keyframe is the
-    /// end of one segment and the beginning of another: what may touch in the one may have to keep clear in the other.
+    /// Reports pairs closer than the margin or in contact at the start and at keyframes, and estimates. Each keyframe
+    /// ends one segment and begins another: a pair that may touch in one may have to keep its distance in the other.
     fn tell_of_contacts(&mut self, attempt: &Attempt, out: &mut Plan) {
         let schedule = self.world.schedule;
         let start = self.start[0];
@@ -168,7 +169,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Outcome of one pose.
+    /// Returns the outcome of one pose.
     pub(super) fn explained(&self, attempt: &Attempt) -> TriedPose {
         let label = |k: usize| attempt.motions.keyframes[k].label.clone();
         let (status, reason) = match &attempt.failure {

@@ -1,25 +1,25 @@
-//! Requests to planning beside the problem.
+//! Options of planning in addition to the problem.
 
 use super::Plan;
 use crate::Cancel;
 
-/// Requests to planning beside the problem; the default asks for nothing.
+/// Options of planning in addition to the problem; all are optional.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct Request<'a> {
-    /// An earlier plan of this or a similar problem: its pose and its way are tried first.
+    /// Earlier plan of this or a similar problem, whose pose and path are tried first.
     pub warm_start: Option<&'a Plan>,
-    /// The keyframe (by its label) that the motion goes to first. What comes before it is taken for done: the problem's
-    /// `q_start` and `start_velocity` are the present state, everything else is as before the motion. Past the
-    /// actuation pose the earlier plan has to say where that was.
+    /// Label of the first keyframe still to reach. Earlier parts of the motion are done: the problem's `q_start` and
+    /// `start_velocity` are the current state, and everything else is as in the original problem. After the actuation
+    /// pose, the earlier plan must contain that pose.
     pub resume: Option<&'a str>,
-    /// Most states that are checked for collisions; planning ends at the first candidate past that.
+    /// Maximum number of states checked for collisions; planning ends at the first candidate beyond it.
     pub max_checks: Option<u64>,
-    /// Ends planning after so long (wall time): what was found by then is the answer. Without one, the same question has
-    /// the same answer.
+    /// Time limit in wall-clock time, after which the best result so far is returned. Without a limit, the result is
+    /// reproducible.
     pub deadline: Option<std::time::Duration>,
-    /// Ends planning when set.
+    /// Flag that ends planning.
     pub cancel: Option<Cancel>,
-    /// Whether [`Plan::tried_poses`] holds the outcome of each pose that was tried.
+    /// Whether to record the outcome of each tried pose in [`Plan::tried_poses`].
     pub explain: bool,
 }

@@ -1,4 +1,4 @@
-//! Going on with a motion from its middle, and what an earlier plan is good for.
+//! Resumes a motion in its middle, and reuses an earlier plan.
 
 use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::{Rotation3, Vector3};
@@ -10,33 +10,33 @@ use crate::model::Row;
 use crate::motion::HandPath;
 use crate::world::{Margins, MotionSegment, Way};
 
-/// Places at which a path is compared with where the hand is.
+/// Number of positions at which a path is compared with the hand pose.
 const PLACES: usize = 32;
-/// A radian counts as this many metres there.
+/// Length in metres that one radian counts in this comparison.
 const LEVER: f64 = 0.1;
-/// Time between waypoints that are taken from an earlier plan (s).
+/// Time between waypoints taken from an earlier plan (s).
 const STEP: f64 = 0.05;
-/// Most of them; those of longer motions are further apart.
+/// Maximum number of these waypoints; those of longer motions are further apart.
 const MAX_STEPS: f64 = 1e4;
-/// The earlier way serves where its ends are within this of the present state and of the goal (rad or m).
+/// The earlier path is used if its ends are within this distance of the current state and of the goal (rad or m).
 const NEAR_START: f64 = 0.05;
 const AT_GOAL: f64 = 1e-3;
-/// The hand ends within this (m) of where the rest of its path does.
+/// Maximum distance of the hand's end position from the path's end (m).
 const AT_END: f64 = 1e-4;
-/// An earlier way that leads further than this (rad or m) is taken for damage.
+/// An earlier path that extends further than this (rad or m) counts as damaged.
 const FURTHEST: f64 = 100.0;
 
-/// The rest of a hand path, from where the hand is. What it is off the path fades out on the way.
+/// The rest of a hand path from the current hand pose. The deviation from the path decreases along the way.
 pub(super) struct Rest<'p> {
     path: &'p HandPath,
-    /// Part of the path that is done.
+    /// Fraction of the path that is done.
     pub begin: f64,
     off: Vector3<f64>,
     turned: Vector3<f64>,
 }
 
 impl<'p> Rest<'p> {
-    /// The rest of a path for a hand that is near it.
+    /// Returns the rest of a path for a hand close to it.
     pub fn new(path: &'p HandPath, hand: &Pose) -> Self {
         let apart = |s: f64| {
             let at = path.at(s);
@@ -77,8 +77,8 @@ impl Guide for Rest<'_> {
 }
 
 impl Planner<'_> {
-    /// The rest of the hand path that the motion goes on along: joint waypoints, the fraction of the whole path that is
-    /// done at each, and what of the rest they cover. The earlier plan's way is taken where the arm is on it.
+    /// Returns the rest of the current hand path: joint waypoints, the fraction of the whole path at each, and the
+    /// fraction of the rest that they cover. The earlier plan's waypoints are used if the arm is on them.
     pub(super) fn rest_of(&mut self, path: &HandPath) -> (Vec<Row>, Vec<f64>, f64) {
         let start = self.rest();
         let rest = Rest::new(path, &self.follower.hand(&start));
@@ -95,7 +95,7 @@ impl Planner<'_> {
         (waypoints, done, fraction)
     }
 
-    /// Whether a way keeps the hand on a path, `off` (m) beside it at most where it begins, and ends where that does.
+    /// Returns whether waypoints keep the hand on a path, starting at most `off` (m) beside it, and end at its end.
     fn keeps_to(&mut self, path: &HandPath, way: &[Row], off: f64) -> bool {
         let Some(last) = way.last() else { return false };
         let (hand, end) = (self.follower.hand(last), path.at(1.0));
@@ -104,7 +104,7 @@ impl Planner<'_> {
             && way.iter().all(|x| Rest::new(path, &self.follower.hand(x)).off.norm() < OFF_PATH + off)
     }
 
-    /// The way of the earlier plan from `start` to `goal`, where it leads there and is free.
+    /// Returns the waypoints of the earlier plan from `start` to `goal`, if they lead there and are free.
     pub(super) fn warm_start_way(
         &mut self,
         start: &Row,
@@ -121,12 +121,12 @@ impl Planner<'_> {
         self.world.sweep_along(Way::still(&way), segment, margins).is_none().then_some(way)
     }
 
-    /// Waypoints of the earlier plan from `start`, which is on its way to the first keyframe, to that. `after` is the
-    /// keyframe that it has passed, if any.
+    /// Returns the waypoints of the earlier plan from `start`, on the way to the first keyframe, to that keyframe.
+    /// `after` is the last passed keyframe, if any.
     fn former_waypoints(&self, start: &Row, after: Option<usize>) -> Option<Vec<Row>> {
         let warm_start = self.warm_start?;
         let (trajectory, end) = (warm_start.trajectory()?, warm_start.keyframes.get(self.entry)?.time?);
-        // Times that were set from elsewhere may lie anywhere.
+        // Times in an untrusted plan may be arbitrary.
         let within = |time: f64| time.max(trajectory.start()).min(trajectory.end());
         let begin = within(after.and_then(|k| warm_start.keyframes.get(k)?.time).unwrap_or(trajectory.start()));
         let end = within(end);
@@ -141,19 +141,19 @@ impl Planner<'_> {
         if self.apart(&way[nearest], start) > NEAR_START {
             return None;
         }
-        // On from the waypoint after the nearest: that one may lie behind.
+        // Continue with the waypoint after the nearest, which may lie behind.
         way.drain(..(nearest + 1).min(way.len() - 1));
         way.insert(0, *start);
         Some(way)
     }
 
-    /// Largest difference of a joint (rad or m).
+    /// Returns the largest difference of a joint (rad or m).
     fn apart(&self, a: &Row, b: &Row) -> f64 {
         (0..self.model.n()).map(|v| (a[v] - b[v]).abs()).fold(0.0, f64::max)
     }
 }
 
-/// The actuation pose of an earlier plan as variables.
+/// Returns the actuation pose of an earlier plan as variables.
 pub(super) fn warm_start_pose(warm_start: &Plan, pick: impl Fn(&[f64]) -> Row, joints: usize) -> Option<Row> {
     warm_start.q_plan.as_ref().filter(|q| q.len() == joints).map(|q| pick(q))
 }

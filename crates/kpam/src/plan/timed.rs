@@ -1,4 +1,4 @@
-//! The timed motion of an attempt: segments joined to one smooth path wherever nothing has to stop.
+//! The timed motion of an attempt: segments are joined to one smooth path wherever no stop is needed.
 
 use std::borrow::Cow;
 
@@ -11,63 +11,63 @@ use crate::motion::HandPath;
 use crate::timing::{Blend, Builder, Node, Refusal, Spline, Trajectory, keeps, length, to_rest};
 use crate::world::{Margins, MotionSegment};
 
-/// A motion in time.
+/// A timed motion.
 #[derive(Clone)]
 pub(super) struct Timed {
     pub trajectory: Trajectory,
-    /// When each keyframe is met, where it is.
+    /// Time at which each keyframe is reached, if it is.
     pub times: Vec<Option<f64>>,
-    /// When each segment begins and ends (s).
+    /// Start and end of each segment (s).
     pub spans: Vec<[f64; 2]>,
 }
 
-/// Knots on either side of a bend within which joining two segments moves the curve by anything that counts.
+/// Number of knots on either side of a bend within which joining two segments changes the curve noticeably.
 const BEND: usize = 6;
-/// Parts of an interval in which the speed of the point that touches is looked at.
+/// Number of parts of an interval in which the speed of the contact point is checked.
 const LOOKS: u32 = 4;
-/// Places of the approach that a start under way goes to at the most, before it keeps to the curve.
+/// Maximum number of positions on the approach that a moving start leads to before following the curve.
 const PLACES: usize = 4;
-/// The motion under way goes on unless another one saves this much time (s).
+/// The current motion continues unless another one saves at least this much time (s).
 const SAVES: f64 = 1e-6;
-/// Difference of two states (rad or m, and rates) that are the same.
+/// Maximum difference (rad or m, and rates) of two states that count as equal.
 const SAME: f64 = 1e-6;
 
-/// Ways in which a start under way may take up a motion: those that come first are quicker.
+/// Ways in which a moving start can join a motion, the fastest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum TakeUp {
-    /// The earlier plan's motion goes on.
+    /// The earlier plan's motion continues.
     GoesOn,
     /// The motion begins while the start still brakes.
     Blended,
-    /// It begins once the start has stopped.
+    /// The motion begins once the start has stopped.
     Stopped,
 }
 
-/// Joint waypoints that lead from one keyframe, or stop, to the next.
+/// Joint waypoints from one keyframe or stop to the next.
 #[derive(Clone)]
 pub(super) struct Stretch<'a> {
     pub waypoints: Cow<'a, [Row]>,
     /// Travel of the object's joint at the waypoints.
     pub travel: Cow<'a, [f64]>,
-    /// Pairs checked along it, and the margins that it keeps.
+    /// Pairs checked along it, and its margins.
     pub segment: MotionSegment,
     pub kept: &'a Margins,
-    /// Keyframe at its end; none for part of the approach or of a path.
+    /// Keyframe at its end; `None` for part of the approach or of a path.
     keyframe: Option<usize>,
-    /// Keyframe that it leads to.
+    /// Keyframe towards which it leads.
     pub toward: usize,
     /// Whether it comes after the actuation.
     contact: bool,
-    /// Path of the hand that it keeps to, and how much of that it goes.
+    /// Hand path that it follows, and the covered fraction of it.
     hand: Option<(&'a HandPath, f64)>,
-    /// Whether the motion rests at its end.
+    /// Whether the motion stops at its end.
     pub stops: bool,
     due: Option<f64>,
 }
 
 impl Planner<'_> {
-    /// The timed motion along segments, and how a start under way takes it up: at the soonest, but in no quicker manner than
-    /// `manner`.
+    /// Returns the timed motion along segments, joined by a moving start as early as possible, but not in a faster way
+    /// than `manner`.
     pub(super) fn timed(
         &mut self,
         attempt: &Attempt,
@@ -80,7 +80,7 @@ impl Planner<'_> {
             let blocked = Failure::Blocked { keyframe: self.entry, hit: hit.clone() };
             return going_on.map(|rest| (rest, TakeUp::GoesOn)).ok_or(blocked);
         }
-        // A clock leaves no choice of when the motion begins.
+        // With given times the start of the motion is fixed.
         let other = if self.stop.is_empty() || self.clock.is_some() {
             self.timed_from_rest(segments, keyframes).map(|timed| (timed, TakeUp::Stopped))
         } else {
@@ -93,7 +93,8 @@ impl Planner<'_> {
         }
     }
 
-    /// The rest of the earlier plan's motion, where it passes the start at the start time and leads to the same pose.
+    /// Returns the rest of the earlier plan's motion, if it passes the start at the start time and leads to the same
+    /// pose.
     fn going_on(&self, attempt: &Attempt, segments: &[Stretch<'_>]) -> Option<Timed> {
         let former = self.warm_start?;
         let (motion, pose, start) = (former.trajectory()?, former.q_plan.as_ref()?, self.builder.now());
@@ -121,14 +122,15 @@ impl Planner<'_> {
         (whole && self.builder.bears(&trajectory)).then_some(Timed { trajectory, times, spans })
     }
 
-    /// The soonest motion from a start under way: to a place of the approach, and along the segments from there.
+    /// Returns the earliest motion from a moving start: to a position on the approach, and along the segments from
+    /// there.
     fn taken_up(
         &mut self,
         segments: &[Stretch<'_>],
         keyframes: usize,
         manner: TakeUp,
     ) -> Result<(Timed, TakeUp), Failure> {
-        // In contact the hand keeps to its path and its speed: two motions that add up keep to neither.
+        // In contact the hand must keep its path and speed, which a superposition of two motions does not.
         let manner = if segments.first().is_none_or(|first| first.contact) { TakeUp::Stopped } else { manner };
         let free = segments.first().filter(|_| manner == TakeUp::Blended);
         let places = free.map_or(0, |first| first.waypoints.len() - 1);
@@ -148,7 +150,7 @@ impl Planner<'_> {
         best.map(|timed| (timed, manner)).ok_or_else(|| failure.unwrap_or(untimed))
     }
 
-    /// The motion to a waypoint of the first segment and on from there, as soon as `manner` allows.
+    /// Returns the motion to a waypoint of the first segment and onwards, as early as `manner` allows.
     fn past(
         &mut self,
         segments: &[Stretch<'_>],
@@ -171,7 +173,7 @@ impl Planner<'_> {
         }
         let mut timed = self.timed_from_rest(&rest, keyframes)?;
         let start = timed.trajectory.start();
-        // Keyframes, or else the end, are met by the motion itself, once the lead has come to rest.
+        // Keyframes, or the end, are reached after the lead motion has stopped.
         let first = timed.times.iter().flatten().copied().fold(timed.trajectory.end(), f64::min);
         let earliest = lead.last().map_or(0.0, |node: &Node| node.time) - (first - start);
         let blend = Blend { lead: &lead, limits: self.builder.limits(), room, earliest };
@@ -191,7 +193,8 @@ impl Planner<'_> {
         Ok(self.builder.bears(&timed.trajectory).then_some(timed))
     }
 
-    /// The timed motion along segments from rest where they begin; on a clock, after the stop, which takes its part of the time.
+    /// Returns the timed motion along segments from rest at their start; with given times, after the stop, whose
+    /// duration counts.
     fn timed_from_rest(&mut self, segments: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
         let mut times = vec![None; keyframes];
         let mut ends: Vec<f64> = Vec::with_capacity(segments.len());
@@ -226,12 +229,12 @@ impl Planner<'_> {
         Ok(Timed { trajectory, times, spans })
     }
 
-    /// The segments of an attempt as far as it goes.
+    /// Returns the segments of an attempt as far as it goes.
     pub(super) fn segments<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
         let n = self.model.n();
         let act = attempt.motions.actuation;
         let options = &self.problem.options;
-        // The gripper acts at the actuation pose, and where the hand lets go.
+        // The gripper acts at the actuation pose, and where the hand releases the object.
         let acts = self.problem.config.gripper.acts() || !options.pick.is_empty() || !options.release.is_empty();
         let lets_go_at = attempt.motions.lets_go_at;
         let rests = |keyframe: usize| clock.is_some() || (keyframe == act && acts) || lets_go_at == Some(keyframe);
@@ -242,7 +245,7 @@ impl Planner<'_> {
         for (k, waypoints) in attempt.approach.iter().enumerate() {
             gone += length(n, waypoints);
             let last = k + 1 == attempt.approach.len();
-            // Pieces share the time by their length.
+            // Parts share the time in proportion to their length.
             let due = clock.map(|c| {
                 let end = c[self.entry];
                 if last || total == 0.0 { end } else { begin + (end - begin) * gone / total }
@@ -267,9 +270,9 @@ impl Planner<'_> {
             }
             let whole = i < act + attempt.after.0;
             let share = if whole { 1.0 } else { attempt.after.1 };
-            // A part of a path takes its part of the time.
+            // A part of a path takes its share of the time.
             let due = clock.map(|c| c[i] + (c[i + 1] - c[i]) * share);
-            // Taken up on the way, the hand comes back to its path by and by.
+            // When a motion is resumed, the hand gradually returns to its path.
             let kept = i >= act && i + 1 != self.entry;
             segments.push(Stretch {
                 waypoints: Cow::Borrowed(waypoints),
@@ -287,10 +290,10 @@ impl Planner<'_> {
         segments
     }
 
-    /// Number of segments that can be driven in one go.
+    /// Returns the number of segments that can be driven without a stop.
     fn joined(&mut self, segments: &[Stretch<'_>]) -> usize {
         let mut count = segments.len();
-        // A segment fewer may bend otherwise at the end, never more.
+        // With one segment less, only the end may bend differently.
         while count > 1 {
             let (path, ends) = self.path(&segments[..count]);
             let bad = (0..count - 1).find(|k| !self.bend_stands(&segments[*k], &segments[k + 1], &path, &ends, *k));
@@ -302,19 +305,19 @@ impl Planner<'_> {
         count
     }
 
-    /// The path through segments, and the waypoint at the start of each and at the end.
+    /// Returns the path through segments, with the waypoint at the start of each and at the end.
     fn path(&self, segments: &[Stretch<'_>]) -> (Spline, Vec<usize>) {
         let mut waypoints: Vec<Row> = Vec::new();
         let mut ends = vec![0];
         for segment in segments {
-            // The first of a segment is the last of the one before.
+            // The first waypoint of a segment equals the last one of the previous segment.
             waypoints.extend_from_slice(&segment.waypoints[usize::from(!waypoints.is_empty())..]);
             ends.push(waypoints.len() - 1);
         }
         (Spline::through(self.model.n(), &waypoints, None), ends)
     }
 
-    /// Whether the path keeps to joint limits and to the hand's path where segment `k` meets the next.
+    /// Returns whether the path keeps the joint limits and the hand path where segment `k` meets the next.
     fn bend_stands(
         &mut self,
         segment: &Stretch<'_>,
@@ -352,8 +355,8 @@ impl Planner<'_> {
         true
     }
 
-    /// Least time (s) of each interval between waypoints at the speed allowed in contact, were each driven evenly as
-    /// fast as where the point that touches moves fastest.
+    /// Returns the minimum time (s) of each interval between waypoints at the speed allowed in contact, as if each
+    /// interval were driven at constant speed.
     fn slowest(&mut self, segments: &[Stretch<'_>], path: &Spline, ends: &[usize]) -> Vec<f64> {
         let Some(speed) = self.problem.options.contact_speed else { return Vec::new() };
         let tip = nalgebra::Point3::from(self.problem.contact_point());
@@ -377,7 +380,7 @@ impl Planner<'_> {
         out
     }
 
-    /// Appends the motion along segments that are driven in one go; when each of them ends.
+    /// Appends the motion along segments that are driven without a stop; returns the end time of each.
     fn drive(
         &mut self,
         builder: &mut Builder,
@@ -395,7 +398,7 @@ impl Planner<'_> {
                     let allowed = last.due.map_or(0.0, |d| d - begin);
                     Failure::TooFast { keyframe: last.toward, allowed, needed }
                 }
-                // Where planning has to end, the plan says so.
+                // If planning was cancelled, the plan reports that.
                 Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
             })?;
         for (segment, time) in segments.iter().zip(&passed) {

@@ -1,9 +1,9 @@
-//! The search for the cheapest actuation pose whose whole motion is reachable and free, or else for the longest part of
-//! one after the actuation.
+//! Search for the cheapest actuation pose whose whole motion is reachable and collision-free, or else for the longest
+//! partial motion after the actuation.
 //!
-//! Poses are taken in the order of their cost, and the first whole motion ends the search. Of the others it is told at
-//! single waypoints how far they go at the most; those that may go furthest are looked at first, once no pose is left that
-//! may allow the whole motion, so that few of them are swept and nearly always one is timed.
+//! Poses are tried in the order of their cost, and the first complete motion ends the search. For the others, checks of
+//! single waypoints give an upper bound of their extent. Once no pose is left that may allow the whole motion, those
+//! with the largest bound are examined first, so that few of them are swept and usually one is timed.
 
 use super::Plan;
 use super::TriedPose;
@@ -14,9 +14,9 @@ use crate::actuation::{Actuation, ActuationSearch, Candidate, HEEDED};
 use crate::model::Row;
 use crate::world::State;
 
-/// Samples of the first round over all candidates; only where all fail is the full number spent.
+/// Number of samples in the first round over all candidates; the full number is used only if all fail.
 const FIRST_SAMPLES: usize = 150;
-/// Candidates that get the full number.
+/// Number of candidates that get the full number of samples.
 const SECOND_CHANCES: usize = 4;
 
 /// Trials so far, and the best of them.
@@ -24,15 +24,15 @@ const SECOND_CHANCES: usize = 4;
 pub(super) struct Trials {
     pub best: Option<Attempt>,
     pub tried: usize,
-    /// Outcome of each pose, where that is asked for.
+    /// Outcome of each pose, if requested.
     pub poses: Vec<TriedPose>,
-    /// Motions that are known not to be whole, but not yet how far they go.
+    /// Incomplete motions whose exact extent is not known yet.
     parts: Vec<Attempt>,
-    /// Motions that lack nothing but the free approach.
+    /// Motions that only lack the free approach.
     again: Vec<Attempt>,
-    /// Poses that overlap something.
+    /// Poses that overlap a body.
     overlapping: Vec<Row>,
-    /// Whether the hand gets past one of the other poses.
+    /// Whether the hand gets past any other pose.
     is_passed: bool,
 }
 
@@ -41,12 +41,12 @@ impl Trials {
         self.best.as_ref().is_some_and(Attempt::is_whole)
     }
 
-    /// The score to beat by a pose, once there is one: among equals the cheapest pose counts.
+    /// Returns the score that a pose must beat, if any; among equals the cheapest pose wins.
     fn bar(&self, rank: usize) -> Option<f64> {
         self.best.as_ref().map(|b| if rank < b.rank { b.score().next_down() } else { b.score() })
     }
 
-    /// The motion that may go furthest, where it may go further than the best so far; of equals the cheapest.
+    /// Returns the motion that may extend furthest, if further than the best so far; among equals the cheapest.
     fn furthest(&mut self) -> Option<Attempt> {
         let order = |a: &Attempt, b: &Attempt| a.extent().total_cmp(&b.extent()).then(b.rank.cmp(&a.rank));
         let k = (0..self.parts.len()).max_by(|a, b| order(&self.parts[*a], &self.parts[*b]))?;
@@ -64,8 +64,8 @@ impl Trials {
 }
 
 impl Planner<'_> {
-    /// The motion that goes on from an earlier plan: through its actuation pose, where that still serves. Past the
-    /// actuation there is no other.
+    /// Returns the motion that continues an earlier plan through its actuation pose, if that pose is still valid. After
+    /// the actuation there is no other.
     pub(super) fn warm_start_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
         let past = self.entry > self.world.schedule.actuation();
         let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
@@ -89,12 +89,12 @@ impl Planner<'_> {
         let options = &self.problem.options;
         let (samples, most) = (options.samples.min(FIRST_SAMPLES), options.candidates);
         let mut trials = Trials::default();
-        // Poses beside the cheapest are looked for where no motion to that one stands.
+        // Other poses than the cheapest are searched if that one allows no motion.
         let (cheapest, mut others) = (found.candidates[0], None);
-        // The hand's paths from a pose are the same whatever the margin.
+        // The hand paths from a pose do not depend on the margin.
         let mut followed: Vec<Attempt> = Vec::new();
         let margins = self.margins_in_turn();
-        // The part of a motion that an earlier round, of a larger margin, came to: it counts where planning has to end.
+        // Partial motion of an earlier round with a larger margin; used if planning must end.
         let mut kept: Option<(f64, Attempt)> = None;
         for (round, margin) in margins.iter().enumerate() {
             let is_last = round + 1 == margins.len();
@@ -102,7 +102,7 @@ impl Planner<'_> {
                 kept = Some((margins[round - 1], part));
             }
             self.set_margin(*margin);
-            // The longest part that keeps less is no measure for what keeps more, nor is it taken where less will do.
+            // A partial motion with a smaller margin neither bounds nor replaces one with a larger margin.
             self.partial = options.allow_partial && (is_last || self.world.is_limited());
             self.drop_parts(&mut trials);
             trials = Trials { tried: trials.tried, poses: trials.poses, ..Trials::default() };
@@ -127,7 +127,7 @@ impl Planner<'_> {
                 break;
             }
         }
-        // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
+        // Additional poses that meet the constraints, if the cheap ones allow no motion.
         let mut extra = 0;
         for start in 0..options.extra_seeds {
             if self.is_done(&trials) || extra > most {
@@ -135,7 +135,7 @@ impl Planner<'_> {
             }
             let Some(pose) = search.sample(start) else { continue };
             let attempt = self.followed_and_seen(&pose.x);
-            // Poses that overlap something themselves cost next to nothing to turn down.
+            // Poses that overlap a body are rejected at almost no cost.
             extra += usize::from(!attempt.overlaps);
             self.try_followed(attempt, samples, &mut trials);
         }
@@ -152,7 +152,7 @@ impl Planner<'_> {
         self.conclude(trials, better.unwrap_or(&cheapest))
     }
 
-    /// Whether there is nothing more to try: a whole motion is found, or planning has to end.
+    /// Returns whether the search is over: a complete motion was found, or planning must end.
     fn is_done(&self, trials: &Trials) -> bool {
         trials.done() || self.world.is_over()
     }
@@ -164,14 +164,14 @@ impl Planner<'_> {
         trials.keep(attempt);
     }
 
-    /// Gives up the motions whose extents do not matter any more.
+    /// Drops motions whose extents no longer matter.
     fn drop_parts(&self, trials: &mut Trials) {
         for attempt in std::mem::take(&mut trials.parts) {
             self.keep(attempt, trials);
         }
     }
 
-    /// Tries one pose by itself, most likely to allow the whole motion: what it comes to is reported.
+    /// Tries the pose that most likely allows the whole motion, and records the outcome.
     fn try_at_once(&mut self, x: &Row, samples: usize, trials: &mut Trials) {
         let bar = trials.bar(trials.tried);
         let mut attempt = self.followed(x, false);
@@ -186,7 +186,8 @@ impl Planner<'_> {
         if worth { self.finish(attempt, samples, trials) } else { self.keep(attempt, trials) }
     }
 
-    /// Follows the hand's paths from a pose and looks at single waypoints: the part of an attempt that no margin changes.
+    /// Follows the hand paths from a pose and checks single waypoints: the part of an attempt that does not depend on
+    /// the margin.
     fn followed_and_seen(&mut self, x: &Row) -> Attempt {
         let mut attempt = self.followed(x, true);
         if attempt.failure.is_none() {
@@ -195,7 +196,7 @@ impl Planner<'_> {
         attempt
     }
 
-    /// Tries one pose of many. Where its motion is not whole, it is put aside.
+    /// Tries one pose of many. An incomplete motion is postponed.
     fn try_followed(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
         attempt.rank = trials.tried;
         trials.tried += 1;
@@ -216,7 +217,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Tries poses that are moved out of what they overlap, those first that lack least, where that is what stops all
+    /// Tries poses after moving them out of their overlaps, the smallest overlap first, if only overlaps reject all
     /// others.
     fn try_cleared(&mut self, search: &mut ActuationSearch<'_>, samples: usize, trials: &mut Trials) {
         let most = self.problem.options.clearings;
@@ -243,7 +244,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Finds the longest of the motions that were put aside, and looks more closely for approaches to those that lack
+    /// Finds the longest of the postponed motions, and searches more thoroughly for approaches to motions that lack
     /// nothing else.
     fn try_rest(&mut self, samples: usize, trials: &mut Trials) {
         self.try_parts(samples, trials);
@@ -257,7 +258,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Finds the longest of the motions that were put aside.
+    /// Finds the longest of the postponed motions.
     fn try_parts(&mut self, samples: usize, trials: &mut Trials) {
         while !self.is_done(trials)
             && let Some(mut attempt) = trials.furthest()
@@ -277,7 +278,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Looks for the free approach of a motion that is swept, and times it.
+    /// Searches the free approach of a swept motion, and times the motion.
     fn finish(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
         let before = (attempt.failure.clone(), attempt.hits.len());
         self.complete(&mut attempt, samples);

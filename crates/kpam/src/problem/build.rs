@@ -1,4 +1,4 @@
-//! Problems from code.
+//! Builder for problems in code.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -9,14 +9,14 @@ use nalgebra::Vector3;
 use super::KeypointProblem;
 use crate::{Bodies, ObjectJoint, Options, ProblemError, SolverConfig};
 
-/// Builds a [`KeypointProblem`]; [`KeypointProblemBuilder::build`] checks the whole.
+/// Builds a [`KeypointProblem`]; [`KeypointProblemBuilder::build`] validates it.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct KeypointProblemBuilder(KeypointProblem);
 
 impl KeypointProblem {
-    /// A problem for a robot at joints `q_start` (one entry a joint of the robot), with no keypoints, joint or bodies,
-    /// object and world at the base, and default options.
+    /// Returns a builder for a robot at joints `q_start` (one entry for each joint), without keypoints, joint or
+    /// bodies, with object and world at the base and default options.
     pub fn builder(robot: Arc<Robot>, config: SolverConfig, q_start: Vec<f64>) -> KeypointProblemBuilder {
         KeypointProblemBuilder(Self {
             robot,
@@ -34,14 +34,14 @@ impl KeypointProblem {
         })
     }
 
-    /// A problem that is like this one but for what is set.
+    /// Returns a builder with the values of this problem.
     pub fn changed(&self) -> KeypointProblemBuilder {
         KeypointProblemBuilder(self.clone())
     }
 }
 
 impl KeypointProblemBuilder {
-    /// Sets the joints at the start, one entry a joint of the robot.
+    /// Sets the joints at the start, one entry for each joint of the robot.
     pub fn q_start(mut self, q: Vec<f64>) -> Self {
         self.0.q_start = q;
         self
@@ -89,25 +89,25 @@ impl KeypointProblemBuilder {
         self
     }
 
-    /// Sets the axis of "rotate": 0, 1 or 2 of the object frame; 1 where it is not set.
+    /// Sets the axis of "rotate": 0, 1 or 2 of the object frame; default 1.
     pub fn object_axis(mut self, axis: usize) -> Self {
         self.0.object_axis = axis;
         self
     }
 
-    /// Sets the yaw (rad) that the scene's randomization drew, for the original's reading of frames.
+    /// Sets the object's yaw (rad) from the scene's randomization, for the original's interpretation of frames.
     pub fn object_yaw(mut self, yaw: f64) -> Self {
         self.0.object_yaw = yaw;
         self
     }
 
-    /// Sets the world in the base frame.
+    /// Sets the world frame in the base frame.
     pub fn world(mut self, pose: Pose) -> Self {
         self.0.world = pose;
         self
     }
 
-    /// Sets the bodies: obstacles, and what rides on the hand.
+    /// Sets the bodies: obstacles, targets and attached bodies.
     pub fn bodies(mut self, bodies: impl Into<Bodies>) -> Self {
         self.0.bodies = bodies.into();
         self
@@ -119,11 +119,11 @@ impl KeypointProblemBuilder {
         self
     }
 
-    /// The problem.
+    /// Returns the problem.
     ///
     /// # Errors
-    /// The first part that does not fit, by field: numbers that are not finite, names that are not known, directions
-    /// without a length, joints outside their limits, options out of range.
+    /// The first invalid part, by field: a number is not finite, a name is unknown, a direction is zero, a joint is
+    /// outside its limits, or an option is out of range.
     pub fn build(self) -> Result<KeypointProblem, ProblemError> {
         self.0.check()?;
         Ok(self.0)

@@ -1,4 +1,4 @@
-//! Whether the parts of a problem fit each other: looked at once, when it is made or read.
+//! Validation that the parts of a problem fit each other, on construction or deserialization.
 
 use super::KeypointProblem;
 use crate::body::{place, rigid};
@@ -8,11 +8,11 @@ use crate::model::Model;
 use crate::world::Schedule;
 use crate::{ProblemError, Role};
 
-/// Simulators rest a hair outside joint limits, and mimic joints beside where they should (rad or m).
+/// Tolerance of joint limits and mimic joints (rad or m), since simulators slightly violate both.
 const SLACK: f64 = 0.01;
 
 impl KeypointProblem {
-    /// Whether all parts fit; robot, config, joint and bodies are sound in themselves.
+    /// Validates that all parts fit each other; robot, config, joint and bodies are already valid in themselves.
     pub(super) fn check(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(field, message));
         let joints = self.robot.joints();
@@ -60,7 +60,7 @@ impl KeypointProblem {
         self.resolve().map(|_| ())
     }
 
-    /// Check that what the hand picks and releases is there, and that the joint's travel has an entry a motion.
+    /// Validates that picked and released bodies exist, and that the joint's travel has one entry for each motion.
     fn check_acts(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         for (field, names) in [("pick", &self.options.pick), ("release", &self.options.release)] {
@@ -89,7 +89,7 @@ impl KeypointProblem {
         Ok(())
     }
 
-    /// Mimic joints that planning moves stand where their sources take them.
+    /// Validates that mimic joints in the planned motion have the values given by their sources.
     fn check_mimics(&self, model: &Model) -> Result<(), ProblemError> {
         let mut q = Vec::new();
         model.map().positions(&model.start(), &mut q);

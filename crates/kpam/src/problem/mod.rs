@@ -18,7 +18,7 @@ mod check;
 
 pub use build::KeypointProblemBuilder;
 
-/// A checked planning problem.
+/// A validated planning problem.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct KeypointProblem {
@@ -39,7 +39,7 @@ pub struct KeypointProblem {
 checked_when_read!(KeypointProblem);
 
 impl KeypointProblem {
-    /// Weight of each variable's squared way from the start.
+    /// Weights of the variables' squared steps from the start.
     pub(crate) fn joint_weights(&self, model: &Model) -> Row {
         self.options.joint_weights.as_ref().map_or([1.0; MAX_JOINTS], |weights| model.pick(weights))
     }
@@ -56,7 +56,7 @@ impl KeypointProblem {
         &self.config
     }
 
-    /// Joints at the start, one entry a joint of the robot.
+    /// Joints at the start, one entry for each joint of the robot.
     #[must_use]
     pub fn q_start(&self) -> &[f64] {
         &self.q_start
@@ -86,7 +86,7 @@ impl KeypointProblem {
         self.joint.as_ref()
     }
 
-    /// Obstacles, and what rides on the hand.
+    /// Obstacles, targets and attached bodies.
     #[must_use]
     pub fn bodies(&self) -> &Bodies {
         &self.bodies
@@ -98,8 +98,8 @@ impl KeypointProblem {
         &self.options
     }
 
-    /// The same problem from another state: joints, their velocity and acceleration (zero where `None`, whatever the
-    /// problem started with), and the time (s).
+    /// Returns the problem with another start state: joints, velocity and acceleration (zero if `None`), and the time
+    /// (s).
     ///
     /// # Errors
     /// As [`KeypointProblemBuilder::build`].
@@ -119,19 +119,19 @@ impl KeypointProblem {
         Ok(out)
     }
 
-    /// The scene that it is asked of.
+    /// The scene of the problem.
     #[must_use]
     pub fn scene(&self) -> Scene {
         Scene::of(self)
     }
 
-    /// Whether a body rides on the hand in some segment of the motion.
+    /// Whether a body is attached to the hand in some segment of the motion.
     pub(crate) fn rides(&self, name: &str) -> bool {
         let attached = |b: &Body| b.name == name && b.role == Role::Attached;
         self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)
     }
 
-    /// Place in time of a label of a contact window: start, then the keyframes; `end` is one past the last.
+    /// Index in time order of a label in a contact window: start, then the keyframes; `end` is one past the last.
     pub(crate) fn window_index(&self, label: &str) -> Option<usize> {
         let schedule = Schedule::of(&self.config);
         match label {
@@ -141,7 +141,7 @@ impl KeypointProblem {
         }
     }
 
-    /// The point of the hand frame that touches: the tool keypoint of the first point constraint, or else the origin.
+    /// The contact point in the hand frame: the tool keypoint of the first point constraint, or else the origin.
     pub(crate) fn contact_point(&self) -> Vector3<f64> {
         self.config
             .constraints

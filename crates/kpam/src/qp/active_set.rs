@@ -1,17 +1,17 @@
 //! Dual active-set method of Goldfarb and Idnani (1983): starts at the unconstrained minimum and adds violated bounds
-//! one by one. At a dozen variables it needs no allocation in its loop, and it tells infeasible from unsolved.
+//! one by one. With a dozen variables, it allocates no memory in its loop and distinguishes infeasible from unsolved.
 
 use super::{Bound, Qp, QpOutcome, QpSolver, dot};
 use crate::model::{MAX_JOINTS, Row};
 
-/// Bounds narrower than this are equalities.
+/// Bounds narrower than this are treated as equalities.
 const EQUALITY: f64 = 1e-12;
-/// Violations below this (in units of a row scaled to length 1) are met.
+/// Violations below this (for rows scaled to length 1) are ignored.
 const MET: f64 = 1e-10;
 
 /// The solver with its factors.
 pub struct ActiveSet {
-    /// Columns of the inverse transpose of the Cholesky factor, turned so that the first `active` of them span the
+    /// Columns of the inverse transpose of the Cholesky factor, rotated so that the first `active` of them span the
     /// active rows.
     j: [Row; MAX_JOINTS],
     /// Upper triangular factor of the active rows, by column.
@@ -41,7 +41,7 @@ impl Default for ActiveSet {
 impl ActiveSet {
     /// Factors the Hessian and returns the unconstrained minimizer.
     fn start(&mut self, qp: &Qp<'_>) -> Option<Row> {
-        // So that the compiler need not check each index.
+        // Avoids bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let mut l = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         let mut inverse = [0.0; MAX_JOINTS];
@@ -82,7 +82,7 @@ impl ActiveSet {
         Some(x)
     }
 
-    /// Turns columns `c` and `c + 1` of `j` in their plane.
+    /// Rotates columns `c` and `c + 1` of `j` in their plane.
     fn turn(&mut self, n: usize, c: usize, cos: f64, sin: f64) {
         let (head, tail) = self.j.split_at_mut(c + 1);
         for (u, v) in head[c].iter_mut().zip(&mut tail[0]).take(n) {
@@ -90,7 +90,7 @@ impl ActiveSet {
         }
     }
 
-    /// Adds the row whose image under J^T is `d`; false where it depends on those already active.
+    /// Adds the row whose image under J^T is `d`; returns false if it depends on the active rows.
     fn add(&mut self, n: usize, d: &mut Row, entry: Active) -> bool {
         let q = self.active.len();
         for k in (q + 1..n).rev() {
@@ -136,9 +136,9 @@ impl ActiveSet {
         }
     }
 
-    /// Makes one more bound hold at `x`. `None` where that is impossible.
+    /// Enforces one more bound at `x`; `None` if that is impossible.
     fn enforce(&mut self, qp: &Qp<'_>, x: &mut Row, mut entry: Active) -> Option<()> {
-        // So that the compiler need not check each index.
+        // Avoids bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let bound = &qp.bounds[entry.bound];
         let mut normal = bound.row;
@@ -207,7 +207,7 @@ impl QpSolver for ActiveSet {
         if !qp.fits() {
             return QpOutcome::Failed;
         }
-        // So that the compiler need not check each index.
+        // Avoids bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let Some(mut x) = self.start(qp) else { return QpOutcome::Failed };
         let is_equality = |b: &Bound| b.high - b.low <= EQUALITY;
@@ -219,7 +219,7 @@ impl QpSolver for ActiveSet {
             let sign = if slack <= 0.0 { 1.0 } else { -1.0 };
             let entry = Active { bound: index, sign, multiplier: 0.0, equality: true };
             if self.enforce(qp, &mut x, entry).is_none() {
-                // A repeated equality is fine where it already holds.
+                // A repeated equality is accepted if it already holds.
                 let left = dot(n, &bound.row, &x) - bound.low;
                 if left.abs() > 1e-8 {
                     return QpOutcome::Infeasible;

@@ -1,14 +1,14 @@
-//! The smallest step under equalities alone: what most steps along a path of the hand need.
+//! The smallest step under equalities alone, which suffices for most steps along a hand path.
 
 use super::dot;
 use crate::ldl::solve_ldl;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Pivots smaller than this part of their row's square say that rows depend on each other.
+/// Pivots smaller than this share of their row's square show that rows are dependent.
 const DEPENDENT: f64 = 1e-6;
 
-/// The minimizer of `d' d / 2 + g' d` under `rows . d = values`, by the normal equations of the rows; `None` where
-/// those nearly depend on each other.
+/// Returns the minimizer of `d' d / 2 + g' d` under `rows . d = values`, from the normal equations of the rows; `None`
+/// if the rows are nearly dependent.
 pub(crate) fn smallest_step<const M: usize>(
     n: usize,
     rows: &[Row; M],

@@ -1,4 +1,4 @@
-//! The same QPs by Clarabel's interior point method: slower at this size, and an independent check of the other.
+//! The same QPs solved by Clarabel's interior-point method: slower at this size, but an independent check.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -8,18 +8,18 @@ use clarabel::solver::{
 use super::{Qp, QpOutcome, QpSolver};
 use crate::model::MAX_JOINTS;
 
-/// Clarabel behind [`QpSolver`].
+/// Clarabel as a [`QpSolver`].
 #[derive(Debug, Clone, Copy, Default)]
 pub struct InteriorPoint;
 
 impl QpSolver for InteriorPoint {
     fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome {
-        // Clarabel takes neither a program without variables nor numbers that are not finite.
+        // Clarabel accepts neither an empty program nor non-finite numbers.
         if !qp.fits() || qp.n == 0 || !qp.is_finite() {
             return QpOutcome::Failed;
         }
         let n = qp.n;
-        // Rows of A x + s = b: equalities first, then upper ends, then lower ends with their sign turned.
+        // Rows of A x + s = b: equalities first, then upper ends, then lower ends with opposite sign.
         let mut rows: Vec<(usize, f64, f64)> = Vec::new();
         let equality = |b: &super::Bound| b.high - b.low <= 1e-12;
         for (i, b) in qp.bounds.iter().enumerate().filter(|(_, b)| equality(b)) {

@@ -1,4 +1,4 @@
-//! Small dense quadratic programs behind one trait.
+//! Small dense quadratic programs with a common trait for solvers.
 
 mod active_set;
 mod equalities;
@@ -10,7 +10,7 @@ pub use interior_point::InteriorPoint;
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// `low <= row . d <= high`; equal ends make an equality, infinite ends are left out.
+/// `low <= row . d <= high`; equal ends form an equality, infinite ends are ignored.
 #[derive(Debug, Clone, Copy)]
 pub struct Bound {
     /// Coefficients.
@@ -21,7 +21,7 @@ pub struct Bound {
     pub high: f64,
 }
 
-/// Minimize `d' H d / 2 + g' d` under bounds; `H` symmetric and positive definite.
+/// Minimizes `d' H d / 2 + g' d` under bounds; `H` is symmetric and positive definite.
 #[derive(Debug, Clone)]
 pub struct Qp<'a> {
     /// Number of variables.
@@ -42,13 +42,13 @@ pub enum QpOutcome {
     Solved {
         /// Minimizer.
         step: Row,
-        /// Multiplier of each bound: positive where the lower end binds, negative where the upper end does.
+        /// Multiplier of each bound: positive if the lower end is active, negative if the upper end is.
         multipliers: Vec<f64>,
     },
     /// No point satisfies the bounds.
     Infeasible,
-    /// The Hessian is not positive definite, or the iteration limit was met; or there are more than [`MAX_JOINTS`]
-    /// variables, or more than rows of the Hessian, or numbers that are not finite.
+    /// The Hessian is not positive definite or too small, the iteration limit was reached, there are more than
+    /// [`MAX_JOINTS`] variables, or a number is not finite.
     Failed,
 }
 
@@ -59,12 +59,12 @@ pub trait QpSolver {
 }
 
 impl Qp<'_> {
-    /// Whether rows and Hessian hold all variables.
+    /// Whether rows and Hessian have room for all variables.
     fn fits(&self) -> bool {
         self.n <= MAX_JOINTS && self.n <= self.hessian.len()
     }
 
-    /// Whether all numbers are finite; ends may be infinite.
+    /// Whether all numbers are finite; ends of bounds may be infinite.
     fn is_finite(&self) -> bool {
         let finite = |row: &Row| row[..self.n].iter().all(|v| v.is_finite());
         finite(self.gradient)
@@ -75,7 +75,7 @@ impl Qp<'_> {
 
 fn dot(n: usize, a: &Row, b: &Row) -> f64 {
     let mut sum = 0.0;
-    // So that the compiler need not check each index.
+    // Avoids bounds checks.
     for i in 0..n.min(MAX_JOINTS) {
         sum += a[i] * b[i];
     }
@@ -134,7 +134,7 @@ mod tests {
             let bounds: Vec<Bound> = rows
                 .iter()
                 .map(|(r, width, middle, equal)| {
-                    // At most a few equalities, or nothing is feasible.
+                    // With more than a few equalities the program would be infeasible.
                     let w = if *equal && rows.len() < 3 { 0.0 } else { *width };
                     Bound { row: row(r), low: middle - w, high: middle + w }
                 })

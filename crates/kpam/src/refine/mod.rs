@@ -1,11 +1,10 @@
-//! Trajectory optimization: a plan's whole waypoint path made shorter by sequential quadratic programming.
+//! Trajectory optimization: shortens a plan's waypoint path by sequential quadratic programming.
 //!
-//! The cost is squared joint steps between waypoints, weighted by the problem's `joint_weights` (the original's are 10 for
-//! the first joint and 1 for the rest).
-//! Hand poses of keyframes stay (position exactly, orientation within 0.03 rad), and so does, where asked for, the hand's
-//! path from the actuation on; joint limits and clearances are linearized at each waypoint, clearances halfway between
-//! two as well. Each round is one banded program; its step counts only where the motion is cheaper, and free wherever it
-//! was free before.
+//! The cost is the sum of squared joint steps between waypoints, weighted by the problem's `joint_weights` (in the
+//! original 10 for the first joint and 1 for the others). Hand poses at keyframes are kept (position exactly,
+//! orientation within 0.03 rad), on request also the hand path from the actuation on. Joint limits and clearances are
+//! linearized at each waypoint, clearances also halfway between two waypoints. Each round solves one banded program;
+//! its step is accepted only if the motion becomes cheaper and stays collision-free wherever it was before.
 
 mod program;
 
@@ -20,53 +19,53 @@ use crate::world::{Clearance, Margins, MotionSegment, State, Way, World, travel_
 use crate::{KeypointProblem, Plan, ProblemError};
 use program::{Bound, Program};
 
-/// Largest turn (rad) of a keyframe's hand.
+/// Maximum rotation (rad) of the hand at a keyframe.
 const TURN: f64 = 0.03;
-/// Hand positions are met within this (m).
+/// Tolerance of hand positions (m).
 const EXACT: f64 = 1e-6;
-/// Pairs nearer than this (m) are kept apart by the program.
+/// Pairs closer than this (m) are kept apart by the program.
 const REACH: f64 = 0.06;
-/// First bound (rad or m) on the step of a joint in a round.
+/// Initial bound (rad or m) on a joint's step in a round.
 const TRUST: f64 = 0.3;
-/// Bounds smaller than this end the search.
+/// The search ends when the bound falls below this value.
 const FINEST: f64 = 0.01;
-/// Rounds.
+/// Maximum number of rounds.
 const ROUNDS: usize = 5;
-/// A round that saves less than this share is the last.
+/// The search ends after a round that saves less than this share.
 const SMALL: f64 = 5e-3;
-/// Waypoints where none are asked for.
+/// Default number of waypoints.
 const WAYPOINTS: f64 = 40.0;
 
 /// Options of a refinement.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct RefineOptions {
-    /// Times (s) of the plan's motion at which waypoints lie, beside its start, its end and its keyframes; about 40 in
-    /// all where `None`.
+    /// Times (s) of waypoints in the plan's motion, in addition to its start, end and keyframes; about 40 in total if
+    /// `None`.
     pub times: Option<Vec<f64>>,
-    /// Keep the hand on its lines and arcs from the actuation on, not only at keyframes.
+    /// Keep the hand on its lines and arcs after the actuation, not only at keyframes.
     pub keep_paths: bool,
 }
 
-/// A waypoint path with its cost before and after.
+/// A waypoint path, with its cost before and after.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Refined {
     /// Joint vectors, the start first.
     pub waypoints: Vec<Vec<f64>>,
-    /// The times of the plan's motion at which they lay.
+    /// Times of the plan's motion at which the waypoints were taken.
     pub times: Vec<f64>,
-    /// Number of the waypoint of each keyframe that the plan reaches.
+    /// Index of the waypoint of each reached keyframe.
     pub keyframes: Vec<usize>,
-    /// Weighted squared joint steps of the plan's own waypoints.
+    /// Weighted squared joint steps of the original waypoints.
     pub cost_before: f64,
-    /// The same now; never more.
+    /// The same for the result; never larger.
     pub cost_after: f64,
-    /// Programs solved.
+    /// Number of solved programs.
     pub rounds: usize,
 }
 
-/// A waypoint's place in the motion.
+/// Position of a waypoint in the motion.
 struct Place {
     segment: MotionSegment,
     travel: f64,
@@ -80,15 +79,15 @@ struct Refinement<'p> {
     placed: Placed,
     weights: Row,
     places: Vec<Place>,
-    /// Whether each step between waypoints has to stay free.
+    /// Whether each step between waypoints must stay collision-free.
     free: Vec<bool>,
     margins: Margins,
 }
 
-/// Makes a plan's waypoint path shorter.
+/// Shortens a plan's waypoint path.
 ///
 /// # Errors
-/// A plan without a motion, or times that are not those of its motion, by field.
+/// The plan has no motion, or times lie outside it; names the field.
 pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -> Result<Refined, ProblemError> {
     let (Some(trajectory), Some(q_plan)) = (plan.trajectory(), &plan.q_plan) else {
         return Err(ProblemError::new("plan", "has no motion"));
@@ -106,7 +105,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
     if let Some(time) = times.iter().find(|t| !(begin..=end).contains(*t)) {
         return Err(ProblemError::new("times", format!("{time} is not within the motion, {begin} to {end}")));
     }
-    // Keyframes take the place of what lies close to them.
+    // Keyframes replace waypoints close to them.
     let close = 0.2 * (end - begin) / (times.len() + 1) as f64;
     times.retain(|t| met.iter().all(|m| (m - t).abs() > close));
     times.extend_from_slice(&met);
@@ -125,7 +124,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
     let mut places = Vec::with_capacity(times.len());
     let mut former = 0.0;
     for (k, time) in times.iter().enumerate() {
-        // The keyframe that it leads to, or that it is.
+        // The next keyframe, or the keyframe at this time.
         let next = plan.keyframes.iter().position(|f| f.time.is_some_and(|t| *time <= t + 1e-9));
         let next = next.unwrap_or(plan.keyframes.len().saturating_sub(1)).max(entry);
         let is_keyframe = met.iter().any(|m| (m - time).abs() < 1e-9) || k + 1 == times.len();
@@ -170,7 +169,7 @@ impl Refinement<'_> {
         steps.map(|w| (0..self.model.n()).map(|v| self.weights[v] * (w[1][v] - w[0][v]).powi(2)).sum::<f64>()).sum()
     }
 
-    /// Whether the straight step to waypoint `k` is free.
+    /// Returns whether the straight step to waypoint `k` is collision-free.
     fn is_free(&mut self, waypoints: &[Row], k: usize) -> bool {
         let travel = [self.places[k - 1].travel, self.places[k].travel];
         let way = Way { waypoints: &waypoints[k - 1..=k], travel: &travel, off: &[] };
@@ -209,8 +208,7 @@ impl Refinement<'_> {
         (waypoints, rounds)
     }
 
-    /// The waypoints after a step, brought back to the hand poses that they keep; `None` where they do not keep the
-    /// rules.
+    /// Returns the waypoints after a step, corrected to the required hand poses; `None` if they violate a rule.
     fn stepped(&mut self, waypoints: &[Row], steps: &[Row]) -> Option<Vec<Row>> {
         let n = self.model.n();
         let mut out = waypoints.to_vec();
@@ -229,7 +227,7 @@ impl Refinement<'_> {
         (1..out.len()).all(|k| !self.free[k - 1] || self.is_free(&out, k)).then_some(out)
     }
 
-    /// Joints near `x` with the hand's origin at that of `hand`, turned by no more than is allowed.
+    /// Returns joints near `x` with the hand's origin at that of `hand` and a rotation within the limit.
     fn brought_to(&mut self, hand: &Pose, x: &Row) -> Option<Row> {
         let n = self.model.n();
         let mut x = *x;
@@ -251,7 +249,7 @@ impl Refinement<'_> {
         None
     }
 
-    /// Joint limits, or where a waypoint is where it lies outside them.
+    /// Returns the joint limits, widened to a waypoint that lies outside.
     fn limits(&self, x: &Row) -> (Row, Row) {
         let (mut low, mut high) = (*x, *x);
         for v in 0..self.model.n() {
@@ -273,10 +271,10 @@ impl Refinement<'_> {
         waypoints.iter().map(boxed).collect()
     }
 
-    /// Hand poses and clearances to first order about the waypoints.
+    /// Returns hand poses and clearances to first order about the waypoints.
     fn bounds(&mut self, waypoints: &[Row]) -> Vec<Bound> {
         let n = self.model.n();
-        // Within a cube in the ball of turns.
+        // A cube inside the sphere of allowed rotations.
         let turn_bound = 0.99 * TURN / 3.0_f64.sqrt();
         let mut out = Vec::new();
         for k in 1..waypoints.len() {

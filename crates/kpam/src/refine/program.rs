@@ -1,4 +1,4 @@
-//! The quadratic program of one round, banded and sparse, on Clarabel.
+//! The banded, sparse quadratic program of one round, solved with Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -7,7 +7,7 @@ use clarabel::solver::{
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// `low <= sum of row . step <= high` over the steps of one waypoint or of two.
+/// `low <= sum of row . step <= high` over the steps of one or two waypoints.
 #[derive(Debug, Clone)]
 pub(super) struct Bound {
     pub parts: Vec<(usize, Row)>,
@@ -15,18 +15,18 @@ pub(super) struct Bound {
     pub high: f64,
 }
 
-/// Least weighted squared steps between waypoints, the first of which stays, under bounds and a box about each.
+/// Minimizes weighted squared steps between waypoints, with a fixed first waypoint, under bounds and box constraints.
 pub(super) struct Program<'a> {
     pub joints: usize,
     pub weights: &'a Row,
     pub waypoints: &'a [Row],
     pub bounds: &'a [Bound],
-    /// Least and greatest step of each waypoint.
+    /// Minimum and maximum step of each waypoint.
     pub boxes: &'a [(Row, Row)],
 }
 
 impl Program<'_> {
-    /// The best step of every waypoint; `None` where there is none.
+    /// Returns the optimal step of every waypoint; `None` if there is none.
     pub fn solve(&self) -> Option<Vec<Row>> {
         let n = self.joints;
         let count = self.waypoints.len() - 1;
