@@ -1,4 +1,4 @@
-//! Grasps of shapes with known answers, checked by other means than the search's own.
+//! Grasps of shapes with known answers, checked independently of the search.
 
 #![allow(clippy::unwrap_used)]
 
@@ -48,7 +48,7 @@ fn table() -> Body {
     )
 }
 
-/// Grasps of a body among others; where they stand, no robot is in the way.
+/// Returns grasps of a body among others that are out of the robot's way.
 fn grasps(object: &Body, others: &[Body], options: &GraspOptions) -> Result<Vec<Grasp>, ProblemError> {
     let slide = Joint::prismatic("x", Vector3::x()).limits(-1.0, 1.0);
     let robot = Robot::builder("cart").link(Link::base("rail")).link(Link::below("rail", "cart").moved_by(slide));
@@ -75,7 +75,7 @@ fn a_box_is_held_across_its_narrow_sides() {
     let all = found(&object, &[], &options(|o| o.up = None));
     assert!(all.len() > 20, "{}", all.len());
     for grasp in &all {
-        // Of its three widths only 40 and 60 mm fit; faces are parallel, so that nothing is off.
+        // Of its three widths only 40 and 60 mm fit; opposite faces are parallel, so the contacts are aligned.
         let axis = closing(grasp).abs();
         let wide = if axis.x > 0.999 { 0.04 } else { 0.06 };
         assert!(axis.x > 0.999 || axis.z > 0.999, "{axis}");
@@ -97,7 +97,7 @@ fn what_is_wider_than_the_stroke_is_not_held() {
         .iter()
         .flat_map(|(x, z)| [-0.05, 0.05].map(|y| Point3::new(*x, y, *z)))
         .collect();
-    // The sides of a wedge are 118 degrees apart, far more than any friction holds; its ends are too wide.
+    // The sides of a wedge are 118 degrees apart, beyond any friction cone; its ends are too wide.
     let wedge = body(Role::Target, vec![Convex::hull(&wedge).unwrap()], Pose::identity());
     assert!(found(&wedge, &[], &options(|o| o.friction = 0.3)).is_empty());
 }
@@ -147,7 +147,7 @@ fn a_closed_mesh_is_held_like_its_hull() {
     let half = [0.02, 0.05, 0.03];
     let hull = cuboid(half, Pose::identity());
     let triangles = hull.shapes()[0].triangles();
-    // Shapes forget which side of a triangle is out.
+    // Shapes do not store which side of a triangle is outside.
     let shapes = triangles.iter().map(|t| Convex::hull(t).unwrap()).collect();
     let mesh = body(Role::Target, shapes, Pose::identity());
     let options = options(|o| o.up = None);
@@ -178,7 +178,7 @@ fn bad_input_names_its_field() {
     assert_eq!(error.field, "body.shapes");
 }
 
-/// Least distance of the hand from bodies, in small steps along its way and while the fingers close.
+/// Returns the minimum distance of the hand from bodies, in small steps along the approach and while the fingers close.
 fn least_distance(grasp: &Grasp, bodies: &[&Body], approach: f64) -> f64 {
     let gripper = gripper();
     let mut least = f64::INFINITY;
@@ -267,7 +267,7 @@ fn a_knob_is_found_where_every_part_is_sampled_equally_often() {
 
 #[test]
 fn as_many_grasps_lean_as_are_asked_for() {
-    // Of what stands like a block, a hundred grasps from above are better than the best from the side.
+    // For an upright block, a hundred grasps from above rank higher than the best one from the side.
     let object = cuboid([0.02, 0.02, 0.05], Pose::translation(0.4, 0.0, 0.05));
     let leaning = |grasp: &Grasp| (0.6..=1.6).contains(&grasp.quality.tilt);
     let all = found(&object, &[table()], &options(|o| o.count = 60));

@@ -1,4 +1,4 @@
-//! Plans from a start under way: they begin where it is, keep the clock, and are free and slow enough where they touch.
+//! Plans from a moving start begin in its state, keep the given times, and are free and slow enough in contact.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -10,7 +10,8 @@ use nalgebra::Vector3;
 
 const GOAL: [f64; 3] = [1.2, 0.32, 0.0];
 
-/// A small cube on three slides, slow to brake, that comes to the goal and moves on as far. The wall has a place and a half width.
+/// A small cube on three slides that brakes slowly, moves to the goal and then as far again. The wall has a position
+/// and a half width.
 fn problem(times: Option<(f64, f64)>, options: Options, obstacle: Option<([f64; 2], f64)>) -> KeypointProblem {
     let cube = |width: f64| Convex::cuboid([0.01, width, 0.01], &Pose::identity()).unwrap();
     let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-3.0, 3.0).velocity(1.0);
@@ -48,7 +49,7 @@ fn slow() -> Options {
     options
 }
 
-/// The earlier plan's state at a time.
+/// Returns the earlier plan's state at a time.
 fn state(plan: &Plan, time: f64) -> [Vec<f64>; 3] {
     let sample = plan.trajectory().unwrap().sample(time);
     [sample.position, sample.velocity, sample.acceleration]
@@ -65,7 +66,7 @@ fn assert_near(a: &[f64], b: &[f64]) {
     assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6), "{a:?} {b:?}");
 }
 
-/// Halfway along the motion to the keyframe.
+/// Returns the time halfway along the motion to the keyframe.
 fn halfway(former: &Plan, keyframe: usize) -> f64 {
     let begin = if keyframe == 0 { 0.0 } else { former.keyframes[keyframe - 1].time.unwrap() };
     0.5 * (begin + former.keyframes[keyframe].time.unwrap())
@@ -99,7 +100,7 @@ fn a_start_under_way_keeps_the_clock() {
     for (keyframe, due) in found.keyframes.iter().zip([4.0, 8.0]) {
         assert!((keyframe.time.unwrap() - due).abs() < 1e-9, "{:?}", keyframe.time);
     }
-    // The time that the stop takes counts.
+    // The duration of the stop counts.
     let short = problem(Some((2.4, 8.0)), slow(), None);
     assert_eq!(plan(&short).status(), Status::Solved);
     assert_eq!(plan(&short.with_start(vec![0.0; 3], velocity, None, 0.0).unwrap()).status(), Status::TooFast);
@@ -116,7 +117,7 @@ fn a_free_motion_goes_on_past_what_is_in_the_way_of_the_stop() {
         let found = go_on(&question, &former, now, &start, resume);
         assert_eq!(found.status(), Status::Solved, "{resume}: {}", found.reason);
         assert!((found.trajectory().unwrap().end() - former.trajectory().unwrap().end()).abs() < 1e-6);
-        // Where that motion is not free either, there is none.
+        // If that motion is not free either, there is none.
         let way = state(&former, now + 0.12)[0].clone();
         let found = go_on(&problem(None, slow(), Some(([way[0], way[1]], 0.01))), &former, now, &start, resume);
         assert!(found.trajectory().is_none(), "{resume}: {}", found.reason);

@@ -1,4 +1,4 @@
-//! No public function panics, whatever it is given.
+//! No public function panics on unsuitable arguments.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -57,7 +57,7 @@ fn robot() -> Arc<Robot> {
     Arc::new(Robot::from_urdf_str(&text, "gantry.urdf", None, "l3", None).unwrap())
 }
 
-/// `None` where the pose is none.
+/// Returns `None` if the pose is invalid.
 fn body(name: &str, role: Role, pose: Pose) -> Option<Body> {
     let shape = Convex::cuboid([0.05; 3], &Pose::identity()).unwrap();
     let builder = Body::builder(name, role).shape(shape).keypoint("top", Vector3::new(0.0, 0.0, 0.05));
@@ -226,7 +226,7 @@ proptest! {
         (options.times, options.keep_paths) = (Some(times), keep);
         let _ = refine(problem, plan, &options);
         let mut other = plan.clone();
-        // A plan says what it was set to say.
+        // A modified plan with an arbitrary time.
         other.keyframes[0].time = Some(step * 1e9);
         other.q_plan = Some(q.clone());
         let mut request = Request::default();

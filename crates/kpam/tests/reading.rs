@@ -1,5 +1,5 @@
-//! Values read from elsewhere are checked as what is made here: damage is an error that says what does not fit, and
-//! what passes can be planned with.
+//! Deserialized values pass the same checks as constructed ones: damaged data give an error that names the fault, and
+//! accepted values can be used for planning.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -67,7 +67,7 @@ fn problem() -> KeypointProblem {
         .unwrap()
 }
 
-/// Numbers that differ from run to run, and do not.
+/// Pseudorandom numbers from a fixed seed.
 struct Draw(u64);
 
 impl Draw {
@@ -77,7 +77,7 @@ impl Draw {
     }
 }
 
-/// Bytes of a value with a few of them changed, cut off or put in.
+/// Returns the bytes of a value with a few of them changed, removed or inserted.
 fn damaged(bytes: &[u8], draw: &mut Draw) -> Vec<u8> {
     let mut out = bytes.to_vec();
     for _ in 0..1 + draw.below(3) {
@@ -85,7 +85,7 @@ fn damaged(bytes: &[u8], draw: &mut Draw) -> Vec<u8> {
         match draw.below(8) {
             0 => out.truncate(at.max(1)),
             1 => out.insert(at, draw.below(256) as u8),
-            // Whole numbers: not finite, huge, negative.
+            // Special numbers: not finite, huge, negative.
             2 if at + 8 <= out.len() => {
                 let odd = [f64::NAN, f64::INFINITY, -1e300, 0.0][draw.below(4)];
                 out[at..at + 8].copy_from_slice(&odd.to_le_bytes());
@@ -97,7 +97,8 @@ fn damaged(bytes: &[u8], draw: &mut Draw) -> Vec<u8> {
     out
 }
 
-/// Reads `rounds` damaged copies of a value and does `with` what passes; the numbers of those that did and did not.
+/// Reads `rounds` damaged copies of a value and calls `with` on the accepted ones; returns the numbers of accepted and
+/// refused copies.
 fn read_damaged<T: Serialize + DeserializeOwned>(value: &T, rounds: usize, with: impl Fn(&T)) -> (usize, usize) {
     let bytes = postcard::to_stdvec(value).unwrap();
     let whole: T = postcard::from_bytes(&bytes).unwrap();
@@ -173,7 +174,7 @@ fn damaged_plans_are_refused_or_looked_at() {
     assert!(counts.0 > 50 && counts.1 > 200, "{counts:?}");
 }
 
-/// Error of reading a value once a part of its JSON is replaced.
+/// Returns the error from reading a value with one part of its JSON replaced.
 fn refusal<T: Serialize + DeserializeOwned>(value: &T, part: &str, by: Value) -> String {
     let mut text = serde_json::to_value(value).unwrap();
     *text.pointer_mut(part).unwrap() = by;

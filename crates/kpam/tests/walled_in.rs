@@ -1,4 +1,4 @@
-//! A robot that stands where nothing leads out: planning gives up for all poses once it does for some.
+//! A robot in a closed space: planning gives up on all poses once it has given up on some.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
@@ -9,8 +9,8 @@ use gensim2_kpam::config::Constraint;
 use gensim2_kpam::{Body, KeypointProblem, Request, Role, SolverConfig, Status, plan_with};
 use nalgebra::Vector3;
 
-/// A bar on two slides and a pivot in a chamber that it nearly fills; its middle is to come to a point outside, at any of
-/// as many angles as poses are looked for.
+/// A bar on two slides and a pivot in a chamber that it nearly fills; its middle should reach a point outside, at any
+/// of many angles.
 fn problem() -> KeypointProblem {
     let bar = Convex::cuboid([0.1, 0.01, 0.01], &Pose::identity()).unwrap();
     let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-1.0, 1.0).velocity(1.0);
@@ -49,7 +49,7 @@ fn problem() -> KeypointProblem {
 #[test]
 fn no_pose_costs_a_search_of_its_own() {
     let mut request = Request::default();
-    // A third of it is enough; a search for each of the poses takes more than ten times as many.
+    // A third of these checks is enough; separate searches for all poses take more than ten times as many.
     request.max_checks = Some(30_000);
     let (plan, _) = plan_with(&problem(), &request).unwrap();
     assert_eq!(plan.status(), Status::NotFound, "{}", plan.reason);

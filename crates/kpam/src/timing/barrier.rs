@@ -1,10 +1,10 @@
-//! The barrier problem of a third-order pass: linear forms in the coefficients, their bounds, and Newton steps by five
-//! diagonals.
+//! The barrier problem of a third-order pass: linear forms in the coefficients, their bounds, and Newton steps with
+//! pentadiagonal matrices.
 
 use super::limits::Limits;
 use super::third_order::{PathProblem, Station};
 
-/// Coefficients of a linear form in three neighbouring c, the first that of cell `at`.
+/// Coefficients of a linear form in three consecutive c, starting with that of cell `at`.
 #[derive(Clone, Copy)]
 pub(super) struct Form {
     pub at: usize,
@@ -17,7 +17,7 @@ impl Form {
     }
 }
 
-/// |row| sqrt(x) <= limit where the station of `x` is given, |row - middle| <= limit otherwise.
+/// |row| sqrt(x) <= limit if the station of `x` is given, |row - middle| <= limit otherwise.
 pub(super) struct Bound {
     pub row: Form,
     pub middle: f64,
@@ -26,7 +26,7 @@ pub(super) struct Bound {
 }
 
 impl Bound {
-    /// Share of the limit, the root of x left out.
+    /// Fraction of the limit, without the factor sqrt(x).
     pub(super) fn value(&self, c: &[f64]) -> f64 {
         (self.row.value(c) - self.middle) / self.limit
     }
@@ -35,21 +35,21 @@ impl Bound {
 pub(super) struct Problem {
     pub cells: usize,
     pub steps: Vec<f64>,
-    /// x at each station but the first and last.
+    /// x at each station except the first and last.
     pub x: Vec<Form>,
     /// d²s/dt² there.
     pub w: Vec<Form>,
-    /// x at stations and in the middle of cells, each with the greatest that velocities admit.
+    /// x at stations and in the middle of cells, each with the maximum given by velocity limits.
     pub ceilings: Vec<(Form, f64)>,
     pub bounds: Vec<Bound>,
-    /// The time is the sum of factors over roots of linear forms: steps and x at the middle of cells.
+    /// The time is the sum of factors divided by square roots of linear forms: steps and x at the middle of cells.
     pub times: Vec<(Form, f64)>,
-    /// The first and last c are these shares of their neighbours, plus `fixed` at the first.
+    /// The first and last c are these multiples of their neighbours, plus `fixed` for the first.
     pub ends: [f64; 2],
     pub fixed: f64,
 }
 
-/// The greatest x at a place, by the joint that is the first at its velocity limit.
+/// Returns the maximum x at a position, given by the joint that first reaches its velocity limit.
 fn greatest(limits: &Limits, slope: impl Fn(usize) -> f64, pace: f64, share: f64) -> f64 {
     let speed = (0..limits.joints()).map(|v| limits.velocity[v] / slope(v).abs()).fold(pace, f64::min);
     share * share * speed * speed
@@ -104,7 +104,7 @@ impl Problem {
             fixed: path.begin * path.begin,
         };
         out.collect(path, moving);
-        // The end cells take 3 Δs / sqrt(x).
+        // The first and last cell take 3 Δs / sqrt(x).
         out.times.push((out.x[last], 3.0 * out.steps[last]));
         if !moving {
             out.times.push((out.x[1], 3.0 * out.steps[0]));
@@ -112,7 +112,8 @@ impl Problem {
         out
     }
 
-    /// Rows of acceleration at stations and of jerk at both ends of cells; times and ceilings in the middle of cells.
+    /// Collects rows of acceleration at stations and of jerk at both ends of cells, and times and ceilings in the
+    /// middle of cells.
     pub(super) fn collect(&mut self, path: &PathProblem<'_>, moving: bool) {
         let (limits, stations) = (path.limits, path.stations);
         let n = limits.joints();
@@ -133,7 +134,7 @@ impl Problem {
                 self.bounds.push(Bound { row: Form { at: k - 1, of }, middle, limit, x: None });
             }
         }
-        // Where it starts under way, x and w are known at the start: forms of the first coefficient alone.
+        // For a moving start, x and w are known at the start: forms in the first coefficient only.
         for cell in usize::from(!moving)..self.cells - 1 {
             let step = self.steps[cell];
             let at = cell.saturating_sub(1);
@@ -158,7 +159,7 @@ impl Problem {
             middle[own] += 0.5;
             let middle = Form { at, of: middle };
             self.times.push((middle, step));
-            // Where it starts under way, x hardly changes on the first cell.
+            // For a moving start, x hardly changes in the first cell.
             if cell > 0 {
                 let (h, Station { first, second, third, .. }) = (0.5 * step, &stations[cell]);
                 let slope = |v: usize| first[v] + h * (second[v] + 0.5 * h * third[v]);
@@ -168,7 +169,7 @@ impl Problem {
                 }
             }
             for (k, x) in [(cell, start), (cell + 1, end)] {
-                // At a start under way w is 0, and the jerk hardly differs from that at the end of the cell.
+                // At a moving start w is 0, and the jerk hardly differs from that at the end of the cell.
                 if k == 0 {
                     continue;
                 }
@@ -184,14 +185,14 @@ impl Problem {
         }
     }
 
-    /// All coefficients from those that are free.
+    /// Computes all coefficients from the free ones.
     pub(super) fn spread(&self, c: &mut [f64]) {
         let last = self.cells - 1;
         c[0] = self.fixed + self.ends[0] * c[1];
         c[last] = self.ends[1] * c[last - 1];
     }
 
-    /// Greatest shares of the limits on velocity (of x), acceleration and jerk.
+    /// Returns the maximum fractions of the limits on velocity (of x), acceleration and jerk.
     pub(super) fn usage(&self, c: &[f64]) -> [f64; 3] {
         let mut out = [0.0_f64; 3];
         for (x, most) in &self.ceilings {
@@ -207,11 +208,11 @@ impl Problem {
         out
     }
 
-    /// Weighted time plus barrier; `None` outside. `slack` widens the limits.
+    /// Returns weighted time plus barrier; `None` outside the feasible set. `slack` widens the limits.
     pub(super) fn merit(&self, c: &[f64], weight: f64, slack: f64) -> Option<f64> {
         let mut out = 0.0;
         let mut product = 1.0_f64;
-        // Logarithms of products: one for many rows.
+        // One logarithm of the product of many rows.
         let mut log = |value: f64| {
             if value <= 0.0 || value.is_nan() {
                 return false;
@@ -245,7 +246,7 @@ impl Problem {
         (0..=self.cells).map(|k| if k == 0 || k == self.cells { 1.0 } else { self.x[k].value(c).sqrt() }).collect()
     }
 
-    /// The Newton step of the free coefficients, and the decrement.
+    /// Returns the Newton step of the free coefficients, and the decrement.
     pub(super) fn newton(&self, c: &[f64], weight: f64, slack: f64) -> Option<(Vec<f64>, f64)> {
         let cells = self.cells;
         let mut gradient = vec![0.0; cells];
@@ -292,7 +293,7 @@ impl Problem {
         Some((step, decrement))
     }
 
-    /// Takes the coefficients of the ends into those that they are tied to.
+    /// Eliminates the coefficients at the ends, which depend on their neighbours.
     pub(super) fn tie(&self, gradient: &mut [f64], band: &mut [[f64; 3]]) {
         let last = self.cells - 1;
         let [first, end] = self.ends;
@@ -310,7 +311,7 @@ impl Problem {
     }
 }
 
-/// Solves a system of five diagonals for minus the right side; `None` where it is not positive definite.
+/// Solves a pentadiagonal system for the negative right side; `None` if it is not positive definite.
 pub(super) fn solve(band: &mut [[f64; 3]], right: &[f64]) -> Option<Vec<f64>> {
     let n = band.len();
     let mut out: Vec<f64> = right.iter().map(|r| -r).collect();

@@ -1,23 +1,24 @@
-//! Blends: a motion from rest begins while the motion that leads to its start still comes to rest, so that their rates add
-//! up. A lead that brakes into a corner and a motion that speeds up out of it make one motion past the corner.
+//! Blends: a motion from rest begins while the motion that leads to its start (the lead) still decelerates, so that
+//! their velocities add up. A lead that brakes into a corner and a motion that accelerates out of it form one motion
+//! past the corner.
 
 use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, Piece, peaks, range, smooth_range};
 use super::trajectory::Trajectory;
 use crate::model::Row;
 
-/// Beginnings of the motion that are tried, from the earliest to the end of the lead, and bisections between the first that
-/// keeps the limits and the one before it.
+/// Number of start times that are tried, from the earliest to the end of the lead, and of bisections between the first
+/// that keeps the limits and the previous one.
 const TRIES: u32 = 12;
 const HALVINGS: usize = 6;
-/// Share of the jerk limit that rounding may take: nodes closer in time than this allows are left out.
+/// Share of the jerk limit reserved for rounding; nodes closer in time than this permits are dropped.
 const ROUNDED: f64 = 1e-7;
-/// Rounding of the jerk of a quintic times the cube of its time (rad or m).
+/// Rounding error of a quintic's jerk times the cube of its duration (rad or m).
 const ROUNDING: f64 = 3e-14;
 
 /// Inputs of a blend.
 pub(crate) struct Blend<'a> {
-    /// The lead: from time 0 to rest where the motion begins.
+    /// The lead: from time 0 to rest at the start of the motion.
     pub lead: &'a [Node],
     /// Limits of the blended motion.
     pub limits: &'a Limits,
@@ -28,12 +29,13 @@ pub(crate) struct Blend<'a> {
 }
 
 impl Blend<'_> {
-    /// End of the lead (s).
+    /// End time of the lead (s).
     fn end(&self) -> f64 {
         self.lead.last().map_or(0.0, |node| node.time)
     }
 
-    /// The lead into `motion`, which begins as soon as the limits allow, and by how much (s) it begins later than the lead.
+    /// Returns the lead followed by `motion`, which begins as early as the limits allow, and its delay (s) relative to
+    /// the lead.
     pub fn of(&self, motion: &Trajectory) -> (Trajectory, f64) {
         let end = self.end();
         let mut late = end;
@@ -59,12 +61,13 @@ impl Blend<'_> {
         (self.joined(motion, late, found), late)
     }
 
-    /// The lead, and `motion` once it has ended.
+    /// Returns the lead, followed by `motion` after its end.
     pub fn one_after_the_other(&self, motion: &Trajectory) -> (Trajectory, f64) {
         (self.joined(motion, self.end(), None), self.end())
     }
 
-    /// Nodes from `begin` to the end of the lead, at time 0 at `begin`, where both add up; `None` where that breaks a limit.
+    /// Returns nodes of the sum of both from `begin` to the end of the lead, with time 0 at `begin`; `None` if a limit
+    /// is exceeded.
     fn over(&self, motion: &Trajectory, begin: f64) -> Option<Vec<Node>> {
         let joints = self.limits.joints();
         let lead = Piece::plain(0.0, joints, self.lead);
@@ -110,7 +113,7 @@ impl Blend<'_> {
         Some(nodes)
     }
 
-    /// The motion that begins `late` after the lead, with `over` where both move.
+    /// Returns the motion that begins `late` after the lead, with `over` while both move.
     fn joined(&self, motion: &Trajectory, late: f64, over: Option<Vec<Node>>) -> Trajectory {
         let (joints, start, end) = (self.limits.joints(), motion.start(), self.end());
         if end <= 0.0 {
@@ -136,8 +139,8 @@ impl Blend<'_> {
     }
 }
 
-/// Whether a motion through nodes keeps limits of position that it does not begin beyond, and velocity limits that depend on
-/// the position.
+/// Returns whether a motion through nodes keeps the position limits, unless it starts beyond them, and the
+/// position-dependent velocity limits.
 pub(crate) fn keeps(limits: &Limits, room: [&Row; 2], nodes: &[Node]) -> bool {
     let joints = limits.joints();
     nodes.windows(2).all(|pair| {

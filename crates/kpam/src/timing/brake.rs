@@ -9,35 +9,36 @@ use super::trajectory::Trajectory;
 use crate::ProblemError;
 use crate::model::Row;
 
-/// Intervals between nodes of a stop that takes the least time, and how many there are at the most.
+/// Numbers of intervals between nodes of a time-optimal stop: normal and maximum.
 const INTERVALS: [f64; 2] = [16.0, 48.0];
 const MOST: usize = 1500;
-/// Shares of the limits on acceleration along the path that a stop uses, and of those of its limits on jerk: the first that
-/// keep the joints' limits.
+/// Shares of the limits on acceleration and jerk along the path that are tried in turn, until the joints' limits are
+/// kept.
 const SHARES: [f64; 9] = [1.0, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3, 0.15];
 const SHARP: [f64; 3] = [1.0, 0.6, 0.3];
-/// Bisections of the time at which the last ramp begins, and the share of an interval by which it may begin early.
+/// Number of bisections of the start time of the last ramp, and the share of an interval by which it may begin early.
 const HALVINGS: usize = 40;
 const SOON: f64 = 0.3;
-/// Share of an interval that an acceleration takes to change at the least, if it is not to change evenly.
+/// Minimum share of an interval in which the acceleration changes, if it does not change uniformly.
 const EVEN: f64 = 0.3;
-/// Share of an interval by which a node may miss the greatest speed.
+/// Tolerance of a node's distance from the maximum speed, as a share of an interval.
 const PEAK: f64 = 0.004;
-/// Rounding of the jerk of a quintic times the cube of its time (rad or m).
+/// Rounding error of a quintic's jerk times the cube of its duration (rad or m).
 const ROUNDING: f64 = 3e-13;
-/// Where no stop is found along the path, the motion runs on if it rests within this many times what joints by themselves
-/// take to stop.
+/// If no stop is found along the path, the motion continues if it comes to rest within this multiple of the time that
+/// independent joints need.
 const PATIENCE: f64 = 20.0;
 
 impl Trajectory {
-    /// The motion that comes to rest as soon as the limits allow from the state at time `t` (s) on, along the same path. It
-    /// begins at `t`; where the motion rests before it could be slowed, it is the motion until then. It brakes at
-    /// every place as hard as the limits of velocity, acceleration and jerk allow there: a stop may ask for more torque than
-    /// the motion did. Where no stop along the path keeps the limits, as right before the motion turns back, every joint
-    /// stops as soon as it can by itself, which may lead off the path.
+    /// Returns the motion that comes to rest as soon as the limits allow from the state at time `t` (s) on, along the
+    /// same path. It begins at `t`; if the motion comes to rest earlier by itself, it is returned unchanged.
+    ///
+    /// The stop brakes everywhere as hard as the limits of velocity, acceleration and jerk allow, which may need more
+    /// torque than the motion. If no stop along the path keeps the limits, as right before the motion reverses, every
+    /// joint stops independently as soon as it can, which may leave the path.
     ///
     /// # Errors
-    /// A time that is not finite.
+    /// The time is not finite.
     pub fn brake(&self, t: f64) -> Result<Self, ProblemError> {
         let begin = self.nearest(t)?;
         let joints = self.limits().joints();
@@ -50,7 +51,7 @@ impl Trajectory {
         let path = Path::new(self, begin);
         let mut best: Option<Vec<Node>> = None;
         let time = |nodes: &[Node]| nodes[nodes.len() - 1].time;
-        // Without speed, or where times are too coarse, there is no direction of the path.
+        // Without speed, or with too coarse times, the path has no direction.
         let tries = if speed < STILL || path.places.len() < 2 { &[][..] } else { &INTERVALS[..] };
         for intervals in tries {
             let along: f64 = (0..joints).map(|v| velocity[v] * acceleration[v]).sum::<f64>() / speed;
@@ -65,7 +66,7 @@ impl Trajectory {
         let rest = if path.rests { path.end() } else { self.end() };
         let patience = if path.rests { PATIENCE * time(&own) + LONGEST } else { time(&own) };
         let pieces = match best {
-            // What would end no sooner is the rest of the motion.
+            // A stop that does not end earlier is replaced by the rest of the motion.
             Some(nodes) if time(&nodes) < rest - begin => vec![Piece::smooth(begin, joints, &nodes, &[])],
             None if patience < rest - begin => vec![Piece::plain(begin, joints, &own)],
             _ => {
@@ -82,8 +83,8 @@ impl Trajectory {
         Ok(self.with(pieces, times, *self.limits()))
     }
 
-    /// Nodes of the stop along a path from a state on it that uses shares of the limits on acceleration and jerk; `None` where
-    /// that breaks a limit of some joint, or the path ends before.
+    /// Returns the nodes of the stop along a path from a state on it, using shares of the limits on acceleration and
+    /// jerk; `None` if a joint's limit is exceeded or the path ends first.
     fn stopped(&self, path: &Path<'_>, start: State, shares: [f64; 2], intervals: f64) -> Option<Vec<Node>> {
         let limits = self.limits();
         let tangent = path.at([0.0, 1.0, 0.0])[1];
@@ -111,7 +112,7 @@ impl Trajectory {
             }
             let [_, tangent, bend] = path.at([length, 1.0, 0.0]);
             let jerk = shares[1] * along(limits, &tangent).jerk;
-            // As hard as each joint allows beside what the bend takes.
+            // The maximum deceleration of each joint, given the path's curvature.
             let mut hardest = f64::NEG_INFINITY;
             for v in 0..limits.joints() {
                 let (limit, taken) = (shares[0] * limits.acceleration[v], bend[v] * speed * speed);
@@ -119,12 +120,12 @@ impl Trajectory {
                 hardest = hardest.max(-(room.max(0.0)) / tangent[v].abs());
             }
             let wanted = hardest.max(-(2.0 * jerk * speed).sqrt());
-            // At once where that takes long, else evenly.
+            // Immediately if the change takes long, else uniformly.
             let change = wanted - gain;
             let soon = (change.abs() / jerk).min(step);
             let whole = if soon > EVEN * step { soon } else { step };
             let rate = (change / whole).clamp(-jerk, jerk);
-            // The greatest speed is met at a node: between nodes it is bounded from above only.
+            // The maximum speed is reached at a node; between nodes it is only bounded from above.
             let peak = -gain / rate;
             let whole = if peak > PEAK * step && peak < whole + PEAK * step { peak } else { whole };
             let ends = |t: f64| {
@@ -139,7 +140,7 @@ impl Trajectory {
                     if ends(middle) { late = middle } else { low = middle }
                 }
             }
-            // The last ramp: one of constant jerk that ends at rest.
+            // The last ramp has constant jerk and ends at rest.
             if gain < 0.0 && ends(late) && late < SOON * step {
                 let (last, jerk) = (-2.0 * speed / gain, 0.5 * gain * gain / speed);
                 let parts = (last / step).ceil().max(1.0);
@@ -163,7 +164,7 @@ impl Trajectory {
     }
 }
 
-/// A node at time 0 in a state.
+/// Returns the node of a state at time 0.
 fn node_of([position, velocity, acceleration]: [Row; 3]) -> Node {
     Node { time: 0.0, position, velocity, acceleration: Some(acceleration) }
 }
@@ -208,7 +209,7 @@ mod tests {
                     last = now;
                 }
                 assert!(last.velocity.iter().chain(&last.acceleration).all(|v| v.abs() < 1e-8), "{last:?}");
-                // On a path that bends a stop takes longer than joints by themselves, up to five times as seen.
+                // On a curved path a stop takes up to five times as long as independent joints, as measured.
                 let [position, v, acceleration] = before;
                 let own = shortest(&limits, &position, &v, &acceleration);
                 assert!(
@@ -220,7 +221,7 @@ mod tests {
         }
     }
 
-    /// Time in which every joint by itself comes to rest.
+    /// Returns the time in which all joints come to rest independently.
     fn shortest(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> f64 {
         crate::timing::stop(limits, position, velocity, acceleration).last().unwrap().time
     }
@@ -241,8 +242,8 @@ mod tests {
         }
     }
 
-    /// Checks that a stop from `t` on starts in the motion's state, keeps its limits, rests, and takes at most `most` times
-    /// what joints by themselves take.
+    /// Checks that a stop from `t` on starts in the motion's state, keeps its limits, ends at rest, and takes at most
+    /// `most` times as long as independent joints.
     fn stops(motion: &Trajectory, t: f64, most: f64) {
         let limits = motion.limits();
         let stop = motion.brake(t).unwrap();
@@ -301,7 +302,7 @@ mod tests {
                 assert!(stop.moving_with_rates(stop.end())[1].iter().all(|v| v.abs() < 1e-6));
             }
         }
-        // By rounding, some are not quite at rest there.
+        // Because of rounding, some are not quite at rest there.
         assert!(moving > 0);
     }
 
@@ -360,7 +361,7 @@ mod tests {
             let piece = Piece::plain(0.0, 2, &[node(0.0), node(duration)]);
             let long = short.with(vec![piece], vec![0.0, duration], limits);
             stops(&long, 0.5, 1.05);
-            // Where times are no finer than a stop takes, it still rests.
+            // If the times are not finer than the stop's duration, it still ends at rest.
             let stop = long.brake(0.9 * duration).unwrap();
             assert!(stop.end() <= 0.9 * duration + 1.0);
         }

@@ -1,30 +1,30 @@
-//! The path of a motion by its length.
+//! The path of a motion, parametrized by its length.
 
 use super::limits::TOLERANCE;
 use super::stop::State;
 use super::trajectory::Trajectory;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Longest interval (s) over which the length of the way is measured at once.
+/// Maximum interval (s) over which the length is integrated at once.
 pub(super) const LONGEST: f64 = 0.02;
-/// Most intervals over which it is measured.
+/// Maximum number of intervals.
 const MAX_STEPS: usize = 20_000;
-/// Speeds below this (rad/s or m/s) are rest.
+/// Speeds below this (rad/s or m/s) count as rest.
 pub(super) const STILL: f64 = 1e-9;
-/// Bisections of the time at which a motion turns back.
+/// Number of bisections of the time at which a motion reverses.
 const HALVINGS: usize = 40;
 
-/// The path of a motion from a time on by its length.
+/// The path of a motion from a time on, parametrized by its length.
 pub(super) struct Path<'m> {
     motion: &'m Trajectory,
     /// Times (s) and lengths (rad or m) up to them.
     pub places: Vec<(f64, f64)>,
-    /// Whether the motion rests at the last place.
+    /// Whether the motion is at rest at the end.
     pub rests: bool,
 }
 
 impl<'m> Path<'m> {
-    /// The path from `begin` until the motion rests or turns back; it ends earlier after [`MAX_STEPS`] intervals.
+    /// Returns the path from `begin` until the motion rests or reverses, at most [`MAX_STEPS`] intervals.
     pub fn new(motion: &'m Trajectory, begin: f64) -> Self {
         let mut places = vec![(begin, 0.0)];
         measure(motion, &mut places);
@@ -41,7 +41,7 @@ impl<'m> Path<'m> {
         self.places.last().map_or(0.0, |place| place.1)
     }
 
-    /// Time at which the motion has come so far.
+    /// Returns the time at which the motion has covered this length.
     fn time(&self, length: f64) -> f64 {
         let k = self.places.partition_point(|place| place.1 <= length).clamp(1, self.places.len() - 1);
         let ((mut low, from), (mut high, to)) = (self.places[k - 1], self.places[k]);
@@ -65,7 +65,7 @@ impl<'m> Path<'m> {
         at
     }
 
-    /// The state on the path where the length, its speed and acceleration are given.
+    /// Returns the state on the path for a length, its speed and its acceleration.
     pub fn at(&self, [length, speed, gain]: State) -> [Row; 3] {
         let joints = self.motion.limits().joints();
         let time = self.time(length);
@@ -83,11 +83,12 @@ impl<'m> Path<'m> {
     }
 }
 
-/// Appends the places of a path after its first one.
+/// Appends the positions of a path after its first one.
 fn measure(motion: &Trajectory, places: &mut Vec<(f64, f64)>) {
     let speed = |t: f64| norm(motion, &motion.moving_with_rates(t)[1]);
     let (mut from, mut length) = places[0];
-    // Between its corners the motion is one polynomial. Pieces overlap where the next counts before the last has ended.
+    // Between its corners the motion is one polynomial. Pieces overlap if the next one takes effect before the last has
+    // ended.
     let pieces = motion.from(from);
     let mut corners: Vec<f64> =
         pieces.iter().flat_map(|piece| [piece.corners(), vec![piece.counts]].concat()).collect();
@@ -122,7 +123,7 @@ fn measure(motion: &Trajectory, places: &mut Vec<(f64, f64)>) {
     }
 }
 
-/// Time between two at which the motion turns back on its path, where it does.
+/// Returns the time between two times at which the motion reverses on its path, if it does.
 fn turn(motion: &Trajectory, mut low: f64, mut high: f64) -> Option<f64> {
     let velocity = |t: f64| motion.moving_with_rates(t)[1];
     let first = velocity(low);
@@ -135,11 +136,11 @@ fn turn(motion: &Trajectory, mut low: f64, mut high: f64) -> Option<f64> {
         let middle = 0.5 * (low + high);
         if back(middle) { high = middle } else { low = middle }
     }
-    // A path that bends sharply is passed at some speed.
+    // A path with a sharp bend is passed at some speed.
     (norm(motion, &velocity(low)) < TOLERANCE).then_some(low)
 }
 
-/// Length of the way between two times: Gauss and Legendre's rule of three points.
+/// Returns the length between two times by three-point Gauss-Legendre quadrature.
 fn gone(speed: &impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let off = half * 0.6_f64.sqrt();

@@ -14,7 +14,7 @@ use super::grid::Grid;
 use super::limits::Limits;
 use crate::Cancel;
 
-/// Rows of A x + s = b, with s in a cone, gathered as triplets.
+/// Rows of A x + s = b, with s in a cone, collected as triplets.
 #[derive(Default)]
 struct Rows {
     rows: Vec<usize>,
@@ -34,12 +34,14 @@ impl Rows {
     }
 }
 
-/// The x at each station of the fastest motion, from `begin` at the first to 0 at the last; `None` where there is none.
+/// Returns x at each station of the fastest motion, from `begin` at the first to 0 at the last; `None` if there is
+/// none.
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&Cancel>) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let ceilings = grid.ceilings(limits, begin);
-    // In units in which x is about 1 on the way. The median, since where the path hardly moves a joint velocity allows
-    // any x: in units of the greatest ceiling x would be less than the tolerance of the solver everywhere else.
+    // Scaled so that x is about 1 along the path. The median ceiling is used because where the path hardly moves any
+    // joint, velocity limits allow arbitrarily large x, and relative to the maximum x would be below the solver's
+    // tolerance everywhere else.
     let mut finite: Vec<f64> = ceilings.iter().copied().filter(|c| c.is_finite() && *c > 0.0).collect();
     finite.sort_by(f64::total_cmp);
     let unit = finite.get(finite.len() / 2).copied().unwrap_or(1.0);

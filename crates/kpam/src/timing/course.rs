@@ -1,4 +1,4 @@
-//! Motions through several waypoints, from rest and from a start under way.
+//! Motions through several waypoints, from rest or from a moving start.
 
 use super::blend::keeps;
 use super::going_over::{gone_over, to_state};
@@ -9,10 +9,10 @@ use super::trajectory::{Builder, Refusal};
 use crate::ProblemError;
 use crate::model::{JointMap, MAX_JOINTS, Row};
 
-/// States before the second waypoint at which a motion from a start under way may go over to one from rest.
+/// Number of states before the second waypoint at which a motion from a moving start may switch to one from rest.
 const STATES: usize = 24;
 
-/// Waypoints of a motion, where it stops, and least times between them.
+/// Waypoints of a motion, its stops, and minimum times between waypoints.
 pub(super) struct Course<'a> {
     pub points: &'a [Row],
     pub stops: &'a [usize],
@@ -20,7 +20,7 @@ pub(super) struct Course<'a> {
 }
 
 impl Course<'_> {
-    /// The motion from rest at `first`, in place of the first waypoint, through the others.
+    /// Returns the motion through the waypoints from rest at `first`, which replaces the first waypoint.
     pub fn driven_from_rest(&self, mut builder: Builder, first: Row) -> Result<Retimed, ProblemError> {
         let limits = *builder.limits();
         let joints = limits.joints();
@@ -47,8 +47,9 @@ impl Course<'_> {
         Ok(Retimed { trajectory: builder.build(&JointMap::each(joints, &first[..joints])), times })
     }
 
-    /// The soonest motion from a start under way: it goes over, before the second waypoint, to a motion from rest at the
-    /// start, at the place from which the start may have come, or at the place where it would stop.
+    /// Returns the earliest motion from a moving start: before the second waypoint, it switches to a motion from rest
+    /// that begins at the start, at the position from which the start may have come, or at the position where the start
+    /// would stop.
     pub fn under_way(
         &self,
         builder: &Builder,

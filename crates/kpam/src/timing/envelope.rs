@@ -1,5 +1,6 @@
-//! Velocity limits that depend on the position: the nearer a joint is to the end of its range, the slower it may move
-//! towards it. Franka publishes them for its Research 3 as `v <= -o + sqrt(k (u - q))`, a joint that could still be braked.
+//! Position-dependent velocity limits: the closer a joint is to the end of its range, the slower it may move towards
+//! it. Franka publishes them for the Research 3 as `v <= -o + sqrt(k (u - q))`, the speed from which a joint can still
+//! brake.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,34 +9,34 @@ use super::motion::{Node, curve};
 use crate::ProblemError;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Velocities towards an end below this (rad/s or m/s) are none: rounding.
+/// Velocities towards an end below this (rad/s or m/s) are rounding errors.
 const STILL: f64 = 1e-9;
-/// Tolerance of the square of a velocity beyond its bound (rad^2/s^2): rounding.
+/// Tolerance of the squared velocity beyond its bound (rad^2/s^2), for rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Velocity limit of a joint towards either end of its range: `-offset + sqrt(gain (upper - q))` upwards and
-/// `offset - sqrt(gain (q - lower))` downwards, beside its constant limit.
+/// Velocity limit of a joint towards either end of its range, in addition to its constant limit: `-offset + sqrt(gain
+/// (upper - q))` upwards and `offset - sqrt(gain (q - lower))` downwards.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Braking {
     /// Position at which the upper bound would be `-offset` (rad or m).
     pub upper: f64,
     /// Position at which the lower bound would be `offset` (rad or m).
     pub lower: f64,
-    /// Twice the deceleration that the bound allows for (rad/s^2 or m/s^2), above 0.
+    /// Twice the deceleration that the bound assumes (rad/s^2 or m/s^2), above 0.
     pub gain: f64,
-    /// Reduction (rad/s or m/s), 0 at the least.
+    /// Reduction (rad/s or m/s), at least 0.
     pub offset: f64,
 }
 
 impl Braking {
-    /// Whether its numbers make sense.
+    /// Whether the numbers are valid.
     pub(crate) fn is_sound(&self) -> bool {
         let finite = [self.upper, self.lower, self.gain, self.offset].iter().all(|v| v.is_finite());
         finite && self.gain > 0.0 && self.offset >= 0.0 && self.lower < self.upper
     }
 
-    /// Room to the end in the direction of a side (1 up, -1 down), and how fast the joint may move there; negative where
-    /// it may not.
+    /// Returns the distance to the end in the direction of a side (1 up, -1 down), and the speed limit there; negative
+    /// if motion is not allowed.
     fn most(&self, side: f64, q: f64) -> f64 {
         (self.gain * self.room(side, q)).max(0.0).sqrt() - self.offset
     }
@@ -45,7 +46,7 @@ impl Braking {
     }
 }
 
-/// The bounds of all joints; none for a joint that has only its constant limit.
+/// The bounds of all joints; `None` for a joint with only its constant limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Envelope([Option<Braking>; MAX_JOINTS]);
 
@@ -70,7 +71,7 @@ impl Envelope {
         self.0.iter().flatten().all(Braking::is_sound)
     }
 
-    /// The bounds times `share`.
+    /// Returns the bounds scaled by `share`.
     pub fn scaled(mut self, share: f64) -> Self {
         for braking in self.0.iter_mut().flatten() {
             braking.gain *= share * share;
@@ -79,7 +80,7 @@ impl Envelope {
         self
     }
 
-    /// The bounds that are the wider of two of each joint.
+    /// Returns the wider of two bounds for each joint.
     pub fn wider(&self, other: &Self) -> Self {
         let mut out = *self;
         for (own, other) in out.0.iter_mut().zip(&other.0) {
@@ -93,7 +94,7 @@ impl Envelope {
         out
     }
 
-    /// Whether the bounds of another are no wider, up to [`TOLERANCE`].
+    /// Returns whether another set of bounds is not wider, up to [`TOLERANCE`].
     pub fn admits(&self, other: &Self) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= 10.0 * TOLERANCE;
         self.0.iter().zip(&other.0).all(|pair| match pair {
@@ -108,7 +109,7 @@ impl Envelope {
         })
     }
 
-    /// Greatest path speed ds/dt (1/s) where the joints are at `position` (rad or m) and move along `slope` = dq/ds.
+    /// Returns the maximum path speed ds/dt (1/s) at `position` (rad or m) along `slope` = dq/ds.
     pub fn speed(&self, position: &Row, slope: &Row) -> f64 {
         let mut out = f64::INFINITY;
         for (v, braking) in self.0.iter().enumerate() {
@@ -121,20 +122,20 @@ impl Envelope {
         out
     }
 
-    /// Whether joint `v` keeps its bounds on the cubic between two nodes, up to [`TOLERANCE`].
+    /// Returns whether joint `v` keeps its bounds on the cubic between two nodes, up to [`TOLERANCE`].
     pub fn is_kept_between(&self, joints: usize, v: usize, a: &Node, b: &Node) -> bool {
         let (position, velocity) = curve(joints, v, a, b);
         let wider = self.scaled(1.0 + TOLERANCE);
         wider.share(v, &position, &velocity) <= 1.0
     }
 
-    /// The velocity towards an end that a joint may not exceed where it is, if it does, up to [`TOLERANCE`].
+    /// Returns the exceeded velocity bound of a joint, if any, up to [`TOLERANCE`].
     pub fn exceeded(&self, v: usize, q: f64, velocity: f64) -> Option<f64> {
         let most = self.0[v]?.most(velocity, q).max(0.0);
         (velocity.abs() > most * (1.0 + TOLERANCE) + TOLERANCE).then_some(most)
     }
 
-    /// The bounds, moved outwards so far that a state that exceeds them by rounding keeps them.
+    /// Returns the bounds, widened so that a state that exceeds them by rounding keeps them.
     pub fn admitting(mut self, position: &Row, velocity: &Row) -> Self {
         for (v, braking) in self.0.iter_mut().enumerate() {
             let Some(braking) = braking else { continue };
@@ -148,11 +149,11 @@ impl Envelope {
         self
     }
 
-    /// Share of the bounds of joint `v` that a motion takes, given by the Bernstein coefficients of its position and of
-    /// its velocity: at most 1 where it keeps them all along.
+    /// Returns the fraction of the bounds of joint `v` that a motion uses, given the Bernstein coefficients of its
+    /// position and velocity; at most 1 if it keeps them everywhere.
     ///
-    /// With `c` the room times the gain, `v <= -o + sqrt(c)` is `(v + o)^2 <= c` where v moves that way: a polynomial that
-    /// must not be negative, and is not where its Bernstein coefficients are not.
+    /// With `c` the distance times the gain, `v <= -o + sqrt(c)` is equivalent to `(v + o)^2 <= c` for v in that
+    /// direction. This polynomial inequality holds if all Bernstein coefficients are non-negative.
     pub fn share(&self, v: usize, position: &[f64], velocity: &[f64]) -> f64 {
         let Some(braking) = self.0[v] else { return 0.0 };
         let mut out = 0.0_f64;
@@ -181,11 +182,11 @@ impl Envelope {
     }
 }
 
-/// Coefficients of the longest product: the square of a polynomial of degree 4.
+/// Number of coefficients of the longest product, the square of a polynomial of degree 4.
 const LONG: usize = 9;
 const ONES: [f64; LONG] = [1.0; LONG];
 
-/// Bernstein coefficients of the product of two polynomials that are given by theirs.
+/// Returns the Bernstein coefficients of the product of two polynomials in Bernstein form.
 fn product(a: &[f64], b: &[f64]) -> [f64; LONG] {
     let (m, n) = (a.len() - 1, b.len() - 1);
     let mut out = [0.0; LONG];
@@ -234,7 +235,7 @@ mod tests {
             let limits = limits.with_braking(&[Some(braking), None]).unwrap();
             let motion = match retime(&waypoints, &limits, &RetimeOptions::default()) {
                 Ok(out) => out.trajectory,
-                // A spline may swing out to where the bound is zero, or nearly.
+                // A spline may overshoot to a position where the bound is nearly zero.
                 Err(e) => {
                     prop_assert!(e.to_string().contains("waypoints"), "{e}");
                     let rows: Vec<Row> = waypoints
@@ -271,9 +272,9 @@ mod tests {
         };
         assert!((time(&bound, -1.0, 1.0) - time(&plain, -1.0, 1.0)).abs() < 1e-12);
         assert!(time(&bound, 1.0, 2.7) > 1.05 * time(&plain, 1.0, 2.7));
-        // Away from the end nothing binds.
+        // Far from the end the bound is inactive.
         assert!((time(&bound, 2.7, 1.0) - time(&plain, 2.7, 1.0)).abs() < 2e-3);
-        // Within a hundredth of the end the bound is zero: there is no way there, and one out.
+        // Within a hundredth of the end the bound is zero: no motion towards the end, but one away from it.
         let line = |from: f64, to: f64| retime(&[vec![from], vec![to]], &bound, &RetimeOptions::default());
         assert!(line(2.0, 2.745).is_err());
         assert!(line(2.745, 2.0).is_ok());
@@ -291,7 +292,7 @@ mod tests {
         let most = braking.most(1.0, 2.5);
         assert!(from(2.5, most * 1.01).unwrap_err().to_string().contains("start_velocity"));
         assert!(from(2.5, 0.98 * most).is_ok());
-        // At its limit and not braking yet, it is past it before its jerk limit lets it brake.
+        // A joint at its limit that is not braking yet exceeds the limit before its jerk limit lets it brake.
         assert!(from(2.5, most).unwrap_err().to_string().contains("braking"));
         assert!(from(2.5, -2.0).is_ok());
         assert!(limits.with_braking(&[Some(Braking { gain: 0.0, ..braking })]).is_err());

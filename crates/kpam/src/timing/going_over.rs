@@ -1,4 +1,4 @@
-//! Going over to another motion while that is under way: the fastest motion from a state to each of its states.
+//! Switching to another motion in progress: the fastest motion from a state to each of its states.
 
 use rsruckig::error::ThrowErrorHandler;
 use rsruckig::input_parameter::InputParameter;
@@ -10,15 +10,15 @@ use super::stop::{Phase, State, nodes_to};
 use super::trajectory::Trajectory;
 use crate::model::Row;
 
-/// Share of a limit by which the states may exceed it, by the rounding of sums.
+/// Tolerance of limits for rounding of sums, as a share.
 const ROUNDING: f64 = 1e-12;
 
-/// Times (s) that are one by rounding, and the acceleration (rad/s^2 or m/s^2) that rounding takes.
+/// Times (s) closer than this count as equal, and the acceleration (rad/s^2 or m/s^2) that counts as rounding.
 const TOGETHER: f64 = 1e-7;
 const ROUNDED: f64 = 1e-6;
 
-/// Nodes of the fastest motion from one state to another, both given as position, velocity and acceleration; `None` where
-/// the limits allow none.
+/// Returns the nodes of the fastest motion between two states, each given as position, velocity and acceleration;
+/// `None` if the limits allow none.
 pub(crate) fn to_state(limits: &Limits, from: &[Row; 3], to: &[Row; 3]) -> Option<Vec<Node>> {
     let joints = limits.joints();
     let limits = &limits.admitting(&to[0], &to[1], &to[2]);
@@ -44,7 +44,7 @@ pub(crate) fn to_state(limits: &Limits, from: &[Row; 3], to: &[Row; 3]) -> Optio
     let states: Vec<State> = (0..joints).map(|v| [from[0][v], from[1][v], from[2][v]]).collect();
     let mut out = nodes_to(limits, &states, &phases, false);
     let end = out.pop()?;
-    // Phases of joints end together but for rounding.
+    // The joints' phases end together except for rounding.
     while out.len() > 1 && end.time - out[out.len() - 1].time < TOGETHER {
         out.pop();
     }
@@ -59,8 +59,8 @@ pub(crate) fn to_state(limits: &Limits, from: &[Row; 3], to: &[Row; 3]) -> Optio
     (reached && kept).then_some(out)
 }
 
-/// A motion through `lead`, from time 0 on, whose end is the state of `motion` at `time`, and the rest of `motion`. It
-/// begins when `motion` does.
+/// Returns a motion through `lead`, from time 0 on, which ends in the state of `motion` at `time`, followed by the rest
+/// of `motion`. It begins when `motion` does.
 pub(crate) fn gone_over(limits: &Limits, lead: &[Node], motion: &Trajectory, time: f64) -> Trajectory {
     let first = Piece::plain(motion.start(), limits.joints(), lead);
     let late = first.end() - time;

@@ -1,17 +1,17 @@
-//! A path cut into cells, with what the limits say of the speed on each.
+//! A path divided into cells, with the limits on the speed in each.
 //!
-//! On a path q(s), velocity is q' ds/dt and acceleration q' u + q'' x, with x = (ds/dt)^2 and u = d²s/dt², which stays
-//! the same within a cell: x changes by 2 u Δs along it. All limits are then linear in x and u.
+//! On a path q(s), velocity is q' ds/dt and acceleration q' u + q'' x, with x = (ds/dt)^2 and u = d²s/dt². Within a
+//! cell u is constant, so x changes by 2 u Δs. All limits are then linear in x and u.
 
 use super::limits::Limits;
 use super::spline::Spline;
 use super::torque::{Buffers, Load, Torque};
 use crate::model::Row;
 
-/// Cells of a path that has few waypoints; more where there are more of those.
+/// Number of cells of a path with few waypoints; paths with more waypoints get more.
 const CELLS: f64 = 96.0;
 
-/// A place on the path.
+/// A position on the path.
 #[derive(Debug, Clone)]
 pub(crate) struct Station {
     pub s: f64,
@@ -25,18 +25,18 @@ pub(crate) struct Station {
 pub(crate) struct Grid {
     pub joints: usize,
     pub stations: Vec<Station>,
-    /// Greatest ds/dt on each cell, beside what the limits say.
+    /// Maximum ds/dt in each cell, in addition to the limits.
     pace: Vec<f64>,
-    /// Shares of the limits on velocity and acceleration to be used on each cell.
+    /// Shares of the limits on velocity and acceleration to use in each cell.
     pub shares: Vec<[f64; 2]>,
     /// The station of each knot.
     pub station_of: Vec<usize>,
-    /// Torques at the stations, their limits, and the share of what gravity leaves of those that may be used.
+    /// Torques at the stations, their limits, and the usable share of what gravity leaves of them.
     load: Option<(Vec<Torque>, Row, f64)>,
 }
 
 impl Grid {
-    /// Cells of a path; `slowest` is the least time (s) that each interval between waypoints may take.
+    /// Divides a path into cells; `slowest` is the minimum time (s) of each interval between waypoints.
     pub fn new(joints: usize, path: &Spline, slowest: &[f64]) -> Self {
         let intervals = path.intervals();
         let total = path.length();
@@ -53,7 +53,7 @@ impl Grid {
             let (from, to) = (path.knots[i], path.knots[i + 1]);
             let parts = ((to - from) / total * CELLS).ceil().max(2.0) as usize;
             let mut fractions: Vec<f64> = (0..parts).map(|k| k as f64 / parts as f64).collect();
-            // From rest and to rest most of the time passes near the ends.
+            // Most of the time is spent near the ends, where the motion is at rest.
             let cell = 1.0 / parts as f64;
             if i == 0 {
                 fractions.extend([cell / 16.0, cell / 4.0]);
@@ -74,7 +74,7 @@ impl Grid {
         out
     }
 
-    /// The same with limits on torque; `None` where the joints cannot be held at a station.
+    /// Adds torque limits; `None` if the joints cannot be held at a station.
     pub fn loaded(mut self, load: Load<'_>) -> Option<Self> {
         let Some((dynamics, room)) = load else { return Some(self) };
         let mut buffers = Buffers::default();
@@ -96,8 +96,8 @@ impl Grid {
         self.stations[cell + 1].s - self.stations[cell].s
     }
 
-    /// Greatest x at each station by the limits on velocity and by the pace, for a motion that begins with x = `begin`.
-    /// A start that is faster than the pace is not refused: it brakes to it as hard as the limits allow.
+    /// Returns the maximum x at each station by velocity limits and pace, for a motion that begins with x = `begin`. A
+    /// start faster than the pace is accepted and brakes as hard as the limits allow.
     pub fn ceilings(&self, limits: &Limits, begin: f64) -> Vec<f64> {
         let mut out = vec![f64::INFINITY; self.stations.len()];
         let mut pace = out.clone();
@@ -130,13 +130,13 @@ impl Grid {
             least = (least + 2.0 * self.step(cell) * slowing.fold(f64::NEG_INFINITY, f64::max)).max(0.0);
         }
         out.iter_mut().zip(pace).for_each(|(x, slow)| *x = x.min(slow));
-        // The start is what it is; a share of the limit that is left to its cell bounds what follows.
+        // The start is fixed; a reduced share of its cell only bounds the following stations.
         out[0] = out[0].max(begin);
         out
     }
 
-    /// Rows (a, b, low, high) of a cell: low <= a u + b x <= high, with x that at its start. They bound accelerations and
-    /// torques at both ends.
+    /// Returns rows (a, b, low, high) of a cell: low <= a u + b x <= high, with x at its start. They bound
+    /// accelerations and torques at both ends.
     pub fn rows(&self, limits: &Limits, cell: usize, out: &mut Vec<[f64; 4]>) {
         out.clear();
         let (from, to) = (&self.stations[cell], &self.stations[cell + 1]);

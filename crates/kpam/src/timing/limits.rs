@@ -7,14 +7,15 @@ use crate::default_limits::{braking, default_limits, greatest_velocity};
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::{KeypointProblem, ProblemError};
 
-/// Limits beyond this count as this much: a motion takes some time whatever the joints can do.
+/// Larger limits are reduced to this value, so that every motion takes some time.
 const GREATEST: f64 = 1e6;
 
-/// Share of a limit by which a state may exceed it and still keep it. It stands for rounding, that of single precision
-/// included; every check of a start and of a motion uses it. Positions use it as rad or m.
+/// Share of a limit by which a state may exceed it and still count as keeping it. The tolerance covers rounding, also
+/// in single precision, and is used by every check of a start and of a motion. For positions it is in rad or m.
 pub(crate) const TOLERANCE: f64 = 1e-6;
 
-/// Most that the averaging which bounds jerk takes a joint off its path (rad or m), at the greatest acceleration.
+/// Maximum deviation of a joint from its path (rad or m), at the maximum acceleration, due to the moving average that
+/// bounds jerk.
 const AVERAGING_DEVIATION: f64 = 1e-4;
 
 /// Velocity, acceleration and jerk limits of the moving joints.
@@ -27,15 +28,15 @@ pub struct Limits {
     pub(crate) acceleration: Row,
     /// rad/s^3 or m/s^3.
     pub(crate) jerk: Row,
-    /// Bounds of the velocity that depend on the position.
+    /// Position-dependent velocity limits.
     pub(crate) envelope: Option<Envelope>,
 }
 
 impl Limits {
-    /// Limits of up to [`MAX_JOINTS`] joints.
+    /// Creates limits of up to [`MAX_JOINTS`] joints.
     ///
     /// # Errors
-    /// A list of another length than `velocity`, none or too many joints, or a limit that is not above 1e-9.
+    /// The lists differ in length, there are no or too many joints, or a limit is not above 1e-9.
     pub fn new(velocity: &[f64], acceleration: &[f64], jerk: &[f64]) -> Result<Self, ProblemError> {
         let joints = velocity.len();
         if joints == 0 || joints > MAX_JOINTS {
@@ -67,25 +68,25 @@ impl Limits {
         })
     }
 
-    /// The limits with velocity limits that depend on the position beside those that do not, one entry a joint.
+    /// Adds position-dependent velocity limits, one entry for each joint.
     ///
     /// # Errors
-    /// A list of another length, or numbers that are no bounds, by `braking`.
+    /// The list has the wrong length or invalid numbers; the field is `braking`.
     pub fn with_braking(self, list: &[Option<Braking>]) -> Result<Self, ProblemError> {
         Ok(Self { envelope: Some(Envelope::new(self.joints, list)?), ..self })
     }
 
-    /// Those of the problem's moving joints, scaled as its options say.
+    /// Returns the limits of a problem's moving joints, scaled by its options.
     pub(crate) fn of(problem: &KeypointProblem, model: &Model) -> Self {
         Self::asked(model, &problem.options)
     }
 
-    /// Those of a robot's moving joints, scaled as options say.
+    /// Returns the limits of a robot's moving joints, scaled by options.
     pub(crate) fn asked(model: &Model, o: &crate::Options) -> Self {
         let one = [1.0; MAX_JOINTS];
         let envelope = braking(o).map(|list| list.scaled(o.velocity_scale));
         let mut out = Self { joints: model.n(), velocity: one, acceleration: one, jerk: one, envelope };
-        // Limits of mimic joints bind the variables that drive them.
+        // Limits of mimic joints bound the variables that drive them.
         let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| model.map().least(|j| l[j]));
         let velocity = given(&o.velocity_limits).unwrap_or(model.velocity);
         let usual = default_limits(model, o);
@@ -104,7 +105,7 @@ impl Limits {
         out
     }
 
-    /// Whether they are positive numbers of at most [`MAX_JOINTS`] joints.
+    /// Whether all limits are positive numbers of at most [`MAX_JOINTS`] joints.
     pub(crate) fn is_sound(&self) -> bool {
         let rows = [&self.velocity, &self.acceleration, &self.jerk];
         self.envelope.is_none_or(|e| e.is_sound())
@@ -123,13 +124,14 @@ impl Limits {
         value.abs() <= limit * (1.0 + TOLERANCE)
     }
 
-    /// Greatest speed that joint `v` comes to while its acceleration is ramped to zero.
+    /// Returns the maximum speed that joint `v` reaches while its acceleration decreases to zero.
     pub(crate) fn settled_speed(&self, v: usize, velocity: f64, acceleration: f64) -> f64 {
         let next = velocity + 0.5 * acceleration * acceleration.abs() / self.jerk[v];
         velocity.abs().max(next.abs())
     }
 
-    /// The limits, widened to a start that keeps them up to [`TOLERANCE`], so that a motion from it keeps them exactly.
+    /// Returns the limits, widened to a start that keeps them up to [`TOLERANCE`], so that a motion from it keeps them
+    /// exactly.
     pub(crate) fn admitting(&self, position: &Row, velocity: &Row, acceleration: &Row) -> Self {
         let mut out = *self;
         out.envelope = self.envelope.map(|e| e.admitting(position, velocity));
@@ -141,7 +143,7 @@ impl Limits {
         out
     }
 
-    /// Whether a motion that keeps `other` keeps these, up to [`TOLERANCE`].
+    /// Returns whether a motion that keeps `other` keeps these limits, up to [`TOLERANCE`].
     pub(crate) fn admit(&self, other: &Self) -> bool {
         let within = |own: &Row, other: &Row| (0..self.joints).all(|v| other[v] <= own[v] * (1.0 + 2.0 * TOLERANCE));
         let bound = match (&self.envelope, &other.envelope) {
@@ -156,16 +158,16 @@ impl Limits {
             && within(&self.jerk, &other.jerk)
     }
 
-    /// Width (s) of the moving average that bounds jerk, and the limits that a motion keeps to before it is averaged.
-    /// `None` where the average would take a joint further off its path than [`AVERAGING_DEVIATION`].
+    /// Returns the width (s) of the moving average that bounds jerk, and the limits of the motion before averaging.
+    /// `None` if the average would move a joint further off its path than [`AVERAGING_DEVIATION`].
     ///
-    /// A moving average over `w` leaves bounds on velocity and acceleration as they are, and turns an acceleration within
-    /// `a` into one whose rate is within `2 a / w`. It moves a joint by at most `a w^2 / 24`.
+    /// A moving average over `w` preserves bounds on velocity and acceleration, turns an acceleration within `a` into
+    /// one with jerk within `2 a / w`, and moves a joint by at most `a w^2 / 24`.
     pub(crate) fn averaged(&self) -> Option<(f64, Self)> {
         self.averaged_within(AVERAGING_DEVIATION)
     }
 
-    /// Likewise with a greatest deviation (rad or m) of its own.
+    /// Like `averaged`, with a given maximum deviation (rad or m).
     pub(crate) fn averaged_within(&self, most: f64) -> Option<(f64, Self)> {
         let rows = 0..self.joints;
         let width = rows.clone().map(|v| 2.0 * self.acceleration[v] / self.jerk[v]).fold(0.0, f64::max);

@@ -1,4 +1,5 @@
-//! Timing: from joint waypoints to a motion in time that keeps velocity, acceleration and jerk limits everywhere.
+//! Timing: computes, from joint waypoints, a motion in time that keeps velocity, acceleration and jerk limits
+//! everywhere.
 //!
 //! A path is a spline through waypoints ([`spline`]); the speed along it is time-optimal ([`reachability`], or [`conic`]
 //! on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`time_scaling`], [`motion`]); a moving

@@ -1,4 +1,4 @@
-//! Joint motion in time as a piece of a trajectory: cubics between nodes, averaged over a short window, or quintics.
+//! A piece of a trajectory: cubics between nodes, averaged over a short window, or quintics.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,14 +12,14 @@ pub(crate) struct Node {
     pub time: f64,
     pub position: Row,
     pub velocity: Row,
-    /// Acceleration there, where it is known and continuous: between nodes that are close in time, positions tell it badly.
+    /// Acceleration, if known and continuous; between nodes close in time, positions determine it inaccurately.
     pub acceleration: Option<Row>,
 }
 
-/// Accelerations below this (rad/s^2 or m/s^2) may be rounding.
+/// Accelerations below this (rad/s^2 or m/s^2) may be rounding errors.
 const NOISE: f64 = 1e-8;
 
-/// The cubic between two nodes: position, velocity and halves and sixths of the derivatives that follow, at its start.
+/// The cubic between two nodes: position, velocity, half the second and a sixth of the third derivative at its start.
 struct Cubic([Row; 4]);
 
 impl Cubic {
@@ -32,7 +32,7 @@ impl Cubic {
                 out[3][v] = (to[v] - from[v]) / (6.0 * h);
             } else {
                 let slope = (b.position[v] - a.position[v]) / h;
-                // Over a short time, positions of an even motion tell an acceleration that is rounding.
+                // Over a short time, the acceleration computed from positions of a uniform motion is rounding error.
                 let rounding = f64::EPSILON * a.position[v].abs().max(b.position[v].abs());
                 let even = a.velocity[v] == b.velocity[v] && (slope - b.velocity[v]).abs() * h <= 4.0 * rounding;
                 if even && rounding > NOISE * h * h {
@@ -45,19 +45,20 @@ impl Cubic {
         Self(out)
     }
 
-    /// Bernstein coefficients of the position of a joint over the time `h`.
+    /// Returns the Bernstein coefficients of a joint's position over the time `h`.
     fn positions(&self, v: usize, h: f64) -> [f64; 4] {
         let [p, d, c, e] = [self.0[0][v], h * self.0[1][v], h * h * self.0[2][v], h * h * h * self.0[3][v]];
         [p, p + d / 3.0, p + (2.0 * d + c) / 3.0, p + d + c + e]
     }
 
-    /// Bernstein coefficients of its velocity.
+    /// Returns the Bernstein coefficients of its velocity.
     fn velocities(&self, v: usize, h: f64) -> [f64; 3] {
         let [d, c, e] = [self.0[1][v], h * self.0[2][v], h * h * self.0[3][v]];
         [d, d + c, d + 2.0 * c + 3.0 * e]
     }
 
-    /// Position, velocity and acceleration of a joint `t` after the start, averaged over a window of `width` about `t`.
+    /// Returns position, velocity and acceleration of a joint `t` after the start, averaged over a window of `width`
+    /// about `t`.
     fn average(&self, v: usize, t: f64, width: f64) -> [f64; 3] {
         let [p, d, c, e] = [self.0[0][v], self.0[1][v], self.0[2][v], self.0[3][v]];
         let spread = width * width / 12.0;
@@ -67,8 +68,8 @@ impl Cubic {
     }
 }
 
-/// Greatest shares of the limits on velocity and acceleration that a motion takes between two nodes. Velocity is a
-/// parabola there and acceleration a line, so both peaks have a closed form.
+/// Returns the maximum fractions of the limits on velocity and acceleration between two nodes. Velocity is a parabola
+/// and acceleration a line there, so both maxima have a closed form.
 pub(crate) fn shares(limits: &Limits, a: &Node, b: &Node) -> [f64; 2] {
     let joints = limits.joints();
     let cubic = Cubic::between(joints, a, b);
@@ -91,10 +92,10 @@ pub(crate) fn shares(limits: &Limits, a: &Node, b: &Node) -> [f64; 2] {
     out
 }
 
-/// The quintic between two nodes that meets position, velocity and acceleration of both, by its Bernstein coefficients.
+/// The quintic with given position, velocity and acceleration at two nodes, by its Bernstein coefficients.
 struct Quintic {
     h: f64,
-    /// Differences of the coefficients of the position to the first one.
+    /// Differences of the position's coefficients from the first one.
     control: [f64; 6],
 }
 
@@ -107,7 +108,7 @@ impl Quintic {
         Self { h, control: [0.0, from, 2.0 * from + gain(a), whole - 2.0 * to + gain(b), whole - to, whole] }
     }
 
-    /// Bernstein coefficients of velocity, acceleration and jerk; the last ones unused.
+    /// Returns the Bernstein coefficients of velocity, acceleration and jerk; unused entries are last.
     fn rates(&self) -> [[f64; 5]; 3] {
         let mut out = [[0.0; 5]; 3];
         for i in 0..5 {
@@ -122,8 +123,8 @@ impl Quintic {
         out
     }
 
-    /// Upper bound of the acceleration between two shares of the time: that at both ends, and an eighth of the square of
-    /// the time between them times the greatest second derivative, which is a line.
+    /// Returns an upper bound of the acceleration between two fractions of the time: the values at both ends, plus an
+    /// eighth of the squared time between them times the maximum second derivative, which is linear.
     fn hardest(&self, from: f64, to: f64) -> f64 {
         let jerk = self.rates()[2];
         let second = |i: usize| 2.0 * (jerk[i + 1] - jerk[i]) / self.h;
@@ -132,14 +133,14 @@ impl Quintic {
         self.at(from)[2].abs().max(self.at(to)[2].abs()) + 0.125 * time * time * bend
     }
 
-    /// Difference of the position to its start, velocity and acceleration at a share of the time.
+    /// Returns position relative to the start, velocity and acceleration at a fraction of the time.
     fn at(&self, share: f64) -> [f64; 3] {
         let rates = self.rates();
         [bernstein(&self.control, share), bernstein(&rates[0], share), bernstein(&rates[1][..4], share)]
     }
 }
 
-/// A polynomial by its Bernstein coefficients on [0, 1] (de Casteljau).
+/// Evaluates a polynomial in Bernstein form on [0, 1] (de Casteljau).
 fn bernstein(coefficients: &[f64], at: f64) -> f64 {
     let mut list = [0.0; 6];
     let count = coefficients.len();
@@ -152,8 +153,8 @@ fn bernstein(coefficients: &[f64], at: f64) -> f64 {
     list[0]
 }
 
-/// Upper bounds of the shares of the limits on velocity, acceleration and jerk that the quintics between two nodes take:
-/// no polynomial exceeds its Bernstein coefficients.
+/// Returns upper bounds of the fractions of the limits on velocity, acceleration and jerk that the quintics between two
+/// nodes use: no polynomial exceeds its Bernstein coefficients.
 pub(crate) fn peaks(limits: &Limits, a: &Node, b: &Node) -> [f64; 3] {
     let mut out = [0.0_f64; 3];
     for v in 0..limits.joints() {
@@ -172,24 +173,25 @@ pub(crate) fn peaks(limits: &Limits, a: &Node, b: &Node) -> [f64; 3] {
     out
 }
 
-/// Bounds of a joint between two nodes on the quintic that joins them: no polynomial exceeds its Bernstein coefficients.
+/// Returns bounds of a joint's position on the quintic between two nodes: no polynomial exceeds its Bernstein
+/// coefficients.
 pub(crate) fn smooth_range(a: &Node, b: &Node, v: usize) -> (f64, f64) {
     let control = Quintic::between(a, b, v).control.map(|c| a.position[v] + c);
     control.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(*c), high.max(*c)))
 }
 
-/// Bernstein coefficients of the position and the velocity of a joint between two nodes.
+/// Returns the Bernstein coefficients of a joint's position and velocity between two nodes.
 pub(crate) fn curve(joints: usize, v: usize, a: &Node, b: &Node) -> ([f64; 4], [f64; 3]) {
     let (cubic, h) = (Cubic::between(joints, a, b), b.time - a.time);
     (cubic.positions(v, h), cubic.velocities(v, h))
 }
 
-/// Least and greatest value of a joint between two nodes.
+/// Returns the minimum and maximum of a joint between two nodes.
 pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
     let cubic = Cubic::between(joints, a, b);
     let [_, slope, bend, change] = [0, 1, 2, 3].map(|k| cubic.0[k][v]);
     let (mut low, mut high) = (a.position[v].min(b.position[v]), a.position[v].max(b.position[v]));
-    // Where slope + 2 bend t + 3 change t^2 vanishes inside.
+    // Where slope + 2 bend t + 3 change t^2 vanishes inside the interval.
     let root = (bend * bend - 3.0 * change * slope).max(0.0).sqrt();
     let q = -(bend + root.copysign(bend));
     for t in [q / (3.0 * change), slope / q] {
@@ -201,43 +203,43 @@ pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
     (low, high)
 }
 
-/// A stretch of a trajectory: at its local time `t` it is the average of the cubics between nodes over `[t - w, t]`.
+/// A part of a trajectory: at its local time `t` it is the average of the cubics between nodes over `[t - w, t]`.
 ///
-/// Averaging keeps every bound on position, velocity and acceleration that the nodes' motion keeps, and bounds the jerk
-/// by twice the greatest acceleration over `w`. With `w = 0` it is the nodes' motion itself.
+/// Averaging preserves every bound on position, velocity and acceleration, and bounds the jerk by twice the maximum
+/// acceleration divided by `w`. With `w = 0` it is the motion of the nodes itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Piece {
-    /// Time of the trajectory at which it begins (s).
+    /// Start time in the trajectory (s).
     pub start: f64,
-    /// Time from which on it counts, no earlier than `start` (s).
+    /// Time from which the piece takes effect, not before `start` (s).
     pub counts: f64,
     width: f64,
     joints: usize,
-    /// Local times of the nodes (s), the first at `-width`.
+    /// Local times of the nodes (s), starting at `-width`.
     times: Vec<f64>,
     /// Positions and velocities of the nodes, joint by joint.
     states: Vec<f64>,
-    /// Accelerations right after the nodes, joint by joint; empty where they follow from the states.
+    /// Accelerations right after the nodes, joint by joint; empty if they follow from the states.
     accelerations: Vec<f64>,
-    /// Places among the nodes that a reader should not miss, in order.
+    /// Indices of important nodes, in order.
     marks: Vec<usize>,
-    /// Whether quintics join the nodes, which meet the accelerations of both.
+    /// Whether quintics with given accelerations join the nodes.
     smooth: bool,
 }
 
 impl Piece {
-    /// The motion through `nodes` as it is. The first node is at time 0.
+    /// Creates the unaveraged motion through `nodes`. The first node is at time 0.
     pub fn plain(start: f64, joints: usize, nodes: &[Node]) -> Self {
         Self::new(start, 0.0, joints, nodes, &[])
     }
 
-    /// The motion through `nodes` on quintics. The first node is at time 0.
+    /// Creates the motion through `nodes` with quintics. The first node is at time 0.
     pub fn smooth(start: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
         Self { smooth: true, ..Self::new(start, 0.0, joints, nodes, marks) }
     }
 
-    /// The motion through `nodes`, which ends at rest, averaged over `width`: the first node, at time 0, is where the
-    /// average gets `width / 2` after its start, so a start under way lies that far back on the line that it moves on.
+    /// Creates the motion through `nodes`, which ends at rest, averaged over `width`. The first node, at time 0, is
+    /// reached `width / 2` after the start of the average, so a moving start lies that far back along its line.
     pub fn averaged(start: f64, width: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
         let (Some(first), Some(last)) = (nodes.first(), nodes.last()) else {
             return Self::new(start, 0.0, joints, nodes, &[]);
@@ -280,19 +282,19 @@ impl Piece {
         self.joints
     }
 
-    /// The motion through the same nodes with an even jerk between them.
+    /// Returns the motion through the same nodes with constant jerk between them.
     pub fn with_even_jerk(self) -> Self {
         Self { smooth: false, ..self }
     }
 
-    /// The same motion later by `time` (s).
+    /// Returns the motion delayed by `time` (s).
     pub fn delayed(mut self, time: f64) -> Self {
         self.start += time;
         self.counts += time;
         self
     }
 
-    /// Whether it has nodes, in order and each with its numbers.
+    /// Whether the nodes are ordered and complete.
     pub fn is_sound(&self) -> bool {
         let (nodes, joints) = (self.times.len(), self.joints);
         let finite = |list: &[f64]| list.iter().all(|v| v.is_finite());
@@ -319,12 +321,13 @@ impl Piece {
         self.start + self.duration()
     }
 
-    /// Time of the trajectory (s) at which it is nearest to a node.
+    /// Returns the time of the trajectory (s) closest to a node.
     fn time_of(&self, node: usize) -> f64 {
         self.start + (self.times[node] + 0.5 * self.width).clamp(0.0, self.duration())
     }
 
-    /// Times of the trajectory (s) between which its acceleration is one polynomial: where its window meets nodes.
+    /// Returns the times of the trajectory (s) between which its acceleration is one polynomial: where its window meets
+    /// nodes.
     pub fn corners(&self) -> Vec<f64> {
         let inside = |t: &f64| (0.0..=self.duration()).contains(t);
         let mut out: Vec<f64> = self.times.iter().flat_map(|t| [*t, t + self.width]).filter(inside).collect();
@@ -335,8 +338,8 @@ impl Piece {
         out
     }
 
-    /// Times of the trajectory (s) that show its course: at nodes, at most about `spacing` apart unless nodes are, with
-    /// every mark, the start and the end.
+    /// Returns representative times of the trajectory (s): nodes, about `spacing` apart, with every mark, the start and
+    /// the end.
     pub fn landmarks(&self, spacing: f64) -> Vec<f64> {
         let mut out = vec![self.start];
         for node in 0..self.times.len() {
@@ -363,8 +366,8 @@ impl Piece {
         Node { time: self.times[i], position: row(&state[..n]), velocity: row(&state[n..]), acceleration }
     }
 
-    /// Widens `most` to upper bounds of each joint's acceleration between two times of the trajectory (s). An average is
-    /// bounded by what it is taken of, which is a line between nodes.
+    /// Raises `most` to upper bounds of each joint's acceleration between two times of the trajectory (s). An average
+    /// is bounded by its input, which is linear between nodes.
     pub fn widen_to_accelerations(&self, [from, to]: [f64; 2], most: &mut Row) {
         let local = |time: f64| (time - self.start).clamp(0.0, self.duration());
         let (from, to) = (local(from) - self.width, local(to));
@@ -393,8 +396,8 @@ impl Piece {
         }
     }
 
-    /// Position, velocity and acceleration at a time of the trajectory (s), as at the start before it and as at the end
-    /// after it.
+    /// Returns position, velocity and acceleration at a time of the trajectory (s); before the start and after the end,
+    /// those at the ends.
     pub fn at(&self, time: f64) -> [Row; 3] {
         let to = (time - self.start).clamp(0.0, self.duration());
         let from = to - self.width;

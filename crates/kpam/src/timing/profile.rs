@@ -1,12 +1,12 @@
-//! Motion along a straight line from a speed to rest, as fast as velocity, acceleration and jerk limits allow: the
-//! phases of constant jerk of an S-curve.
+//! Fastest motion along a straight line from a speed to rest within velocity, acceleration and jerk limits: an S-curve
+//! of constant-jerk phases.
 
 /// Speed along a path at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Pace {
     /// s.
     pub time: f64,
-    /// Place on the path, and its first and second derivative in time.
+    /// Position on the path, with its first and second time derivative.
     pub s: f64,
     pub speed: f64,
     pub gain: f64,
@@ -20,13 +20,13 @@ pub(crate) struct Along {
     pub jerk: f64,
 }
 
-/// Bisections of the greatest speed.
+/// Number of bisections of the maximum speed.
 const HALVINGS: usize = 100;
-/// Share of the length by which a stop may come too late: rounding.
+/// Tolerance of the length for rounding, as a share.
 const ROUNDING: f64 = 1e-9;
 
 impl Along {
-    /// Time (s) of the fastest change of speed by `change`, without acceleration before and after.
+    /// Returns the time (s) of the fastest change of speed by `change`, with zero acceleration before and after.
     pub fn ramp_time(&self, change: f64) -> f64 {
         let most = self.acceleration * self.acceleration / self.jerk;
         if change >= most {
@@ -36,17 +36,17 @@ impl Along {
         }
     }
 
-    /// Durations of the three phases of such a change.
+    /// Returns the durations of the three phases of such a change.
     fn ramp(&self, change: f64) -> [f64; 3] {
         let time = self.ramp_time(change);
         let edge = (self.acceleration / self.jerk).min(0.5 * time);
         [edge, time - 2.0 * edge, edge]
     }
 
-    /// The fastest motion over `length` from `speed` to rest, without acceleration at either end, at every change of
-    /// its jerk. `None` where it cannot stop in time.
+    /// Returns the fastest motion over `length` from `speed` to rest, with zero acceleration at both ends, as states at
+    /// every change of jerk. `None` if it cannot stop in time.
     pub fn profile(&self, length: f64, speed: f64) -> Option<Vec<Pace>> {
-        // Changes of speed are symmetric, so each covers its mean speed times its time.
+        // Changes of speed are symmetric, so each covers its mean speed times its duration.
         let changes =
             |peak: f64| 0.5 * (speed + peak) * self.ramp_time(peak - speed) + 0.5 * peak * self.ramp_time(peak);
         if changes(speed) > length * (1.0 + ROUNDING) {
@@ -80,7 +80,7 @@ impl Along {
                 out.push(now);
             }
         }
-        // Rounding of the last place and speed.
+        // Corrects rounding of the final position and speed.
         if let Some(last) = out.last_mut() {
             (last.s, last.speed, last.gain) = (length, 0.0, 0.0);
         }
@@ -89,7 +89,7 @@ impl Along {
 }
 
 impl Pace {
-    /// The state `t` later under a constant jerk.
+    /// Returns the state `t` later under constant jerk.
     pub fn after(&self, t: f64, jerk: f64) -> Self {
         Self {
             time: self.time + t,
@@ -100,7 +100,7 @@ impl Pace {
     }
 }
 
-/// The state at place `s` of a profile.
+/// Returns the state at position `s` of a profile.
 pub(crate) fn at_place(profile: &[Pace], s: f64) -> Pace {
     let last = profile[profile.len() - 1];
     let Some(next) = profile.iter().position(|p| p.s > s) else { return last };
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn known_times() {
-        // Never at its greatest acceleration: four phases of the same time t, 2 j t^3 = d.
+        // The maximum acceleration is not reached: four phases of equal duration t, 2 j t^3 = d.
         let along = Along { velocity: 10.0, acceleration: 100.0, jerk: 2.0 };
         let short = along.profile(0.5, 0.0).unwrap();
         assert!((short[short.len() - 1].time - 4.0 * 0.125f64.cbrt()).abs() < 1e-9);
@@ -156,7 +156,7 @@ mod tests {
                     prop_assert!((next.speed - pair[1].speed).abs() < 1e-7);
                 }
             } else {
-                // Not even braking at once stops in time.
+                // Even immediate braking does not stop in time.
                 prop_assert!(0.5 * share * v * along.ramp_time(share * v) > length);
             }
         }

@@ -7,10 +7,10 @@ use super::grid::Grid;
 use super::limits::Limits;
 use super::time_scaling::ROUNDING;
 
-/// Coefficients of u smaller than this times that of x say nothing of u.
+/// Coefficients of u smaller than this multiple of that of x are treated as zero.
 const FLAT: f64 = 1e-9;
 
-/// Band of u: slope * x + below <= u <= slope * x + above.
+/// Range of u: slope * x + below <= u <= slope * x + above.
 #[derive(Debug, Clone, Copy)]
 struct Band {
     slope: f64,
@@ -18,7 +18,7 @@ struct Band {
     above: f64,
 }
 
-/// The bands of all cells in one list, and the greatest x by rows that say nothing of u.
+/// The ranges of all cells in one list, and the maximum x by rows that do not involve u.
 struct Bands {
     bands: Vec<Band>,
     ends: Vec<usize>,
@@ -50,7 +50,8 @@ impl Bands {
         &self.bands[self.ends[cell]..self.ends[cell + 1]]
     }
 
-    /// Least and greatest u at the start of a cell of length `step` with x there and at most `next` at its end.
+    /// Returns the minimum and maximum u at the start of a cell of length `step` with x there and at most `next` at its
+    /// end.
     fn range(&self, cell: usize, x: f64, step: f64, next: f64) -> (f64, f64) {
         let turn = 0.5 / step;
         let (mut low, mut high) = (-turn * x, turn * (next - x));
@@ -63,7 +64,7 @@ impl Bands {
         (low, high)
     }
 
-    /// Derivative by x of the room between the bounds of u that `range` gave.
+    /// Returns the derivative with respect to x of the difference between the bounds of u from `range`.
     fn room_slope(&self, cell: usize, x: f64, step: f64, (low, high): (f64, f64)) -> f64 {
         let (mut below, mut above) = (-0.5 / step, -0.5 / step);
         for band in self.of(cell) {
@@ -74,11 +75,11 @@ impl Bands {
         above - below
     }
 
-    /// Greatest x up to `most` at the start of a cell from which some u leads to at most `next`.
+    /// Returns the maximum x, up to `most`, at the start of a cell from which some u leads to at most `next`.
     fn greatest(&self, cell: usize, most: f64, step: f64, next: f64) -> f64 {
         let mut x = most.min(self.caps[cell]).min(1e30);
-        // The room between the bounds of u is concave in x and positive at zero: Newton's method comes down to its root
-        // and meets it after as many steps as there are different bounds, at most.
+        // The difference between the bounds of u is concave in x and positive at zero, so Newton's method descends to
+        // its root and reaches it after at most as many steps as there are different bounds.
         for _ in 0..32 {
             let (low, high) = self.range(cell, x, step, next);
             let room = high - low;
@@ -95,7 +96,7 @@ impl Bands {
     }
 }
 
-/// The greatest x at each station, from `begin` at the first to 0 at the last; `None` where `begin` is too much.
+/// Returns the maximum x at each station, from `begin` at the first to 0 at the last; `None` if `begin` is too large.
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let bands = Bands::new(grid, limits);

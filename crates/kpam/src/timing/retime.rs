@@ -15,21 +15,21 @@ use crate::{Cancel, ProblemError};
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct RetimeOptions {
-    /// Waypoints at which the motion comes to rest, beside the last.
+    /// Indices of waypoints at which the motion stops, in addition to the last.
     pub stops: Vec<usize>,
-    /// Least time (s) of each interval between waypoints; none where empty.
+    /// Minimum time (s) of each interval between waypoints; empty for none.
     pub slowest: Vec<f64>,
     /// Velocity at the first waypoint (rad/s or m/s); at rest where `None`.
     pub start_velocity: Option<Vec<f64>>,
-    /// Acceleration there (rad/s^2 or m/s^2); none where `None`.
+    /// Acceleration there (rad/s^2 or m/s^2); zero if `None`.
     pub start_acceleration: Option<Vec<f64>>,
     /// Time of the first waypoint (s).
     pub start_time: f64,
-    /// Position limits (rad or m) that a start under way has to stop within.
+    /// Position limits (rad or m) within which a moving start must be able to stop.
     pub position_limits: Option<(Vec<f64>, Vec<f64>)>,
-    /// Method for the speed along the path; low jerk limits have one of their own.
+    /// Method for the speed along the path; low jerk limits require their own method.
     pub method: Method,
-    /// Ends the retiming from another thread, with an error that says so.
+    /// Flag that ends the retiming from another thread, with an error.
     pub cancel: Option<Cancel>,
 }
 
@@ -37,16 +37,17 @@ pub struct RetimeOptions {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Retimed {
-    /// The motion; it begins at the start time.
+    /// The motion, which begins at the start time.
     pub trajectory: Trajectory,
-    /// When it passes each waypoint (s). From a start under way the motion leaves the path at first, and joins it no later
-    /// than at the second waypoint.
+    /// Times at which the motion passes each waypoint (s). A motion from a moving start leaves the path at first, and
+    /// joins it at the second waypoint at the latest.
     pub times: Vec<f64>,
 }
 
 /// The fastest motion found along the cubic spline through joint waypoints, within velocity, acceleration and jerk
-/// limits, at rest at the stops and at the end. From a start under way to one other waypoint it is the fastest that there is,
-/// on no path; through several it is the fastest found to a motion along the path before the second waypoint, and that.
+/// limits, at rest at the stops and at the end. From a moving start to a single other waypoint, it is the fastest
+/// possible motion, independent of the path. Through several waypoints, it first leads to a motion along the path,
+/// which it joins before the second waypoint.
 ///
 /// Velocity and acceleration are those of the time-optimal motion on the path; the jerk limits add a moving average,
 /// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m). Where that would be
@@ -136,7 +137,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     };
     match points.as_slice() {
         [_] => return whole(builder, &resting),
-        // A goal alone binds no path.
+        // With a single goal, no path is prescribed.
         [_, goal] if options.slowest.is_empty() => {
             let nodes = to_rest(builder.limits(), position, velocity, acceleration, goal);
             if keeps(builder.limits(), [&lower, &upper], &nodes) {
@@ -153,7 +154,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Checks a motion on a fine grid: limits, and that velocities and accelerations are those of the positions.
+    /// Checks a motion on a fine grid: limits, and consistency of velocities and accelerations with positions.
     fn check(trajectory: &Trajectory, limits: &Limits) -> Result<(), TestCaseError> {
         const STEPS: usize = 4000;
         let h = trajectory.end() / STEPS as f64;
@@ -242,7 +243,7 @@ mod tests {
                     prop_assert!(end.position.iter().zip(last).all(|(a, b)| (a - b).abs() < 1e-9));
                 }
                 Err(e) => {
-                    // Only where some joint cannot stop: by its own constant jerk and acceleration.
+                    // Only if a joint cannot stop, even with constant jerk and acceleration.
                     prop_assert!(e.to_string().contains("start_velocity"), "{e}");
                     let stuck = (0..3).any(|j| {
                         let (v, a) = (speed[j] * velocity[j], gain[j] * acceleration[j]);
@@ -274,7 +275,7 @@ mod tests {
             let options = RetimeOptions { start_velocity: Some(start), ..RetimeOptions::default() };
             let out = retime(&waypoints, &limits, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
             check(&out.trajectory, &limits)?;
-            // From its own samples on, at the waypoints that are left.
+            // From the motion's own states on, through the remaining waypoints.
             let now = share * out.trajectory.end();
             let sample = out.trajectory.sample(now);
             let mut rest = vec![sample.position];
@@ -331,7 +332,7 @@ mod tests {
 
     #[test]
     fn a_straight_line_takes_its_known_time() {
-        // 2 m at 1 m/s with 4 m/s^2 and no limit on jerk that matters: 2 + 1 / 4 s.
+        // 2 m at 1 m/s with 4 m/s^2 and a negligible jerk limit: 2 + 1 / 4 s.
         let limits = Limits::new(&[1.0], &[4.0], &[1e6]).unwrap();
         let out = retime(&[vec![0.0], vec![2.0]], &limits, &RetimeOptions::default()).unwrap();
         assert!((out.trajectory.end() - 2.25).abs() < 0.01, "{}", out.trajectory.end());
@@ -393,7 +394,7 @@ mod tests {
 
     #[test]
     fn the_cone_program_agrees_where_velocity_allows_any_speed() {
-        // Near the middle waypoint this path hardly moves any joint, so that the ceiling there is far above the others.
+        // Near the middle waypoint this path hardly moves any joint, so the ceiling there is far above the others.
         let waypoints = vec![
             vec![-0.7041559606013992, 0.7335081398911925, 0.0],
             vec![-1.571756411584735, 0.6090956407429002, -0.8730807125134804],

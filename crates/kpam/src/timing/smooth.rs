@@ -1,5 +1,5 @@
-//! From a path to a motion in time that lies on it exactly and keeps limits on velocity, acceleration and jerk: S-curves
-//! along straight paths, a third-order optimum along others. For jerk limits too low for averaging.
+//! Timing of a path exactly on it with limits on velocity, acceleration and jerk: S-curves along straight paths, a
+//! third-order optimum along others. Used if jerk limits are too low for averaging.
 
 use super::limits::Limits;
 use super::motion::{Node, peaks};
@@ -11,30 +11,34 @@ use super::torque::{Buffers, Load};
 use crate::Cancel;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Cells of a path of few waypoints, beside those near its ends; at least so many between two waypoints.
+/// Number of cells of a path with few waypoints, without those near its ends, and the minimum number between two
+/// waypoints.
 const CELLS: f64 = 72.0;
 const LEAST: f64 = 3.0;
-/// Parts of the first ramp of acceleration that the first cell is, in length, and growth of those that follow.
+/// Number of parts into which the first acceleration ramp is divided to get the length of the first cell, and the
+/// growth factor of the following cells.
 const RAMP: f64 = 8.0;
 const GROWTH: f64 = 1.6;
-/// Angle (rad) by which the path may turn on a cell, the most parts that one which turns by more is cut into, and cells
-/// beyond which there are no more. Parts are as long as each other: at a cusp one may turn by more.
+/// Maximum angle (rad) by which the path may turn in a cell, maximum number of parts of a cell that turns by more, and
+/// maximum number of cells. The parts have equal length; at a cusp one may turn by more.
 const TURN: f64 = 0.35;
 const PARTS: f64 = 6.0;
 const MOST_CELLS: f64 = 3000.0;
-/// Share of the limits on acceleration, on jerk and on velocities by position that is aimed at, since they are imposed at
-/// stations and kept between them, too.
+/// Share of the limits on acceleration, jerk and position-dependent velocities to aim for, since they are imposed at
+/// stations but must also hold between them.
 const AIM: f64 = 0.998;
-/// Further share of the limits on velocity, acceleration and jerk that a cell gets which exceeded one.
+/// Factors on the shares of velocity, acceleration and jerk limits for a cell that exceeded one.
 const LESS: [f64; 3] = [0.9999, 0.999, 0.999];
-/// Rounds in which cells that exceed a limit get less of it, and how much longer the whole may take instead.
+/// Number of rounds in which cells that exceed a limit get a smaller share, and the factor by which the whole motion
+/// may be slowed instead.
 const ROUNDS: usize = 5;
 const NEGLIGIBLE: f64 = 1.004;
-/// A path whose curve lies this near to a line (rad or m) is straight.
+/// A path whose curve is this close to a line (rad or m) counts as straight.
 const STRAIGHT: f64 = 1e-10;
 
-/// The fastest motion found along a path from `velocity` along its tangent, without acceleration there, to rest: nodes, the
-/// node at each knot, and whether jerk is constant between nodes; quintics join them else. `None` where the path cannot be followed from that velocity.
+/// Returns the fastest motion found along a path from `velocity` along its tangent, with zero acceleration, to rest:
+/// nodes, the node at each knot, and whether jerk is constant between nodes (otherwise quintics join them). `None` if
+/// the path cannot be followed from that velocity.
 pub(crate) fn drive(
     limits: &Limits,
     path: &Spline,
@@ -55,26 +59,26 @@ pub(crate) fn drive(
     let straight = path.bend() * path.length() * path.length() < 8.0 * STRAIGHT;
     let one_pace = paces.windows(2).all(|pair| pair[0] == pair[1]) && begin <= paces[0];
     if straight && load.is_none() && !slowed(limits, path) && one_pace {
-        // Quintics round the accelerations of short phases; from rest their rounding is far below the limits.
+        // Quintics distort the accelerations of short phases; from rest the rounding is far below the limits.
         return along_line(limits, path, paces[0], begin).map(|(nodes, knots)| (nodes, knots, begin > 0.0));
     }
     curved(limits, path, &paces, begin, load, cancel).map(|(nodes, knots)| (nodes, knots, false))
 }
 
-/// Whether the position of some joint bounds the speed along a straight path: most at its end.
+/// Returns whether a position-dependent limit bounds the speed along a straight path, mostly at its end.
 fn slowed(limits: &Limits, path: &Spline) -> bool {
     let slope = path.derivatives(0, 0.0)[1];
     let end = path.at(path.intervals() - 1, 1.0);
     limits.envelope.is_some_and(|e| e.speed(&end, &slope) < along(limits, &slope).velocity)
 }
 
-/// Limits of s where all joints move at their rates of `slope` to it.
+/// Returns the limits of s if all joints move in proportion to `slope`.
 pub(crate) fn along(limits: &Limits, slope: &Row) -> Along {
     let least = |row: &Row| (0..limits.joints()).map(|v| row[v] / slope[v].abs()).fold(f64::INFINITY, f64::min);
     Along { velocity: least(&limits.velocity), acceleration: least(&limits.acceleration), jerk: least(&limits.jerk) }
 }
 
-/// A motion along a straight path: an S-curve.
+/// Returns the S-curve along a straight path.
 fn along_line(limits: &Limits, path: &Spline, pace: f64, begin: f64) -> Option<(Vec<Node>, Vec<usize>)> {
     let slope = path.derivatives(0, 0.0)[1];
     let mut most = along(limits, &slope);
@@ -100,7 +104,7 @@ fn interval_of(path: &Spline, s: f64) -> usize {
     path.knots.partition_point(|k| *k <= s).saturating_sub(1).min(path.intervals() - 1)
 }
 
-/// The motion at a state on the path.
+/// Returns the joint state at a state on the path.
 fn node(joints: usize, path: &Spline, interval: usize, pace: &Pace) -> Node {
     let [position, first, second] = path.derivatives(interval, pace.s);
     let [mut velocity, mut acceleration] = [[0.0; MAX_JOINTS]; 2];
@@ -111,7 +115,7 @@ fn node(joints: usize, path: &Spline, interval: usize, pace: &Pace) -> Node {
     Node { time: pace.time, position, velocity, acceleration: Some(acceleration) }
 }
 
-/// Places of stations, ever closer towards both ends, and the station of each knot.
+/// Returns the positions of stations, increasingly dense towards both ends, and the station of each knot.
 fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)>, Vec<usize>) {
     let whole = path.length();
     let near = |interval: usize, s: f64| {
@@ -136,14 +140,14 @@ fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)
         let mut at = from;
         loop {
             places.push((i, at));
-            // As large as the distance from both ends admits.
+            // Limited by the distance from both ends.
             let grown = |from_end: f64, first: f64| first + (GROWTH - 1.0) * from_end;
             let left = (whole - at - ends[1]).max(0.0);
             let wish = largest.min(grown(at, ends[0])).min(ends[1].max(left * (1.0 - 1.0 / GROWTH)));
             if to - at <= 1.3 * wish.max(1e-12 * whole) {
                 break;
             }
-            // The last cell of the path is as long as wished.
+            // The last cell takes the remaining length.
             at = if i == last && left <= wish {
                 whole - ends[1]
             } else {
@@ -156,7 +160,7 @@ fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)
     cut_where_it_turns(limits.joints(), path, places, of_knot)
 }
 
-/// The stations, with more on cells where the path turns by a large angle: acceleration changes fast there.
+/// Adds stations in cells where the path turns by a large angle, since acceleration changes fast there.
 fn cut_where_it_turns(
     joints: usize,
     path: &Spline,
@@ -166,7 +170,7 @@ fn cut_where_it_turns(
     let dot = |a: &Row, b: &Row| (0..joints).map(|v| a[v] * b[v]).sum::<f64>();
     let angle = |a: &Row, b: &Row| {
         let cosine = dot(a, b) / (dot(a, a) * dot(b, b)).sqrt();
-        // A tangent of no length has no direction: as if it turned round.
+        // A zero tangent has no direction and counts as a reversal.
         if cosine.is_nan() { std::f64::consts::PI } else { cosine.clamp(-1.0, 1.0).acos() }
     };
     let most_parts = (MOST_CELLS / places.len() as f64).floor().clamp(1.0, PARTS);
@@ -184,7 +188,7 @@ fn cut_where_it_turns(
     (out, of_knot.into_iter().map(|k| moved_to[k]).collect())
 }
 
-/// A motion along a path that bends.
+/// Returns a motion along a curved path.
 fn curved(
     limits: &Limits,
     path: &Spline,
@@ -208,7 +212,7 @@ fn curved(
         return None;
     }
     let load = load.map(|(dynamics, room)| (&dynamics.max_torque, room));
-    // A start that is faster than the pace brakes to it, with half of what the limits allow.
+    // A start faster than the pace brakes with half of the limits.
     let most = along(limits, &list[0].first);
     let half = Along { velocity: begin, acceleration: 0.5 * most.acceleration, jerk: 0.5 * most.jerk };
     let braking = if begin > 0.0 { half.profile(0.5 * begin * half.ramp_time(begin), begin) } else { None };
@@ -233,7 +237,7 @@ fn curved(
             pace[k] = pace[k].min(AIM * envelope.speed(&path.derivatives(*i, *s)[0], &list[k].first));
         }
         pace[0] = pace[0].max(begin);
-        // There is no way past a place where a joint may not move on.
+        // A position where a joint may not move on cannot be passed.
         if pace.iter().chain(&pace_inside[1..pace_inside.len() - 1]).any(|p| *p <= 0.0) {
             return None;
         }
@@ -252,7 +256,7 @@ fn curved(
             let taken = peaks(limits, &nodes[cell], &nodes[cell + 1]);
             let [fast, hard, sharp] = taken;
             factor = factor.max(fast).max(hard.sqrt()).max(sharp.cbrt());
-            // Where a joint may not move at all, being slower does not help.
+            // Where a joint may not move at all, slowing down does not help.
             if limits.envelope.is_some() && fast > HOPELESS {
                 return None;
             }
@@ -286,7 +290,7 @@ mod tests {
         Spline::through(2, &[row(&[0.0, 0.0, 0.0]), row(&[1.0, 0.6, 0.0]), row(&[1.5, 1.8, 0.0])], None)
     }
 
-    /// Velocity along the path's tangent at its start, at a share of the limits there, and ds/dt.
+    /// Returns the velocity along the path's tangent at its start, at a share of the limits there, and ds/dt.
     fn start(limits: &Limits, path: &Spline, share: f64) -> (Row, f64) {
         let tangent = path.derivatives(0, 0.0)[1];
         let speed = share * along(limits, &tangent).velocity;
@@ -315,7 +319,7 @@ mod tests {
             let slow = 0.3 * speed;
             let least: Vec<f64> = path.knots.windows(2).map(|k| (k[1] - k[0]) / slow).collect();
             let (nodes, of_knot, _) = drive(&limits, &path, &least, &velocity, None, None).unwrap();
-            // It brakes within half of the first stretch, and goes on at the pace.
+            // The motion brakes within half of the first interval, and continues at the pace.
             let times: Vec<f64> = of_knot.iter().map(|k| nodes[*k].time).collect();
             assert!(times[1] > 0.5 * least[0] && times[1] < least[0], "{times:?} {least:?}");
             assert!(times[2] - times[1] >= least[1] * (1.0 - 1e-6), "{times:?} {least:?}");

@@ -2,13 +2,14 @@
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// Deviation (rad or m) of a motion in time from its curve: on cubics in time between places on it, and averaged.
+/// Deviation (rad or m) of a timed motion from its curve, due to cubics in time between points of the curve and to
+/// averaging.
 const IN_TIME: f64 = 2e-4;
 
-/// Waypoints nearer to each other than this are one (rad or m).
+/// Waypoints closer than this count as the same (rad or m).
 const SAME: f64 = 1e-9;
 
-/// A cubic spline through waypoints over its chord length, with continuous second derivatives.
+/// A cubic spline through waypoints, parametrized by chord length, with continuous second derivatives.
 #[derive(Debug, Clone)]
 pub(crate) struct Spline {
     joints: usize,
@@ -20,9 +21,9 @@ pub(crate) struct Spline {
 }
 
 impl Spline {
-    /// The spline of `joints` joints through waypoints, whose second derivative vanishes at both ends. It leaves the first
-    /// along `tangent`, where that is given: a motion under way has no acceleration there. In return, the second of more
-    /// than two waypoints is met only nearly.
+    /// Returns the spline of `joints` joints through waypoints with zero second derivatives at both ends. It leaves the
+    /// first waypoint along `tangent`, if given, because a moving start has no acceleration there; then the second of
+    /// more than two waypoints is only approximated.
     pub fn through(joints: usize, waypoints: &[Row], tangent: Option<&Row>) -> Self {
         let mut values: Vec<Row> = Vec::with_capacity(waypoints.len());
         let mut knots: Vec<f64> = Vec::with_capacity(waypoints.len());
@@ -47,20 +48,21 @@ impl Spline {
         Self { joints, knots, values, second, knot_of }
     }
 
-    /// The knot of a waypoint; waypoints that repeat the one before share its knot.
+    /// Returns the knot of a waypoint; repeated waypoints share a knot.
     pub fn knot_of(&self, waypoint: usize) -> usize {
         self.knot_of[waypoint]
     }
 
-    /// ds/dt at the start of a motion that begins with `velocity`: its part along the tangent; 0 where it points back.
+    /// Returns ds/dt at the start of a motion with `velocity`: its component along the tangent; 0 if it points
+    /// backwards.
     pub fn start_speed(&self, velocity: &Row) -> f64 {
         let tangent = &self.derivatives(0, 0.0)[1][..self.joints];
         let square: f64 = tangent.iter().map(|t| t * t).sum();
         (velocity.iter().zip(tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0)
     }
 
-    /// Greatest ds/dt on each interval between knots where intervals between waypoints may take `slowest` (s) at the least;
-    /// infinite where nothing is said.
+    /// Returns the maximum ds/dt in each interval between knots, given minimum times `slowest` (s) of intervals between
+    /// waypoints; infinite without a minimum.
     pub fn paces(&self, slowest: &[f64]) -> Vec<f64> {
         let mut least = vec![0.0_f64; self.intervals()];
         for (w, time) in slowest.iter().enumerate().take(self.waypoints().saturating_sub(1)) {
@@ -72,7 +74,7 @@ impl Spline {
         lengths.zip(least).map(|(s, time)| if time > 0.0 { s / time } else { f64::INFINITY }).collect()
     }
 
-    /// Number of waypoints that it was made through.
+    /// Number of waypoints of the spline.
     pub fn waypoints(&self) -> usize {
         self.knot_of.len()
     }
@@ -86,7 +88,7 @@ impl Spline {
         self.knots[self.knots.len() - 1]
     }
 
-    /// Value and first two derivatives at `s` in interval `i`.
+    /// Returns the value and the first two derivatives at `s` in interval `i`.
     pub fn derivatives(&self, i: usize, s: f64) -> [Row; 3] {
         if self.intervals() == 0 {
             return [self.values[0], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]];
@@ -115,12 +117,12 @@ impl Spline {
         out
     }
 
-    /// Greatest second derivative of a joint.
+    /// Returns the maximum second derivative of a joint.
     pub fn bend(&self) -> f64 {
         self.second.iter().flat_map(|row| &row[..self.joints]).fold(0.0, |most, m| most.max(m.abs()))
     }
 
-    /// Joints at a fraction of interval `i`.
+    /// Returns the joints at a fraction of interval `i`.
     pub fn at(&self, i: usize, fraction: f64) -> Row {
         let s = match self.knots.get(i + 1) {
             Some(next) => self.knots[i] + fraction * (next - self.knots[i]),
@@ -129,7 +131,7 @@ impl Spline {
         self.derivatives(i, s)[0]
     }
 
-    /// Points on the curve between two knots, about `spacing` apart, both ends included.
+    /// Returns points on the curve between two knots, about `spacing` apart, including both ends.
     pub fn along(&self, knots: std::ops::Range<usize>, spacing: f64) -> Vec<Row> {
         let mut out = vec![self.at(knots.start, 0.0)];
         for i in knots {
@@ -139,13 +141,13 @@ impl Spline {
         out
     }
 
-    /// Least and greatest value of joint `v` in interval `i`.
+    /// Returns the minimum and maximum of joint `v` in interval `i`.
     pub fn range(&self, v: usize, i: usize) -> (f64, f64) {
         let (start, end) = (self.knots[i], self.knots[i + 1]);
         let [first, slope, bend] = self.derivatives(i, start).map(|row| row[v]);
         let last = self.values[i + 1][v];
         let (mut low, mut high) = (first.min(last), first.max(last));
-        // Where slope + bend t + change t^2 / 2 vanishes inside.
+        // Where slope + bend t + change t^2 / 2 vanishes inside the interval.
         let change = (self.second[i + 1][v] - self.second[i][v]) / (end - start);
         let (a, b, c) = (0.5 * change, bend, slope);
         let root = (b * b - 4.0 * a * c).max(0.0).sqrt();
@@ -159,8 +161,8 @@ impl Spline {
         (low, high)
     }
 
-    /// Whether every joint stays between `lower` and `upper` in these intervals, [`IN_TIME`] inside them. Waypoints may
-    /// lie outside, where the start does; the curve between them lies no further out than they.
+    /// Returns whether every joint stays between `lower` and `upper` in these intervals with a margin of [`IN_TIME`].
+    /// Waypoints may lie outside if the start does; the curve between them then lies no further out than they do.
     pub fn keeps_within(&self, mut intervals: std::ops::Range<usize>, lower: &Row, upper: &Row) -> bool {
         intervals.all(|i| {
             (0..self.joints).all(|v| {
@@ -176,14 +178,14 @@ pub(crate) fn distance(joints: usize, a: &Row, b: &Row) -> f64 {
     (0..joints).map(|v| (b[v] - a[v]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Length of the polygon through waypoints.
+/// Returns the length of the polygon through waypoints.
 pub(crate) fn length(joints: usize, waypoints: &[Row]) -> f64 {
     waypoints.windows(2).map(|w| distance(joints, &w[0], &w[1])).sum()
 }
 
-/// Waypoints on a polygon: its corners, and points at most `spacing` apart between them. The curve through them bends
-/// about as far before and after a corner as they are apart. Towards both ends they come closer, down to `near`, so
-/// that a bend where the curve goes on there does not swing far into it.
+/// Returns waypoints on a polygon: its vertices, and points at most `spacing` apart between them. The spacing
+/// determines how far before and after a vertex the curve bends. Towards both ends the waypoints become denser, down to
+/// `near`, so that a bend at the continuation of the curve does not extend far.
 pub(crate) fn rounded(joints: usize, corners: &[Row], spacing: f64, near: f64) -> Vec<Row> {
     let mut out: Vec<Row> = corners.first().copied().into_iter().collect();
     for (k, pair) in corners.windows(2).enumerate() {
@@ -225,8 +227,8 @@ pub(crate) fn rounded(joints: usize, corners: &[Row], spacing: f64, near: f64) -
     out
 }
 
-/// Second derivatives at the knots of the cubic spline, zero at both ends: one tridiagonal sweep for all joints. Where a
-/// tangent is given, the second of more than two values gives way to it.
+/// Computes the second derivatives at the knots of the cubic spline, zero at both ends, by one tridiagonal solve for
+/// all joints. With a tangent, the second of more than two values is adjusted.
 fn second_derivatives(joints: usize, knots: &[f64], y: &mut [Row], tangent: Option<&Row>) -> Vec<Row> {
     let count = knots.len();
     let mut m = vec![[0.0; MAX_JOINTS]; count];

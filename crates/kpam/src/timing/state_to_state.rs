@@ -1,27 +1,27 @@
-//! The fastest motion from a state under way to rest at a goal, each joint by itself within its limits of velocity,
+//! Fastest motion from a moving state to rest at a goal, for each joint independently within its limits of velocity,
 //! acceleration and jerk (Kröger, "On-Line Trajectory Generation in Robotic Systems", 2010; Berscheid and Kröger,
 //! "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", 2021).
 //!
-//! From the place where the joint would stop, the goal lies on one side. The fastest motion accelerates to that side for a
-//! time, and stops from there: the later it stops, the further it comes. At its greatest velocity it cruises.
+//! Relative to the position where the joint would stop, the goal lies on one side. The fastest motion accelerates to
+//! that side for some time and then stops; the later it stops, the further it gets. At its maximum velocity it cruises.
 //!
-//! A joint that has time left cruises more slowly. No duration above the least one is blocked: whoever is at rest at the goal
-//! can wait there.
+//! A joint with spare time cruises more slowly. Every duration above the minimum is possible, since a joint at rest at
+//! the goal can wait.
 
 use super::limits::Limits;
 use super::motion::Node;
 use super::stop::{Phase, State, go_on, nodes, state_of, stopping};
 use crate::model::Row;
 
-/// Rounds of a search for a root at the most.
+/// Maximum number of iterations of a root search.
 const ROUNDS: usize = 200;
-/// Share of a time below which a joint that could take longer waits at the goal instead.
+/// Relative time difference below which a joint with spare time waits at the goal instead.
 const SAME: f64 = 1e-9;
 
-/// Greatest velocity, acceleration and jerk of a joint.
+/// Maximum velocity, acceleration and jerk of a joint.
 type Most = [f64; 3];
 
-/// Phases of constant jerk, one after the other.
+/// Consecutive phases of constant jerk.
 type Phases = Vec<Phase>;
 
 fn duration(phases: &[Phase]) -> f64 {
@@ -32,8 +32,8 @@ fn after(state: State, phases: &[Phase]) -> State {
     phases.iter().fold(state, |state, (time, jerk)| go_on(state, *jerk, *time))
 }
 
-/// The state with the goal at zero, seen so that the joint has to go further than where it would stop; and the sign of
-/// that side, 0 where it stops at the goal.
+/// Returns the state relative to the goal, mirrored so that the goal lies beyond the position where the joint would
+/// stop, and the sign of that side; 0 if it stops at the goal.
 fn seen_from_goal(state: State, goal: f64, [_, acceleration, jerk]: Most) -> (State, f64) {
     let [position, velocity, gain] = [state[0] - goal, state[1], state[2]];
     let stopped = after([position, velocity, gain], &stopping(velocity, gain, acceleration, jerk))[0];
@@ -47,13 +47,13 @@ fn seen_from_goal(state: State, goal: f64, [_, acceleration, jerk]: Most) -> (St
     if side < 0.0 { ([-position, -velocity, -gain], side) } else { ([position, velocity, gain], side) }
 }
 
-/// Phases in which a joint accelerates upwards as hard as it can for a time.
+/// Returns the phases in which a joint accelerates upwards as hard as possible for a time.
 fn accelerating(gain: f64, time: f64, [_, acceleration, jerk]: Most) -> [Phase; 2] {
     let ramp = ((acceleration - gain) / jerk).clamp(0.0, time);
     [(ramp, jerk), (time - ramp, 0.0)]
 }
 
-/// Longest time in which it may do so before its velocity would exceed the limit.
+/// Returns the maximum such time before the velocity limit is exceeded.
 fn longest([_, velocity, gain]: State, [most, acceleration, jerk]: Most) -> f64 {
     let peak = (jerk * (most - velocity) + 0.5 * gain * gain).max(0.0).sqrt();
     if peak <= acceleration {
@@ -64,8 +64,8 @@ fn longest([_, velocity, gain]: State, [most, acceleration, jerk]: Most) -> f64 
     ramp + ((most - velocity - gained) / acceleration).max(0.0)
 }
 
-/// Argument between `low` and `high` where a growing function is zero: false position with halved weights (Illinois), and
-/// bisection where that is slow.
+/// Returns the root of an increasing function between `low` and `high`: false position with the Illinois modification,
+/// and bisection if that is slow.
 fn root(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> f64 {
     let (mut below, mut above) = (value(low), value(high));
     let mut side = 0;
@@ -97,7 +97,7 @@ fn root(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> f64 {
     low
 }
 
-/// The fastest motion of a joint to rest at zero, which lies above where it would stop.
+/// Returns the fastest motion of a joint to rest at zero, which lies above the position where it would stop.
 fn fastest_up(state: State, most: Most) -> Phases {
     let [limit, acceleration, jerk] = most;
     let whole = |time: f64| {
@@ -123,7 +123,7 @@ fn fastest_up(state: State, most: Most) -> Phases {
     out
 }
 
-/// The motion that cruises at `pace`, above zero, and how far it comes without any cruise.
+/// Returns the motion that cruises at `pace`, above zero, and its length without the cruise.
 fn at_pace(state: State, pace: f64, [_, acceleration, jerk]: Most) -> (Phases, f64) {
     let mut out = stopping(state[1] - pace, state[2], acceleration, jerk).to_vec();
     let [position, ..] = after(state, &out);
@@ -134,8 +134,8 @@ fn at_pace(state: State, pace: f64, [_, acceleration, jerk]: Most) -> (Phases, f
     (out, end)
 }
 
-/// The motion of a joint to rest at zero, which lies above where it would stop, that takes `time`, by cruising slowly; the
-/// fastest where none does.
+/// Returns the motion of a joint to rest at zero, which lies above the position where it would stop, that takes `time`
+/// by cruising slowly; the fastest motion if there is none.
 fn lasting_up(state: State, most: Most, time: f64) -> Phases {
     let fastest = fastest_up(state, most);
     if duration(&fastest) >= time * (1.0 - SAME) {
@@ -147,7 +147,8 @@ fn lasting_up(state: State, most: Most, time: f64) -> Phases {
         root(0.0, most[0], |pace| at_pace(state, pace.max(f64::MIN_POSITIVE), most).1)
     };
     let late = |pace: f64| time - duration(&at_pace(state, pace, most).0);
-    // Between the fastest motion, which need not stop accelerating on the way, and the fastest with a cruise it waits.
+    // Durations between the fastest motion, which need not stop accelerating, and the fastest one with a cruise are
+    // reached by waiting.
     if greatest.is_nan() || greatest <= 0.0 || late(greatest) < 0.0 {
         return fastest;
     }
@@ -161,7 +162,7 @@ fn lasting_up(state: State, most: Most, time: f64) -> Phases {
     fastest
 }
 
-/// Phases of a joint to rest at `goal` in the least time, or in `time` where that is longer.
+/// Returns the phases of a joint to rest at `goal` in the minimum time, or in `time` if that is longer.
 fn phases(state: State, goal: f64, most: Most, time: Option<f64>) -> Phases {
     let (seen, side) = seen_from_goal(state, goal, most);
     let out = match time {
@@ -172,8 +173,9 @@ fn phases(state: State, goal: f64, most: Most, time: Option<f64>) -> Phases {
     out.into_iter().map(|(time, jerk)| (time, if side < 0.0 { -jerk } else { jerk })).collect()
 }
 
-/// Nodes of the fastest motion from a state that can be stopped within the limits to rest at `goal`; joints that need less
-/// time than the slowest take as much, but for those that would have to cruise faster than they can: they wait.
+/// Returns the nodes of the fastest motion from a state that can stop within the limits to rest at `goal`. Joints that
+/// need less time than the slowest are slowed to the same duration, except those that cannot be slowed: they wait at
+/// the goal.
 pub(crate) fn to_rest(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row, goal: &Row) -> Vec<Node> {
     let joints = 0..limits.joints();
     let most = |v: usize| [limits.velocity[v], limits.acceleration[v], limits.jerk[v]];
@@ -198,11 +200,11 @@ mod tests {
     use crate::model::MAX_JOINTS;
     use proptest::prelude::*;
 
-    /// Least time by brute force: two phases of acceleration and a stop on a grid of switching times.
+    /// Computes the minimum time by brute force: two acceleration phases and a stop on a grid of switching times.
     fn by_search(state: State, goal: f64, most: Most) -> f64 {
         let (seen, _) = seen_from_goal(state, goal, most);
         let mut best = f64::INFINITY;
-        // Peak accelerations, cruising or not: each gives one motion that comes to the goal by a longer hold or cruise.
+        // Each peak acceleration, with or without a cruise, gives one motion that reaches the goal.
         for k in 0..=400 {
             let peak = seen[2] + (most[1] - seen[2]) * f64::from(k) / 400.0;
             let ramp = ((peak - seen[2]) / most[2], most[2]);
@@ -268,7 +270,7 @@ mod tests {
         let last = found[found.len() - 1];
         assert_eq!(last.position, row(&[1.5, 0.2, stopped]));
         assert_eq!((last.velocity, last.acceleration), ([0.0; MAX_JOINTS], Some([0.0; MAX_JOINTS])));
-        // The second joint moves nearly until the end, the third no longer.
+        // The second joint moves nearly until the end; the third one has stopped.
         let before = found.iter().rfind(|node| node.time < 0.999 * last.time).unwrap();
         assert!(before.velocity[1].abs() > 1e-6 && before.velocity[2].abs() < 1e-9);
     }

@@ -1,5 +1,5 @@
-//! Bringing joints under way to rest, each as soon as its own limits allow: what decides whether a start can be planned
-//! from at all.
+//! Stops of moving joints, each as soon as its own limits allow, which decide whether planning from a start is
+//! possible.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,13 +7,13 @@ use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, range};
 use crate::model::{MAX_JOINTS, Row};
 
-/// A joint that leaves its limits however it moves on.
+/// A joint that exceeds its limits in every motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct CannotStop {
-    /// Number of the joint among those that move.
+    /// Index of the joint among the moving joints.
     pub joint: usize,
-    /// Least speed reduction.
+    /// Explanation with the required reduction of speed.
     pub reason: String,
 }
 
@@ -31,19 +31,19 @@ pub(super) fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64
     ]
 }
 
-/// Phases that take a joint's acceleration away.
+/// Returns the phases that bring a joint's acceleration to zero.
 fn settling(acceleration: f64, jerk: f64) -> [Phase; 3] {
     [(acceleration.abs() / jerk, -acceleration.signum() * jerk), (0.0, 0.0), (0.0, 0.0)]
 }
 
-/// Phases that bring a joint to rest in the least time.
+/// Returns the phases that bring a joint to rest in the minimum time.
 pub(super) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -> [Phase; 3] {
-    // Velocity once the acceleration is taken away: what has to be braked.
+    // The velocity after the acceleration is brought to zero, which must be braked.
     let left = velocity + 0.5 * acceleration * acceleration.abs() / jerk;
     if left == 0.0 {
         return settling(acceleration, jerk);
     }
-    // Seen in the direction of that velocity: acceleration falls to -peak, stays, and comes back to zero.
+    // In the direction of that velocity, acceleration decreases to -peak, is held, and returns to zero.
     let side = left.signum();
     let (velocity, acceleration) = (side * velocity, side * acceleration);
     let peak = (jerk * velocity + 0.5 * acceleration * acceleration).max(0.0).sqrt();
@@ -55,12 +55,14 @@ pub(super) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -
     [((acceleration + peak).max(0.0) / jerk, -side * jerk), (held.max(0.0), 0.0), (peak / jerk, side * jerk)]
 }
 
-/// Nodes of a motion of constant jerk phases to rest, one list a joint, at every change of any joint's phase.
+/// Returns the nodes of a motion of constant-jerk phases to rest, one list for each joint, at every phase change of any
+/// joint.
 pub(super) fn nodes(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phase]>]) -> Vec<Node> {
     nodes_to(limits, start, phases, true)
 }
 
-/// Likewise; where the motion does not end at rest, a joint whose phases end earlier, by rounding, keeps its acceleration.
+/// Like `nodes`; if the motion does not end at rest, a joint whose phases end earlier by rounding keeps its
+/// acceleration.
 pub(super) fn nodes_to(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phase]>], rests: bool) -> Vec<Node> {
     let mut times: Vec<f64> = vec![0.0];
     for joint in phases {
@@ -95,7 +97,7 @@ pub(super) fn nodes_to(limits: &Limits, start: &[State], phases: &[impl AsRef<[P
         .collect()
 }
 
-/// State of joint `v`.
+/// Returns the state of joint `v`.
 pub(super) fn state_of(position: &Row, velocity: &Row, acceleration: &Row, v: usize) -> State {
     [position[v], velocity[v], acceleration[v]]
 }
@@ -104,7 +106,7 @@ fn states(joints: usize, position: &Row, velocity: &Row, acceleration: &Row) -> 
     (0..joints).map(|v| state_of(position, velocity, acceleration, v)).collect()
 }
 
-/// The motion in which every joint comes to rest as soon as it can.
+/// Returns the motion in which every joint comes to rest as soon as it can.
 pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<Node> {
     let phases: Vec<_> = (0..limits.joints())
         .map(|v| stopping(velocity[v], acceleration[v], limits.acceleration[v], limits.jerk[v]))
@@ -116,11 +118,11 @@ pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration
     out
 }
 
-/// Whether some motion from this state keeps every joint within its limits. Braking as hard as a joint can takes it
-/// least far, so where that leaves the limits, every motion does.
+/// Checks whether some motion from this state keeps every joint within its limits. Maximum braking gives the shortest
+/// travel, so if that exceeds the limits, every motion does.
 ///
 /// # Errors
-/// The first joint that leaves them.
+/// The first joint that exceeds its limits.
 pub(crate) fn can_stop(
     limits: &Limits,
     lower: &Row,
@@ -162,7 +164,7 @@ pub(crate) fn can_stop(
         }
     }
     for v in 0..limits.joints() {
-        // A start outside may not lead further out.
+        // A start outside may not move further out.
         let (low, high) = (lower[v].min(position[v]), upper[v].max(position[v]));
         for pair in motion.windows(2) {
             let (least, most) = range(limits.joints(), v, &pair[0], &pair[1]);

@@ -1,4 +1,5 @@
-//! Interface of motions to control loops: samples without allocation, the rest of a motion, going over to another.
+//! Interface of motions to control loops: samples without memory allocation, the rest of a motion, and the switch to
+//! another motion.
 
 use super::limits::{Limits, TOLERANCE};
 use super::motion::Piece;
@@ -6,11 +7,11 @@ use super::trajectory::Trajectory;
 use crate::ProblemError;
 
 impl Trajectory {
-    /// Position, velocity and acceleration of all joints at time `t` (s) into slices of [`Trajectory::joints`] numbers,
-    /// without allocation: for control loops. As [`Trajectory::sample`] otherwise.
+    /// Writes position, velocity and acceleration of all joints at time `t` (s) into slices of [`Trajectory::joints`]
+    /// numbers, without memory allocation, for control loops. Otherwise like [`Trajectory::sample`].
     ///
     /// # Errors
-    /// A slice of another length.
+    /// A slice has the wrong length.
     pub fn sample_into(
         &self,
         t: f64,
@@ -30,7 +31,7 @@ impl Trajectory {
         Ok(())
     }
 
-    /// The time (s) within the motion that is nearest to a finite one.
+    /// Returns the time (s) within the motion closest to a finite time.
     pub(super) fn nearest(&self, t: f64) -> Result<f64, ProblemError> {
         if !t.is_finite() {
             return Err(ProblemError::new("t", format!("{t} is not finite")));
@@ -38,10 +39,10 @@ impl Trajectory {
         Ok(t.clamp(self.start(), self.end()))
     }
 
-    /// This motion from time `t` (s) on: a stream that is spliced again and again forgets what lies behind it by this.
+    /// Returns this motion from time `t` (s) on, so that a repeatedly spliced motion does not grow.
     ///
     /// # Errors
-    /// A time that is not finite.
+    /// The time is not finite.
     pub fn since(&self, t: f64) -> Result<Self, ProblemError> {
         let t = self.nearest(t)?;
         let mut times = vec![t];
@@ -49,11 +50,11 @@ impl Trajectory {
         Ok(self.with(self.from(t), times, *self.limits()))
     }
 
-    /// This motion until time `t` (s), and from there on `next`, which goes on from the state at `t`.
+    /// Returns this motion until time `t` (s) and `next`, which must continue the state at `t`, from there on.
     ///
     /// # Errors
-    /// `next` moves other joints, begins later than `t`, or differs there in position, velocity or acceleration by more
-    /// than 1e-6 (rad, m, s). Joints that neither moves have to stand where they do, too.
+    /// `next` moves other joints, begins later than `t`, or differs at `t` in position, velocity or acceleration by
+    /// more than 1e-6 (rad, m, s); or joints that neither motion moves have different values.
     pub fn splice(&self, next: &Self, t: f64) -> Result<Self, ProblemError> {
         if next.joints() != self.joints() || next.map().driven() != self.map().driven() {
             return Err(ProblemError::new("next", "moves other joints"));
@@ -90,7 +91,7 @@ impl Trajectory {
     }
 }
 
-/// The limits that are the wider of two.
+/// Returns the wider limits of two.
 fn wider(a: &Limits, b: &Limits) -> Limits {
     let mut out = *a;
     out.envelope = a.envelope.zip(b.envelope).map(|(a, b)| a.wider(&b));
@@ -138,9 +139,9 @@ mod tests {
         spliced.sample_into(t, &mut q, &mut v, &mut a).unwrap();
         assert_eq!(spliced.sample(t).acceleration, a);
         assert!(spliced.sample_into(t, &mut q[..1], &mut v, &mut a).is_err());
-        // Anywhere else it does not fit.
+        // At any other time the motion does not fit.
         assert!(whole.splice(&next, t + 0.05).is_err());
-        // What has been is forgotten, and nothing else.
+        // Only the past is dropped.
         let since = spliced.since(t - 0.1).unwrap();
         assert_eq!((since.start(), since.end()), (t - 0.1, spliced.end()));
         for k in 0..=1000 {
@@ -152,7 +153,7 @@ mod tests {
         assert!(since.since(f64::NAN).is_err());
         // A stop at the end takes no time.
         assert_eq!(spliced.brake(spliced.end()).unwrap().end(), spliced.end());
-        // Twice, on the way of the second.
+        // Splices twice, in the middle of the second motion.
         let stop = next.brake(t + 0.1).unwrap();
         let twice = spliced.splice(&stop, t + 0.1).unwrap();
         assert!(twice.sample(twice.end()).velocity.iter().all(|v| v.abs() < 1e-8));

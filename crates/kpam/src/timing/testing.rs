@@ -1,22 +1,22 @@
-//! Inputs that tests of several modules share.
+//! Inputs shared by tests of several modules.
 
 use super::{Limits, RetimeOptions, Trajectory, retime};
 use crate::model::{MAX_JOINTS, Row};
 
-/// Values of the first joints.
+/// Returns a row with these values of the first joints.
 pub(crate) fn row(values: &[f64]) -> Row {
     let mut out = [0.0; MAX_JOINTS];
     out[..values.len()].copy_from_slice(values);
     out
 }
 
-/// A motion of two joints that turns three times.
+/// Returns a motion of two joints that reverses three times.
 pub(crate) fn wavy(limits: &Limits) -> Trajectory {
     let waypoints: Vec<Vec<f64>> = vec![vec![0.0, 0.0], vec![0.8, 0.5], vec![1.5, -0.2], vec![2.0, 0.4]];
     retime(&waypoints, limits, &RetimeOptions::default()).unwrap().trajectory
 }
 
-/// The fastest motion to `goal` from the state of another motion at a time.
+/// Returns the fastest motion to `goal` from the state of another motion at a time.
 pub(crate) fn going_on(motion: &Trajectory, time: f64, goal: &[f64]) -> Trajectory {
     let now = motion.sample(time);
     let options = RetimeOptions {

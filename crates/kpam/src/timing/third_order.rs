@@ -14,48 +14,48 @@ use super::torque::Torque;
 use crate::Cancel;
 use crate::model::Row;
 
-/// A place on the path, with the third derivative of the cell that follows.
+/// A position on the path, with the third derivative of the following cell.
 #[derive(Debug, Clone)]
 pub(crate) struct Station {
     pub s: f64,
     pub first: Row,
     pub second: Row,
     pub third: Row,
-    /// Torques there, where they have limits.
+    /// Torques there, if they have limits.
     pub torque: Option<Torque>,
 }
 
-/// A path of which the greatest speed is sought.
+/// A path whose maximum speed is computed.
 pub(crate) struct PathProblem<'a> {
     pub limits: &'a Limits,
     pub stations: &'a [Station],
-    /// Greatest ds/dt at each station, beside what the limits say.
+    /// Maximum ds/dt at each station, in addition to the limits.
     pub pace: &'a [f64],
     /// The same in the middle of each cell.
     pub pace_inside: &'a [f64],
-    /// Shares of the limits on velocity, acceleration and jerk to be used on each cell.
+    /// Shares of the limits on velocity, acceleration and jerk to use in each cell.
     pub shares: &'a [[f64; 3]],
     /// ds/dt at the start; d²s/dt² is 0 there.
     pub begin: f64,
-    /// Torque limits, and the share of what gravity leaves of them that may be used.
+    /// Torque limits, and the usable share of what gravity leaves of them.
     pub load: Option<(&'a Row, f64)>,
     pub cancel: Option<&'a Cancel>,
 }
 
-/// Greatest share of the time that the barrier may cost; it costs a twentieth of that.
+/// Maximum share of the time that the barrier may cost; the actual cost is a twentieth of it.
 const GAP: f64 = 0.06;
-/// Factor by which the weight of the time grows, and most Newton steps at one weight and in all.
+/// Growth factor of the weight of the time, and maximum Newton steps for one weight and in total.
 const GROWTH: f64 = 12.0;
 const STEPS: usize = 12;
 const MAX_STEPS: usize = 120;
-/// Points and weights of Gauss and Legendre on [0, 1] (8 points).
+/// Points and weights of 8-point Gauss-Legendre quadrature on [0, 1].
 const POINTS: [f64; 4] =
     [0.183_434_642_495_649_8, 0.525_532_409_916_329, 0.796_666_477_413_626_7, 0.960_289_856_497_536_3];
 const WEIGHTS: [f64; 4] =
     [0.362_683_783_378_362, 0.313_706_645_877_887_3, 0.222_381_034_453_374_48, 0.101_228_536_290_376_26];
 
-/// The fastest motion over the stations to rest at the last, as states at the stations; `None` where none was found from
-/// the speed at the start.
+/// Returns the fastest motion over the stations to rest at the last, as states at the stations; `None` if none was
+/// found from the speed at the start.
 pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
     let problem = Problem::new(path);
     let mut c = begin(&problem, path)?;
@@ -70,7 +70,7 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
             if path.cancel.is_some_and(Cancel::is_cancelled) {
                 return None;
             }
-            // Where rounding ends the descent, the motion so far stands: it is within the limits.
+            // If rounding ends the descent, the current motion is valid because it is within the limits.
             let Some((step, decrement)) = problem.newton(&c, weight, slack) else {
                 left = 0;
                 break;
@@ -97,8 +97,8 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
             }
         }
         if slack > 1.0 {
-            // A start under way: the limits are narrowed as the motion comes to keep them, to between what it takes and
-            // what it might take, so that it stays inside.
+            // For a moving start, the limits are tightened as the motion comes to keep them, so that it stays strictly
+            // inside.
             let reached = worst(&problem, &c);
             if left == 0 || slack - reached < 1e-9 {
                 return None;
@@ -113,12 +113,12 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
     }
 }
 
-/// Greatest factor by which limits would have to be wider.
+/// Returns the largest factor by which limits would have to be widened.
 fn worst(problem: &Problem, c: &[f64]) -> f64 {
     problem.usage(c).into_iter().fold(0.0, f64::max)
 }
 
-/// A slow motion to begin with: an S-curve within limits that hold all along the path.
+/// Returns a slow initial motion: an S-curve within limits that hold along the whole path.
 fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
     let whole = path.stations.last()?.s;
     let limits = path.limits;
@@ -146,7 +146,7 @@ fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
         return Some(c);
     }
     let [velocity, acceleration, jerk] = problem.usage(&c);
-    // Of a band about another middle than 0, what lies between 0 and its nearer end.
+    // For a band around a centre other than 0, the part between 0 and its closer end.
     let load = problem.bounds.iter().filter(|b| b.middle != 0.0);
     let load = load.map(|b| b.row.value(&c).abs() / (b.limit - b.middle.abs())).fold(0.0, f64::max);
     let factor = (0.7 / velocity).min(0.7 / acceleration).min((0.7 / jerk).powf(2.0 / 3.0)).min(0.7 / load);
@@ -154,7 +154,7 @@ fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
     Some(c)
 }
 
-/// States at the stations.
+/// Returns the states at the stations.
 fn paces(problem: &Problem, path: &PathProblem<'_>, c: &[f64]) -> Vec<Pace> {
     let last = problem.cells;
     let mut out = vec![Pace { time: 0.0, s: 0.0, speed: path.begin, gain: 0.0 }];

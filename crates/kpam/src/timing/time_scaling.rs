@@ -1,4 +1,4 @@
-//! From a path to a motion in time that keeps the limits everywhere.
+//! Timing of a path within velocity and acceleration limits.
 
 use super::conic;
 use super::grid::Grid;
@@ -21,24 +21,24 @@ pub enum Method {
     Conic,
 }
 
-/// Rounds in which cells whose motion exceeds a limit get less of it.
+/// Number of rounds in which cells that exceed a limit get a smaller share.
 const ROUNDS: usize = 6;
-/// Share of the acceleration limit aimed at, so that most cells need no second round.
+/// Share of the acceleration limit to aim for, so that most cells need no second round.
 const AIM: f64 = 0.998;
-/// If the whole would take this much longer at most, it does, and no further round is made.
+/// If slowing the whole motion by at most this factor is enough, no further round is made.
 const NEGLIGIBLE: f64 = 1.003;
-/// A motion that would have to take this many times as long passes a place where a joint may not move on.
+/// A motion that would have to be slowed by this factor passes a position where a joint may not move on.
 pub(crate) const IMPASSABLE: f64 = 1.5;
-/// Likewise a cell that exceeds a velocity limit by this factor.
+/// The same for a cell that exceeds a velocity limit by this factor.
 pub(crate) const HOPELESS: f64 = 1e4;
-/// Share of a limit that the arithmetic of a cell rounds away, far below [`super::limits::TOLERANCE`].
+/// Share of a limit lost to rounding in a cell, far below [`super::limits::TOLERANCE`].
 pub(crate) const ROUNDING: f64 = 1e-9;
-/// Cells that take less time than this (s) are not told apart.
+/// Cells shorter than this (s) are not distinguished.
 const SHORTEST: f64 = 1e-7;
 
-/// The fastest motion along a path, from `velocity` along its tangent to rest; at most `slowest` (s) is gained on each
-/// interval between waypoints. Nodes lie at the stations of the grid. `None` where the path cannot be followed from
-/// that velocity, or the caller has cancelled.
+/// Returns the fastest motion along a path from `velocity` along its tangent to rest, with minimum times `slowest` (s)
+/// of intervals between waypoints. Nodes lie at the stations of the grid. `None` if the path cannot be followed from
+/// that velocity, or if the caller has cancelled.
 pub(crate) fn drive(
     method: Method,
     limits: &Limits,
@@ -74,7 +74,7 @@ pub(crate) fn drive(
         for cell in 0..grid.cells() {
             let [fast, hard] = shares(limits, &nodes[cell], &nodes[cell + 1]);
             worst = [worst[0].max(fast), worst[1].max(hard)];
-            // Where a joint may not move at all, being slower does not help.
+            // Where a joint may not move at all, slowing down does not help.
             if limits.envelope.is_some() && fast > HOPELESS {
                 return None;
             }
@@ -106,7 +106,7 @@ pub(crate) fn drive(
     Some((nodes, grid))
 }
 
-/// Makes a motion from rest to rest take `factor` times as long.
+/// Slows a motion from rest to rest by a factor.
 pub(crate) fn stretch(nodes: &mut [Node], factor: f64) {
     for node in nodes {
         node.time *= factor;
@@ -119,7 +119,7 @@ fn resting(grid: &Grid) -> Node {
     Node { time: 0.0, position: grid.stations[0].position, velocity: [0.0; MAX_JOINTS], acceleration: None }
 }
 
-/// Nodes in time of a course of x over the stations; `None` where it stands still on the way.
+/// Returns the nodes in time for x at the stations; `None` if the motion stops on the way.
 fn in_time(grid: &Grid, squares: &[f64], begin: &Row) -> Option<Vec<Node>> {
     let mut out: Vec<Node> = Vec::with_capacity(squares.len());
     let mut time = 0.0;

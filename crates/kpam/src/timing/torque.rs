@@ -1,8 +1,8 @@
-//! Torque limits: what the joints' motors have to give for a motion, by inverse dynamics.
+//! Torque limits of the joints' motors, by inverse dynamics.
 //!
-//! Along a path q(s) a torque is `a u + b x + c` with `x = (ds/dt)^2` and `u = d²s/dt²`: `a` moves the masses along the
-//! tangent, `b` round the bend, and `c` holds them against gravity. So limits on torque are rows like those on acceleration,
-//! about another middle.
+//! Along a path q(s), a torque is `a u + b x + c` with `x = (ds/dt)^2` and `u = d²s/dt²`: `a` accelerates the masses
+//! along the tangent, `b` is due to the path's curvature, and `c` compensates gravity. Torque limits are therefore
+//! linear rows like those on acceleration, with another centre.
 
 use std::sync::Arc;
 
@@ -13,11 +13,11 @@ use crate::Options;
 use crate::joint_map::JointMap;
 use crate::model::{MAX_JOINTS, Model, Row};
 
-/// Share of what gravity leaves of a limit that samples of a motion may use: the rest is for what lies between them.
+/// Usable share, at samples of a motion, of what gravity leaves of a limit; the rest is for the motion between samples.
 pub(crate) const SAMPLED: f64 = 0.9995;
-/// Times between samples at the most (s).
+/// Maximum time between samples (s).
 const STEP: f64 = 1e-3;
-/// Most samples of a motion: what takes longer is slower.
+/// Maximum number of samples; a longer motion is slower and needs no more.
 const MAX_SAMPLES: f64 = 2e5;
 
 /// Masses and torque limits of the moving joints.
@@ -25,11 +25,11 @@ const MAX_SAMPLES: f64 = 2e5;
 pub(crate) struct Dynamics {
     robot: Arc<Robot>,
     map: JointMap,
-    /// Greatest torque of each variable (N m; N for sliding joints).
+    /// Maximum torque of each variable (N m; N for sliding joints).
     pub max_torque: Row,
 }
 
-/// A torque at a place of a path: `of_u u + of_x x + rest`, one entry a variable.
+/// Torques at a position of a path: `of_u u + of_x x + rest`, one entry for each variable.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Torque {
     pub of_u: Row,
@@ -38,17 +38,17 @@ pub(crate) struct Torque {
 }
 
 impl Torque {
-    /// The band of `of_u u + of_x x` for variable `v` within a share of what gravity leaves of its limit.
+    /// Returns the range of `of_u u + of_x x` for variable `v` within a share of what gravity leaves of its limit.
     pub fn band(&self, v: usize, limit: f64, room: f64) -> [f64; 2] {
         [room * (-limit - self.rest[v]), room * (limit - self.rest[v])]
     }
 }
 
-/// Torque limits, and the share of what gravity leaves of them that a motion may use.
+/// Torque limits, and the usable share of what gravity leaves of them.
 pub(crate) type Load<'a> = Option<(&'a Dynamics, f64)>;
 
 impl Dynamics {
-    /// Those that options ask for.
+    /// Returns the torque limits in the options, if any.
     pub fn asked(robot: &Arc<Robot>, model: &Model, options: &Options) -> Option<Self> {
         let list = options.torque_limits.as_ref()?;
         let mut max_torque = [f64::INFINITY; MAX_JOINTS];
@@ -58,7 +58,7 @@ impl Dynamics {
         Some(Self { robot: Arc::clone(robot), map: model.map().clone(), max_torque })
     }
 
-    /// Torques of the variables at a state of theirs.
+    /// Returns the torques of the variables at a state.
     pub fn torques(&self, [position, velocity, acceleration]: &[Row; 3], buffers: &mut Buffers) -> Row {
         let Buffers { scratch, q, velocity: full_velocity, acceleration: full_acceleration, out } = buffers;
         self.map.positions(position, q);
@@ -68,14 +68,14 @@ impl Dynamics {
         let fits = self.robot.inverse_dynamics(state, &GRAVITY, scratch, out);
         debug_assert!(fits.is_ok(), "a model's map has an entry for each joint of its robot");
         let mut torques = [0.0; MAX_JOINTS];
-        // What follows a variable is moved by its motor.
+        // The motor of a variable also moves the joints that follow it.
         for d in self.map.driven() {
             torques[d.variable] += d.factor * out[d.joint];
         }
         torques
     }
 
-    /// Torques along a path at a place of it.
+    /// Returns the torques at a position of a path.
     pub fn along(&self, position: &Row, first: &Row, second: &Row, buffers: &mut Buffers) -> Torque {
         let still = [0.0; MAX_JOINTS];
         let rest = self.torques(&[*position, still, still], buffers);
@@ -88,7 +88,7 @@ impl Dynamics {
         Torque { of_u, of_x, rest }
     }
 
-    /// Greatest acceleration along the path from rest that is possible both ways.
+    /// Returns the maximum acceleration along the path from rest that is possible in both directions.
     pub fn hardest(&self, torque: &Torque, room: f64) -> f64 {
         let least = |v: usize| {
             let [low, high] = torque.band(v, self.max_torque[v], room);
@@ -97,13 +97,13 @@ impl Dynamics {
         (0..self.map.indices().len()).map(least).fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether all joints can be held still at a place.
+    /// Returns whether all joints can be held at a position.
     pub fn holds(&self, torque: &Torque) -> bool {
         (0..self.map.indices().len()).all(|v| torque.rest[v].abs() < self.max_torque[v])
     }
 
-    /// Greatest share of what gravity leaves of the limits that a motion takes, by samples at the ends of its polynomials
-    /// and between them.
+    /// Returns the maximum used share of what gravity leaves of the limits, from samples at the ends of the motion's
+    /// polynomials and between them.
     pub fn share(&self, piece: &Piece) -> f64 {
         let mut buffers = Buffers::default();
         let still = [0.0; MAX_JOINTS];

@@ -1,4 +1,4 @@
-//! Timed joint motion as a value.
+//! Timed joint motion.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,21 +12,21 @@ use crate::checked::checked_when_read;
 use crate::model::{JointMap, MAX_JOINTS, Row};
 use crate::{Cancel, ProblemError};
 
-/// A timed joint motion of all joints of the robot: cubics in time, averaged over a short window, or quintics under low
-/// jerk limits, so that position, velocity, acceleration and jerk are known exactly at every time.
+/// A timed motion of all joints of the robot: cubics in time averaged over a short window, or quintics for low jerk
+/// limits, so that position, velocity, acceleration and jerk are known exactly at every time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Trajectory {
     pieces: Vec<Piece>,
     joints: JointMap,
     times: Vec<f64>,
-    /// Limits that it keeps, of the joints that move.
+    /// Limits of the moving joints that the motion keeps.
     limits: Limits,
 }
 
 checked_when_read!(Trajectory);
 
-/// Position, velocity and acceleration at one time, each one entry a joint.
+/// Position, velocity and acceleration at one time, with one entry for each joint.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Sample {
@@ -38,26 +38,26 @@ pub struct Sample {
     pub acceleration: Vec<f64>,
 }
 
-/// Waypoint times of a trajectory are about this far apart (s), further where its nodes are.
+/// Approximate distance of waypoint times (s); larger if the nodes are further apart.
 const WAYPOINT_STEP: f64 = 0.1;
 
-/// Rounds in which a motion that takes too much torque between stations gets a smaller share of it, and what it is to
-/// take less than is found to be just enough.
+/// Maximum number of rounds in which a motion that exceeds torque limits between stations gets a smaller share, until
+/// the share is just small enough.
 const ROUNDS: usize = 8;
 const AIM: f64 = 0.999;
 
-/// Most that a moving average takes a joint off a path that is not binding (rad or m). Motions along it are found in a
-/// tenth of the time that it takes to bound the jerk on the path.
+/// Maximum deviation (rad or m) by averaging from a path that need not be kept. Such motions are computed in a tenth of
+/// the time needed to bound the jerk on the path.
 const OFF: f64 = 2e-3;
 
-/// Why a path could not be appended.
+/// Reason why a path could not be appended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Refusal {
-    /// It cannot be followed from the velocity at its start.
+    /// The path cannot be followed from the velocity at its start.
     TooSharp,
-    /// It takes at least this long (s).
+    /// The motion takes at least this long (s).
     TooLong(f64),
-    /// The caller has cancelled it.
+    /// The caller has cancelled.
     Cancelled,
 }
 
@@ -65,13 +65,13 @@ pub(crate) enum Refusal {
 #[derive(Debug, Clone)]
 pub(crate) struct Builder {
     limits: Limits,
-    /// Width of the moving average (s), and the limits that a motion keeps to before it; none where jerk limits are too
-    /// low for one, and motions have a continuous acceleration of their own.
+    /// Width of the moving average (s), and the limits before averaging; `None` if jerk limits are too low for
+    /// averaging, so that motions have continuous acceleration themselves.
     averaged: Option<(f64, Limits)>,
     method: Method,
     cancel: Option<Cancel>,
     dynamics: Option<Dynamics>,
-    /// Whether what was appended so far takes more torque than there is.
+    /// Whether the motion so far exceeds a torque limit.
     overloaded: bool,
     pieces: Vec<Piece>,
     now: f64,
@@ -91,19 +91,19 @@ impl Builder {
         }
     }
 
-    /// Gives up where the flag is set.
+    /// Sets the flag that cancels the computation.
     pub fn cancelled_by(mut self, cancel: Option<Cancel>) -> Self {
         self.cancel = cancel;
         self
     }
 
-    /// Keeps torque limits, too.
+    /// Adds torque limits.
     pub fn loaded(mut self, dynamics: Option<Dynamics>) -> Self {
         self.dynamics = dynamics;
         self
     }
 
-    /// Lets the moving average take joints off a path by up to [`OFF`]: for motions that need not keep to their path.
+    /// Lets the moving average deviate from a path by up to [`OFF`], for motions that need not keep their path.
     pub fn off_path(mut self) -> Self {
         self.averaged = self.limits.averaged_within(OFF);
         self
@@ -113,7 +113,7 @@ impl Builder {
         if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) { Refusal::Cancelled } else { Refusal::TooSharp }
     }
 
-    /// Time so far (s).
+    /// Current end time (s).
     pub fn now(&self) -> f64 {
         self.now
     }
@@ -134,7 +134,7 @@ impl Builder {
         self.pieces.push(piece);
     }
 
-    /// Appends a motion given in time, which starts at time 0.
+    /// Appends a timed motion that starts at time 0.
     pub fn append_nodes(&mut self, nodes: &[Node]) {
         if nodes.len() > 1 {
             let piece = Piece::plain(self.now, self.limits.joints(), nodes);
@@ -148,8 +148,8 @@ impl Builder {
         self.averaged.as_ref().map_or(0.0, |(width, _)| *width)
     }
 
-    /// Appends a motion along a path that keeps the torque limits, too: where one driven by stations takes too much between
-    /// them, all of it gets a smaller share.
+    /// Appends a motion along a path that also keeps the torque limits: if they are exceeded between stations, the
+    /// whole motion gets a smaller share.
     pub fn push(
         &mut self,
         path: &Spline,
@@ -180,8 +180,8 @@ impl Builder {
         outcome
     }
 
-    /// Appends a motion along a path, from `velocity` to rest. It ends at `end` where that is given, as soon as the
-    /// limits allow otherwise. Returns the times at which it passes the waypoints in `marks`.
+    /// Appends a motion along a path from `velocity` to rest. It ends at `end` if given, else as soon as the limits
+    /// allow. Returns the times at which it passes the waypoints in `marks`.
     fn push_within(
         &mut self,
         path: &Spline,
@@ -213,7 +213,7 @@ impl Builder {
             if resting && least > 0.0 {
                 stretch(&mut nodes, (allowed - width) / least);
             } else if let Some(mut last) = nodes.last().copied() {
-                // A start under way cannot be slowed; the end is waited for.
+                // A moving start cannot be slowed, so the motion waits at its end.
                 last.time = allowed - width;
                 nodes.push(last);
             }
@@ -229,19 +229,19 @@ impl Builder {
             None => Piece::smooth(self.now, joints, &nodes, &places),
         };
         let end = piece.end();
-        // What passes at the end is at rest there.
+        // At the end node the motion is at rest.
         let passed = |node: usize| if node == last { end } else { self.now + nodes[node].time + 0.5 * width };
         let times = places.iter().map(|node| passed(*node)).collect();
         self.append(piece);
         Ok(times)
     }
 
-    /// Whether a motion keeps the torque limits.
+    /// Returns whether a motion keeps the torque limits.
     pub fn bears(&self, motion: &Trajectory) -> bool {
         self.dynamics.as_ref().is_none_or(|d| motion.pieces().iter().all(|piece| d.share(piece) <= SAMPLED))
     }
 
-    /// The trajectory of all joints that the variables drive.
+    /// Returns the trajectory of all joints that the variables drive.
     pub fn build(self, joints: &JointMap) -> Trajectory {
         let mut times = Vec::new();
         for piece in &self.pieces {
@@ -255,7 +255,7 @@ impl Builder {
 }
 
 impl Trajectory {
-    /// Checks on reading: it is a motion: times that increase, and pieces that follow each other.
+    /// Validates a deserialized motion: increasing times, and consecutive pieces.
     fn check(&self) -> Result<(), ProblemError> {
         let fits = |piece: &Piece| piece.is_sound() && piece.joints() == self.joints.indices().len();
         let follow = self.pieces.windows(2).all(|pair| pair[0].counts <= pair[1].counts);
@@ -269,7 +269,7 @@ impl Trajectory {
         Err(ProblemError::new("trajectory", "is damaged"))
     }
 
-    /// Waypoint times (s); every keyframe time is among them.
+    /// Waypoint times (s), including every keyframe time.
     #[must_use]
     pub fn times(&self) -> &[f64] {
         &self.times
@@ -287,14 +287,14 @@ impl Trajectory {
         self.times[self.times.len() - 1]
     }
 
-    /// Number of joints, those that follow others and those that stand still included.
+    /// Number of joints, including mimic joints and fixed ones.
     #[must_use]
     pub fn joints(&self) -> usize {
         self.joints.joints()
     }
 
-    /// Position, velocity and acceleration of all joints at time `t` (s); as at the start before it, at rest after the
-    /// end.
+    /// Returns position, velocity and acceleration of all joints at time `t` (s): those of the start before it, at rest
+    /// after the end.
     #[must_use]
     pub fn sample(&self, t: f64) -> Sample {
         let [position, velocity, acceleration] = self.moving_with_rates(t);
@@ -305,7 +305,7 @@ impl Trajectory {
         out
     }
 
-    /// The variables at a time, with their velocities and accelerations.
+    /// Returns the variables at a time, with velocities and accelerations.
     pub(crate) fn moving_with_rates(&self, t: f64) -> [Row; 3] {
         let t = t.max(self.start());
         let at = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
@@ -315,7 +315,7 @@ impl Trajectory {
         }
     }
 
-    /// Upper bounds of the variables' accelerations between two times.
+    /// Returns upper bounds of the variables' accelerations between two times.
     pub(crate) fn hardest(&self, [from, to]: [f64; 2]) -> Row {
         let mut most = [0.0; MAX_JOINTS];
         let first = self.pieces.partition_point(|p| p.counts <= from).saturating_sub(1);
@@ -331,12 +331,12 @@ impl Trajectory {
         self.times.iter().map(|t| self.sample(*t).position).collect()
     }
 
-    /// Limits of the joints that move.
+    /// Limits of the moving joints.
     pub(crate) fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// Map from the joints that move to all joints.
+    /// Map from the moving joints to all joints.
     pub(crate) fn map(&self) -> &JointMap {
         &self.joints
     }
@@ -345,8 +345,8 @@ impl Trajectory {
         &self.pieces
     }
 
-    /// Whether this motion, of the same joints as `map`, passes a state at a time up to `most` (rad or m, and rates), where
-    /// all other joints stand as in `map`.
+    /// Returns whether this motion, of the same joints as `map`, passes a state at a time within `most` (rad or m, and
+    /// rates), with all other joints as in `map`.
     pub(crate) fn goes_on_from(&self, map: &JointMap, t: f64, state: &[Row; 3], most: f64) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= most;
         let moved = |joint: usize| map.driven().iter().any(|driven| driven.joint == joint);
@@ -357,7 +357,7 @@ impl Trajectory {
             && self.moving_with_rates(t).iter().zip(state).all(|(a, b)| a.iter().zip(b).all(|(a, b)| near(*a, *b)))
     }
 
-    /// Pieces from a time on; the first counts from there.
+    /// Returns the pieces from a time on; the first one takes effect there.
     pub(crate) fn from(&self, t: f64) -> Vec<Piece> {
         let first = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
         let mut out: Vec<Piece> = self.pieces.get(first..).unwrap_or_default().to_vec();
@@ -367,12 +367,12 @@ impl Trajectory {
         out
     }
 
-    /// A motion of the same joints of other pieces.
+    /// Returns a motion of the same joints with other pieces.
     pub(crate) fn with(&self, pieces: Vec<Piece>, times: Vec<f64>, limits: Limits) -> Self {
         Self { pieces, joints: self.joints.clone(), times, limits }
     }
 
-    /// The moving joints at a time, for checks.
+    /// Returns the moving joints at a time, for checks.
     pub(crate) fn moving(&self, t: f64) -> Row {
         self.moving_with_rates(t)[0]
     }

@@ -1,28 +1,28 @@
-//! What two configurations of a motion say of all that lie between them. Points of a group go nearly straight from where
-//! they are in the one to where they are in the other; how nearly is bounded by levers. Pairs of groups are judged by
-//! Quinlan's bubbles.
+//! Bounds of the motion between two configurations. A group's points move nearly straight from their positions in one
+//! configuration to those in the other; lever arms bound the deviation. Pairs of groups are checked with Quinlan's
+//! bubbles.
 
 use super::sweep::{Look, Sweep};
 use crate::Trajectory;
 use crate::world::TOUCH;
 
-/// Single precision is this good (m).
+/// Bound of the rounding error in single precision (m).
 const ROUNDING: f32 = 2e-5;
-/// Turns (rad, of all joints together) beyond which two configurations say nothing of what is between them.
+/// Total rotation of all joints (rad) beyond which two configurations give no bound of the motion between them.
 const MOST_TURN: f32 = 0.8;
 
-/// Movement of the joints between two looks.
+/// Movement of the joints between two checked configurations.
 pub(super) struct Travel {
-    /// Most that each goes (rad or m).
+    /// Maximum travel of each joint (rad or m).
     pub gone: Vec<f32>,
-    /// Difference of its values.
+    /// Difference of each joint's values.
     apart: Vec<f32>,
-    /// Most that it is off the straight line in joint space.
+    /// Maximum deviation of each joint from the straight line in joint space.
     off: Vec<f32>,
 }
 
 impl Sweep<'_> {
-    /// How the joints go from one look to the next.
+    /// Returns the movement of the joints between two checked configurations.
     pub fn travel(&self, motion: &Trajectory, a: &Look, b: &Look) -> Travel {
         let h = b.time - a.time;
         let hardest = motion.hardest([a.time, b.time]);
@@ -33,14 +33,14 @@ impl Sweep<'_> {
         let joints = 0..a.q.len();
         let apart = |j: usize| (a.q[j] - b.q[j]).abs();
         Travel {
-            // A joint that turns back between them moves no further than its acceleration allows.
+            // A joint that reverses in between moves no further than its acceleration allows.
             gone: joints.clone().map(|j| apart(j).max(0.5 * acceleration[j] * h * h) as f32).collect(),
             apart: joints.clone().map(|j| apart(j) as f32).collect(),
             off: joints.map(|j| (0.125 * acceleration[j] * h * h) as f32).collect(),
         }
     }
 
-    /// Whether the gaps that both ends leave are enough for what moves between them.
+    /// Returns whether the gaps at both ends are sufficient for the movement between them.
     pub fn covers(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &Travel) -> bool {
         if place >= groups {
             return self.used(a, b, place, groups, &travel.gone);
@@ -49,21 +49,21 @@ impl Sweep<'_> {
         if !(one > 0.0 && two > 0.0) {
             return false;
         }
-        // On the straight line between both places of a point, at share s of it, the gap is at least one - s c and at least
-        // two - (1 - s) c, where c is its length: so at least the mean of both. No point of the group lies further off its
-        // line than it bends.
+        // On the straight line between both positions of a point, at fraction s, the gap is at least one - s c and at
+        // least two - (1 - s) c, with c its length, so at least the mean of both. A point of the group deviates from
+        // its line by at most the bend.
         let way = furthest(&a.corners[place], &b.corners[place]);
         let (one, two) = (one.max(two - way), two.max(one - way));
         let Some(bend) = self.bend(a, b, place, travel) else { return false };
         0.5 * (one + two - way) >= bend + ROUNDING
     }
 
-    /// Most that a point of a group lies off the straight line between where it is in two configurations, at the same
-    /// share of the time; none where joints turn too far to tell.
+    /// Returns the maximum deviation of a point of a group from the straight line between its positions in two
+    /// configurations, at the same fraction of the time; `None` if the joints rotate too far for a bound.
     fn bend(&self, a: &Look, b: &Look, group: usize, travel: &Travel) -> Option<f32> {
         let joints = a.q.len();
         let lever = |j: usize| a.levers[group * joints + j].min(b.levers[group * joints + j]);
-        // No lever grows by more than what the joints move the group by, and that is what levers make of their turns.
+        // A lever arm grows by at most the displacement of the group, which the lever arms bound.
         let (mut turned, mut slid, mut longest) = (0.0_f32, 0.0_f32, 0.0_f32);
         for &(j, _) in &self.world.carriers[group] {
             let most = travel.gone[j] + travel.off[j];
@@ -78,8 +78,8 @@ impl Sweep<'_> {
             return None;
         }
         let grown = turned * (longest + slid) / (1.0 - turned) + slid;
-        // Second derivatives of a point by joints i and k, the one nearer to the base first, are no longer than the lever
-        // of k. A way that bends by m lies off its chord by at most m / 8.
+        // The second derivative of a point by joints i and k, with i closer to the base, is at most the lever arm of k.
+        // A curve with second derivative m deviates from its chord by at most m / 8.
         let (mut bend, mut before) = (0.0, 0.0);
         for &(j, _) in &self.world.carriers[group] {
             let lever = if self.slides[j] { 1.0 } else { lever(j) + grown };
@@ -90,7 +90,8 @@ impl Sweep<'_> {
         Some(bend)
     }
 
-    /// Joints that move one of a place against the other, each with its largest lever in both configurations.
+    /// Visits the joints that move one of a pair relative to the other, each with its largest lever arm in both
+    /// configurations.
     fn moved(&self, place: usize, groups: usize, mut visit: impl FnMut(usize, usize, usize)) {
         if place < groups {
             self.world.carriers[place].iter().for_each(|(j, _)| visit(*j, place, place));
@@ -105,8 +106,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Whether the gaps that both ends leave are enough for what moves between them. A point at distance r from a
-    /// joint's axis moves at most r + d a radian while it stays within d of where it is.
+    /// Returns whether the gaps at both ends are sufficient for the movement between them. A point at distance r from a
+    /// joint's axis moves at most r + d per radian while it stays within d of its position.
     fn used(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
         let (one, two) = (a.gaps[place], b.gaps[place]);
         if !(one > 0.0 && two > 0.0) {
@@ -121,8 +122,7 @@ impl Sweep<'_> {
         shares <= 1.999
     }
 
-    /// Whether two configurations that keep their distances are so near to each other that what moves between them
-    /// is what rounding is.
+    /// Returns whether two valid configurations are so close that the movement between them is within rounding.
     pub fn is_still(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
         if !(a.gaps[place] >= -1e-7 && b.gaps[place] >= -1e-7) {
             return false;
@@ -137,7 +137,7 @@ impl Sweep<'_> {
     }
 }
 
-/// Largest distance between the same corners of two boxes.
+/// Returns the maximum distance between corresponding corners of two boxes.
 fn furthest(a: &[[f32; 3]; 8], b: &[[f32; 3]; 8]) -> f32 {
     let squared = |p: &[f32; 3], q: &[f32; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f32>();
     a.iter().zip(b).map(|(p, q)| squared(p, q)).fold(0.0, f32::max).sqrt()
@@ -157,7 +157,7 @@ mod tests {
     use crate::world::Compiled;
     use crate::{Cancel, Scene, TransitOptions};
 
-    /// An arm that turns, slides and turns again, with a box on each link.
+    /// An arm with revolute, sliding and revolute joint, and a box on each link.
     fn arm() -> Arc<Robot> {
         let joint = |i: usize, kind: &str, axis: &str, xyz: &str| {
             let (above, reach) = (i - 1, if kind == "prismatic" { 0.2 } else { 2.5 });
@@ -241,7 +241,7 @@ mod tests {
                 }
             }
         }
-        // The bound is one that a motion comes near to.
+        // The bound is nearly reached by a motion.
         assert!(tightest > 0.1, "{tightest}");
     }
 }

@@ -1,5 +1,5 @@
-//! Free space of a robot: configurations and straight edges, eight configurations at a time, and in full where that
-//! cannot tell.
+//! Collision checks of configurations and straight edges in a search: eight configurations at a time in single
+//! precision, and exactly where that is undecided.
 
 use std::time::Instant;
 
@@ -11,19 +11,19 @@ use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::Compiled;
 use crate::{Cancel, Scene};
 
-/// Distances (weighted, m) between the configurations of an edge that are looked at.
+/// Distance (weighted, m) between the checked configurations of an edge.
 pub(super) const RESOLUTION: f64 = 0.05;
 
-/// Factor by which the edges of a way that is to be driven are checked more finely.
+/// Factor by which the edges of a final path are checked more finely.
 const FINER: f64 = 4.0;
 
-/// Things that were in the way last are looked at first: so many of them.
+/// Number of recent obstacles that are checked first.
 const LATEST: usize = 6;
 
-/// Lower bounds of gaps below this (m) mostly mean that something overlaps.
+/// Lower bounds of gaps below this (m) usually mean an overlap.
 const DEEP: f32 = -0.02;
 
-/// When a search ends early.
+/// Conditions that end a search early.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Ending {
     pub cancel: Option<Cancel>,
@@ -32,7 +32,7 @@ pub(super) struct Ending {
 }
 
 impl Ending {
-    /// Why planning has to end, where it was cancelled or is late.
+    /// Returns the reason why planning must end, if it was cancelled or is late.
     pub fn reason(&self) -> Option<NoMotion> {
         if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
             return Some(NoMotion::Cancelled);
@@ -41,24 +41,24 @@ impl Ending {
     }
 }
 
-/// A scene as one search sees it.
+/// A scene prepared for one search.
 pub(super) struct Field<'s> {
     pub scene: &'s Scene,
     pub world: &'s Compiled,
     pub model: &'s Model,
     /// Margins to keep.
     pub needs: Needs,
-    /// Mean displacement (m) of the robot's furthest points by each variable: the metric of the search.
+    /// Mean displacement (m) of the robot's furthest points per unit of each variable: the metric of the search.
     pub weights: Row,
     pub resolution: f64,
     /// Path constraints.
     pub along: Option<Along>,
-    /// Configurations looked at.
+    /// Number of checked configurations.
     pub checks: u64,
     ending: Ending,
     batch: Batch,
     suspects: Vec<Suspect>,
-    /// Groups and what was in their way, the latest first.
+    /// Recent collisions (group and obstacle), the latest first.
     latest: Vec<(usize, Other)>,
     poses: Vec<Pose>,
     q: Vec<f64>,
@@ -87,12 +87,12 @@ impl<'s> Field<'s> {
         }
     }
 
-    /// Whether the search has to end.
+    /// Returns whether the search must end.
     pub fn is_over(&self) -> bool {
         self.ending.max_checks.is_some_and(|most| self.checks >= most) || self.ending.reason().is_some()
     }
 
-    /// Takes a configuration to where what holds all along holds; whether that is possible.
+    /// Moves a configuration so that it meets the path constraints; returns whether that is possible.
     pub fn pull(&mut self, x: &mut Row) -> bool {
         self.along.as_mut().is_none_or(|along| along.pull(self.model, x))
     }
@@ -102,7 +102,7 @@ impl<'s> Field<'s> {
         (0..self.model.n()).map(|v| (self.weights[v] * (b[v] - a[v])).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// One of the first `count` rows that is not free, if any.
+    /// Returns the index of a row among the first `count` that is not free, if any.
     fn blocked(&mut self, count: usize) -> Option<usize> {
         self.checks += count as u64;
         if let Some(along) = &mut self.along
@@ -112,7 +112,7 @@ impl<'s> Field<'s> {
         }
         let world = self.world;
         for lane in 0..LANES {
-            // Lanes that are left over look at what another looks at.
+            // Unused lanes repeat another row.
             self.model.map().positions(&self.rows[if lane < count { lane } else { 0 }], &mut self.q);
             self.batch.set(&world.screen, lane, &self.q);
         }
@@ -124,7 +124,7 @@ impl<'s> Field<'s> {
             Compiled::poses(scene, q, poses);
             world.screen.keeps(s.group, s.other, poses, world.screen.needed(needs, s.group, s.other))
         };
-        // A lane in which something is surely too near; what seems to lie deep inside is measured at once.
+        // A lane in which a pair is surely too close; a pair that seems to overlap deeply is measured immediately.
         let mut struck = |s: &Suspect| {
             let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);
             (0..count)
@@ -155,14 +155,14 @@ impl<'s> Field<'s> {
         if hit.is_some() || suspects.is_empty() {
             return hit;
         }
-        // What looks deepest is likeliest to hit.
+        // The deepest suspects are the likeliest collisions.
         let deepest = |s: &Suspect| s.gap[..count].iter().copied().fold(f32::INFINITY, f32::min);
         self.suspects.sort_by(|a, b| deepest(a).total_cmp(&deepest(b)));
         let mut posed = usize::MAX;
         for s in self.suspects.iter() {
             let apart = world.screen.needed(&self.needs, s.group, s.other);
             for lane in 0..count {
-                // What is no number is not clear.
+                // NaN does not count as clear.
                 if s.gap[lane] >= 0.0 {
                     continue;
                 }
@@ -180,7 +180,7 @@ impl<'s> Field<'s> {
         None
     }
 
-    /// A configuration of a curve that is not free, by its number, if any of them is not.
+    /// Returns the index of a configuration of a curve that is not free, if any.
     pub fn blocked_at(&mut self, curve: &[Row]) -> Option<usize> {
         let batches = curve.len().div_ceil(LANES);
         for batch in 0..batches {
@@ -196,7 +196,7 @@ impl<'s> Field<'s> {
         None
     }
 
-    /// Whether the edges of a way are free, checked more finely than those of a search.
+    /// Returns whether the edges of a path are free, checked more finely than in the search.
     pub fn is_way_free(&mut self, way: &[Row]) -> bool {
         let usual = self.resolution;
         self.resolution = usual / FINER;
@@ -205,15 +205,15 @@ impl<'s> Field<'s> {
         stands
     }
 
-    /// Whether configurations along the straight edge from `a`, which is free, to `b` are free, that included. They are
-    /// spread over the whole edge first, then ever closer.
+    /// Returns whether configurations along the straight edge from `a`, which is free, to `b` are free, including `b`.
+    /// They are spread over the whole edge first, then increasingly dense.
     pub fn is_edge_free(&mut self, a: &Row, b: &Row) -> bool {
         let steps = ((self.length(a, b) / self.resolution).ceil() as usize).max(1);
         let batches = steps.div_ceil(LANES);
         let n = self.model.n();
         for batch in 0..batches {
             let mut count = 0;
-            // Every batch has members all along the edge, the last configuration among those of the first.
+            // Every batch has members along the whole edge; the first one includes the last configuration.
             let mut k = steps - batch;
             loop {
                 let share = k as f64 / steps as f64;
@@ -238,7 +238,7 @@ impl<'s> Field<'s> {
     }
 }
 
-/// Puts what was in the way before all that was earlier.
+/// Moves an obstacle to the front of the recent ones.
 fn remember(latest: &mut Vec<(usize, Other)>, by: (usize, Other)) {
     match latest.iter().position(|other| *other == by) {
         Some(k) => latest[..=k].rotate_right(1),

@@ -1,4 +1,4 @@
-//! Goal of a motion, and the joint vectors that bring a link there.
+//! Goal of a motion, and inverse kinematics for a pose.
 
 use gensim2_geometry::{Chain, ChainFrames, JointKind, Pose, rotation_log};
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -14,9 +14,9 @@ use crate::{Cancel, ProblemError, Scene};
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Goal {
-    /// At one of these joint vectors, each one entry a joint.
+    /// One of these joint vectors, with one entry for each joint.
     Joints(Vec<Vec<f64>>),
-    /// With a link at a pose in the base frame; the hand where none is named.
+    /// A pose of a link in the base frame; default: the hand.
     Pose {
         /// Target pose of the link.
         pose: Pose,
@@ -25,22 +25,22 @@ pub enum Goal {
     },
 }
 
-/// Most joint vectors that are found for a pose.
+/// Maximum number of joint vectors computed for a pose.
 pub const MAX_SOLUTIONS: usize = 256;
-/// Joint vectors that a pose as a goal is taken for.
+/// Number of joint vectors used for a pose as a goal.
 const GOALS: usize = 16;
-/// Places from which solutions are looked for, a solution asked for, and of how many solutions at the least.
+/// Number of start values for each requested solution, and minimum number of solutions to search for.
 const SEEDS: usize = 8;
 const LEAST: usize = 16;
-/// Rounds of the search from one place.
+/// Maximum number of iterations from one start value.
 const ROUNDS: usize = 60;
-/// A pose is met within this (m and rad).
+/// Tolerance of a pose (m and rad).
 const MET: f64 = 1e-7;
-/// Solutions nearer to each other than this (rad or m) are one.
+/// Solutions closer than this count as the same (rad or m).
 const SAME: f64 = 0.05;
 
 impl Goal {
-    /// Joint vectors that are goals, as variables; none where a pose cannot be reached.
+    /// Returns the goal joint vectors as variables; empty if a pose is unreachable.
     pub(super) fn joints(
         &self,
         scene: &Scene,
@@ -70,7 +70,7 @@ impl Goal {
                     .collect()
             }
             Self::Pose { pose, link } => {
-                // The end of the motion under way is a solution that it need not leave.
+                // The end of the current motion is a solution that may be kept.
                 let last = options.warm_start.as_ref().filter(|motion| motion.joints() == q_start.len());
                 let first: Vec<Row> =
                     last.map(|motion| model.pick(&motion.sample(motion.end()).position)).into_iter().collect();
@@ -82,7 +82,7 @@ impl Goal {
     }
 }
 
-/// Refuses a goal for a joint that planning does not move there: it stays, or follows another.
+/// Refuses a goal for a joint that planning does not move: a fixed or a mimic joint.
 fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<(), ProblemError> {
     let (mut reached, joints) = (Vec::new(), scene.robot().joints());
     model.map().positions(&model.pick(q), &mut reached);
@@ -95,12 +95,12 @@ fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<
     Err(ProblemError::new(format!("{field}[{j}]"), message))
 }
 
-/// Distinct joint vectors (one entry a joint) that bring a link, the hand where none is named, to a pose in the base
-/// frame: at most `max_solutions`, nearest to `q_start` first; joints that do not move the hand stay as there. Where the arm is
-/// redundant they are samples. Obstacles are left out.
+/// Returns distinct joint vectors (one entry for each joint) that bring a link, by default the hand, to a pose in the
+/// base frame: at most `max_solutions`, closest to `q_start` first. Joints that do not move the hand keep their values.
+/// For a redundant arm the result is a sample. Obstacles are ignored.
 ///
 /// # Errors
-/// A pose that is not rigid, an unknown link, a start that does not fit, or a number of solutions out of range.
+/// The pose is not rigid, the link is unknown, the start is invalid, or the number of solutions is out of range.
 pub fn solutions(
     scene: &Scene,
     pose: &Pose,
@@ -127,13 +127,13 @@ pub fn solutions(
         .collect())
 }
 
-/// Question for joint vectors that bring a link to a pose.
+/// Inverse kinematics problem of a link.
 struct Ask<'a> {
     pose: &'a Pose,
     link: Option<&'a str>,
     max_solutions: usize,
     seed: usize,
-    /// Places from which they are looked for first.
+    /// First start values.
     first: &'a [Row],
     over: &'a Cancel,
 }
@@ -192,7 +192,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Error to the goal: shift (m) and turn (rad), base frame.
+    /// Returns the error to the goal: translation (m) and rotation (rad), base frame.
     fn left(&mut self, x: &Row) -> Vector6<f64> {
         self.model.map().positions(x, &mut self.q);
         let placed = self.chain.forward(&self.q, &mut self.frames);
@@ -203,7 +203,7 @@ impl Search<'_> {
         Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
     }
 
-    /// Levenberg and Marquardt's way to the goal within the limits, from a place or what of them is nearest to it; `None` where it does not get there.
+    /// Runs Levenberg-Marquardt within the limits from a start value; `None` if it does not reach the goal.
     fn from(&mut self, x: &Row) -> Option<Row> {
         let n = self.model.n();
         let (mut x, mut damping) = (*x, 1e-2);
@@ -230,7 +230,7 @@ impl Search<'_> {
                     column[k + 3] += driven.factor * angular[k];
                 }
             }
-            // Joints at a limit that would leave it stand still.
+            // Joints at a limit that would exceed it stay fixed.
             let mut normal = Matrix6::identity() * (damping * left.norm_squared().min(1.0) + 1e-10);
             let pull = |v: usize, force: &Vector6<f64>| columns[v].dot(force);
             let free: Vec<bool> = (0..n)

@@ -1,5 +1,5 @@
-//! Free motions from one joint vector to others: several goals at once, everything kept at a distance, timed and proven
-//! free all along.
+//! Collision-free motions from one joint vector to one of several goals, with a clearance, timed, and proven free along
+//! the whole motion.
 
 mod between;
 mod field;
@@ -32,20 +32,20 @@ use rounding::Rounding;
 use sweep::Sweep;
 use tree::Manner;
 
-/// Clearance of the search beyond the margin (m), for the curve that the corners are rounded to.
+/// Extra clearance of the search beyond the margin (m), because corners of the path are rounded.
 const CURVED: f64 = 1e-3;
-/// Bodies that touch measure up to this deep in each other (m), by rounding.
+/// Maximum measured overlap of bodies in contact (m), due to rounding.
 const CONTACT: f64 = 1e-7;
-/// Joint values may be off by this (rad or m), by rounding.
+/// Tolerance of joint values (rad or m) for rounding.
 const SLACK: f64 = 1e-6;
-/// Most searches.
+/// Maximum number of searches.
 const TRIES: usize = 200;
-/// Samples of the shortest search. How long a search takes has a heavy tail: many short ones, and ever more seldom a
-/// longer one, find what one long search would miss (Luby, Sinclair and Zuckerman, 1993).
+/// Number of samples of the shortest search. Search times have a heavy tail, so many short searches with occasional
+/// longer ones succeed where one long search fails (Luby, Sinclair and Zuckerman, 1993).
 const SHORTEST: usize = 1000;
-/// Samples of the first search, which is plain: most of those that it will do for are found by then.
+/// Number of samples of the first, plain search, which suffices for most problems that it can solve.
 const PLAIN: usize = 250;
-/// Edges are looked at this many times finer at the most.
+/// Maximum factor by which edges are checked more finely.
 const FINEST: f64 = 8.0;
 
 /// Plans a motion from `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach. Joints that do not
@@ -128,28 +128,28 @@ struct Transit<'a> {
     model: &'a Model,
     options: &'a TransitOptions,
     state: State,
-    /// Whether the start is under way.
+    /// Whether the start is moving.
     is_moving: bool,
     goals: Vec<Row>,
     ending: Ending,
-    /// Set once planning has to end.
+    /// Flag that ends planning.
     over: Cancel,
     limits: Limits,
     dynamics: Option<Dynamics>,
     along: Option<Along>,
 }
 
-/// Why a way that was found became no motion.
+/// Reason why a path did not become a motion.
 enum Stuck {
     Near(Approached),
-    /// The curve leaves what holds along the path.
+    /// The curve violates the path constraints.
     Off,
     Untimed,
-    /// Planning has to end.
+    /// Planning must end.
     Over,
 }
 
-/// Pair at an end of a motion that is nearer than the margin: group, thing, and distance.
+/// Pairs closer than the margin at an end of a motion: group, other body, and distance.
 type Close = Vec<(usize, Other, f64)>;
 
 impl Transit<'_> {
@@ -188,7 +188,7 @@ impl Transit<'_> {
         let nearer = |closes: &[&Close], clearance: f64| {
             let mut needs = world.needs(clearance);
             for (group, other, distance) in closes.iter().copied().flatten() {
-                // Screens say nothing of overlaps: touching is the least that can be asked for.
+                // Screens give no bounds for overlaps, so contact is the smallest required distance.
                 let need = (distance - TOUCH).min(clearance).max(0.0);
                 let place = match world.screen.body(*other) {
                     Some(body) => &mut needs.bodies[group * world.screen.bodies() + body],
@@ -248,14 +248,14 @@ impl Transit<'_> {
                 if left == 0 || field.is_over() {
                     break;
                 }
-                // What lies beyond the margin is a wish.
+                // Clearance beyond the margin is only desired.
                 field.needs = nearer(&all, margin + 0.2 * CURVED);
                 continue;
             };
             let last = path[path.len() - 1];
             let Some((number, _, close)) = open.iter().find(|g| g.1 == last) else { break };
             shorten::shorten(&mut field, &mut path, &pace, seed);
-            // Where a way that is pulled tight cannot be driven, the looser one may.
+            // If the tightened path cannot be driven, the looser one may be.
             let taut = shorten::tauten(&mut field, &path, &pace);
             for path in taut.iter().chain(std::iter::once(&path)) {
                 if !field.is_way_free(path) {
@@ -289,7 +289,7 @@ impl Transit<'_> {
         q
     }
 
-    /// Everything that is nearer than the margin in a configuration.
+    /// Returns all pairs closer than the margin in a configuration.
     fn close(&self, x: &Row) -> Close {
         let world = self.scene.compiled();
         let reach = self.options.margin + CURVED;
@@ -311,8 +311,7 @@ impl Transit<'_> {
             .collect()
     }
 
-    /// Where a search begins: where the arm would stop, as the start under way has no straight edges; at the start where
-    /// something is in the way there.
+    /// Returns where a search begins: the position where a moving start would stop, or the start if that is blocked.
     fn beginning(&self, field: &mut Field<'_>) -> Row {
         let [position, velocity, acceleration] = &self.state;
         let nodes = stop(&self.limits, position, velocity, acceleration);
@@ -326,7 +325,7 @@ impl Transit<'_> {
         Sweep::new(self.scene, self.model, needs, field.weights, &self.over)
     }
 
-    /// Proves that a motion keeps its distances and what holds along the path.
+    /// Proves that a motion keeps its distances and path constraints.
     fn proven(&self, field: &mut Field<'_>, sweep: &mut Sweep<'_>, motion: &Trajectory) -> Result<(), Stuck> {
         let found = sweep.breach(motion);
         field.checks += std::mem::take(&mut sweep.checks);
@@ -342,8 +341,8 @@ impl Transit<'_> {
             .cancelled_by(Some(self.over.clone()))
     }
 
-    /// The motion along corners: rounded as widely as it stays free, else stopping at each corner. What is in the way
-    /// where neither will do.
+    /// Returns the motion along a path: rounded as widely as it stays free, else with a stop at each corner; the
+    /// obstacle if neither is free.
     fn timed(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
@@ -375,7 +374,7 @@ impl Transit<'_> {
     }
 }
 
-/// Element `i`, from 1, of 1, 1, 2, 1, 1, 2, 4, 1, ...
+/// Returns element `i`, from 1, of the Luby sequence 1, 1, 2, 1, 1, 2, 4, 1, ...
 fn luby(i: usize) -> usize {
     let size = (i + 1).next_power_of_two();
     if size == i + 1 { size / 2 } else { luby(i + 1 - size / 2) }
@@ -389,7 +388,7 @@ fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
     }
 }
 
-/// Refuses variables outside their limits; rounding is forgiven.
+/// Refuses variables outside their limits, except for rounding.
 fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
     for v in 0..model.n() {
         let (low, high) = (model.lower[v], model.upper[v]);

@@ -1,5 +1,5 @@
-//! Motions from a start under way: the fastest one to each goal, the rest of the motion under way, and ways round what
-//! is between.
+//! Motions from a moving start: the fastest one to each goal, the rest of the current motion, and paths around
+//! obstacles.
 
 use gensim2_geometry::Needs;
 
@@ -12,33 +12,32 @@ use crate::Trajectory;
 use crate::model::{MAX_JOINTS, Row};
 use crate::timing::{Blend, Builder, Node, Spline, distance, gone_over, keeps, to_rest, to_state};
 
-/// Difference of two states (rad or m, and their rates) that are the same.
+/// Maximum difference (rad or m, and rates) of two states that count as equal.
 const SAME: f64 = 1e-6;
-/// The motion under way goes on unless another one saves this much time (s).
+/// The current motion continues unless another one saves at least this much time (s).
 const SAVES: f64 = 1e-6;
-/// Places of the first edge of a way that a motion goes to at the most.
+/// Maximum number of positions on a path's first edge to which a motion leads.
 const PLACES: usize = 4;
-/// Searches for ways past what is in the way of a start under way, the samples of each, and how many of the ways are
-/// driven. One search alone finds now this way and now another from one plan to the next, and a motion that changes its
-/// mind does not arrive.
+/// Number of searches for paths around an obstacle, samples of each, and number of paths that are timed. A single
+/// search would find different paths in successive plans, and a motion that keeps changing its path does not arrive.
 const WAYS: usize = 8;
 const SAMPLES: usize = 500;
 const DRIVEN: usize = 3;
-/// Configurations that are looked at before no further way is searched for.
+/// Number of checked configurations after which no further path is searched.
 const CHECKS: u64 = 6000;
-/// States of a motion that another one may go over to.
+/// Number of states of a motion at which another one may join it.
 const STATES: usize = 40;
-/// Configurations of a motion that goes over to it that are looked at first.
+/// Number of configurations of a joining motion that are checked first.
 const LOOKS: usize = 16;
-/// Motions that are proven for each motion that they go over to, at the most.
+/// Maximum number of motions that are proven for each motion that they join.
 const PROOFS: usize = 6;
 
 /// State of the moving joints: position, velocity and acceleration.
 pub(super) type State = [Row; 3];
 
 impl Transit<'_> {
-    /// The fastest motion from the start to rest at a configuration, whatever is in the way; `None` where it would leave the
-    /// joint limits.
+    /// Returns the fastest motion from the start to rest at a configuration, ignoring obstacles; `None` if it would
+    /// exceed the joint limits.
     fn straight_to(&self, goal: &Row) -> Option<Trajectory> {
         let [position, velocity, acceleration] = &self.state;
         let nodes = to_rest(&self.limits, position, velocity, acceleration, goal);
@@ -51,7 +50,7 @@ impl Transit<'_> {
         builder.bears(&motion).then_some(motion)
     }
 
-    /// The rest of the motion under way, where it passes the start at the start time and keeps to the limits.
+    /// Returns the rest of the current motion, if it passes the start at the start time and keeps the limits.
     fn going_on(&self) -> Option<Trajectory> {
         let motion = self.options.warm_start.as_ref()?;
         let time = self.options.start_time;
@@ -61,8 +60,8 @@ impl Transit<'_> {
         self.builder().bears(&rest).then_some(rest)
     }
 
-    /// The soonest of the motions that lead to a goal without a search and are free, with the number of that goal among
-    /// `open`; `None` where there is none.
+    /// Returns the earliest of the free motions that need no search, with the index of its goal among `open`; `None` if
+    /// there is none.
     pub(super) fn at_once(
         &self,
         field: &mut Field<'_>,
@@ -94,8 +93,8 @@ impl Transit<'_> {
         None
     }
 
-    /// Return the earliest-ending motion around the obstacles from a start in motion, with its corners. Several paths are
-    /// searched from the start position, and the quickest few are timed and proven.
+    /// Returns the earliest-ending motion around the obstacles from a moving start, with its corners. Several paths are
+    /// searched from the start position, and the fastest few are timed and proven.
     pub(super) fn around(
         &self,
         field: &mut Field<'_>,
@@ -134,7 +133,7 @@ impl Transit<'_> {
         soonest
     }
 
-    /// Estimate of the time along a way, with what it takes to turn into it.
+    /// Estimates the duration of a path, including the turn into it.
     fn effort(&self, pace: &Row, way: &[Row]) -> f64 {
         let n = self.model.n();
         let edges: f64 = way.windows(2).map(|edge| shorten::effort(n, pace, &edge[0], &edge[1])).sum();
@@ -145,8 +144,8 @@ impl Transit<'_> {
         edges + (0..n).map(turn).fold(0.0, f64::max)
     }
 
-    /// The soonest free motion from the start under way that goes over to a motion along corners, from rest at the start
-    /// position, while that is under way.
+    /// Returns the earliest free motion from the moving start that joins a motion along corners, which starts from rest
+    /// at the start position, while that motion is in progress.
     fn going_over(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
@@ -171,7 +170,7 @@ impl Transit<'_> {
         Err(stuck)
     }
 
-    /// The soonest free motion that goes over to another one while that is under way.
+    /// Returns the earliest free motion that joins another motion in progress.
     fn gone_over_to(
         &self,
         field: &mut Field<'_>,
@@ -216,8 +215,9 @@ impl Transit<'_> {
         Err(stuck)
     }
 
-    /// The motion from a start under way along corners: to a place of the first edge, and from there on along a rounded curve,
-    /// which begins while the first motion still brakes. Where none is free, it stops at every corner.
+    /// Returns the motion from a moving start along corners: to a position on the first edge, and from there along a
+    /// rounded curve, which begins while the first motion still brakes. If none is free, the motion stops at every
+    /// corner.
     pub(super) fn blended(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
@@ -259,7 +259,8 @@ impl Transit<'_> {
         self.proven(field, &mut sweep, &motion).map(|()| motion)
     }
 
-    /// Nodes of the fastest motion from the start to rest at a place, where it stays within the joint limits.
+    /// Returns the nodes of the fastest motion from the start to rest at a position, if it stays within the joint
+    /// limits.
     fn lead(&self, place: &Row) -> Option<Vec<Node>> {
         let [position, velocity, acceleration] = &self.state;
         let nodes = to_rest(&self.limits, position, velocity, acceleration, place);
@@ -270,7 +271,7 @@ impl Transit<'_> {
         Blend { lead, limits: &self.limits, room: [&self.model.lower, &self.model.upper], earliest: 0.0 }
     }
 
-    /// The motion to the first of some waypoints and on along the curve through them, as soon as the limits allow.
+    /// Returns the motion to the first waypoint and along the curve through the others, as early as the limits allow.
     fn past(&self, waypoints: &[Row], is_checked: bool) -> Option<Trajectory> {
         let n = self.model.n();
         let lead = self.lead(&waypoints[0])?;

@@ -1,5 +1,5 @@
-//! Path constraints of a free motion: directions of the tool that keep an angle to directions of the base, as the axis
-//! constraints of a config say it. A glass that is carried stays upright.
+//! Path constraints of a free motion: directions of the tool keep an angle to directions of the base, as in a config's
+//! axis constraints. For example, a carried glass stays upright.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,17 +11,17 @@ use crate::config::{Constraint, Frame, TargetAxis};
 use crate::model::{MAX_JOINTS, Model, Placed, Row};
 use crate::{ProblemError, Scene, SolverConfig, Trajectory};
 
-/// Share of the tolerance that a search keeps to: the curve that is made of its corners may take the rest.
+/// Share of the tolerance that a search keeps; the rest is for rounding the corners.
 const SEARCHED: f64 = 0.85;
-/// Share of the tolerance within which a configuration is pulled.
+/// Share of the tolerance that a correction aims for.
 const PULLED: f64 = 0.6;
-/// Rounds of pulling, and its damping.
+/// Maximum number of correction iterations, and their damping.
 const ROUNDS: usize = 12;
 const DAMPING: f64 = 1e-6;
-/// Angles (rad) beyond a tolerance that are rounding.
+/// Violations of a tolerance (rad) below this are rounding errors.
 const ROUNDING: f64 = 1e-6;
 
-/// One direction that keeps an angle to another.
+/// A direction that keeps an angle to another.
 #[derive(Debug, Clone)]
 struct Axis {
     name: String,
@@ -29,7 +29,7 @@ struct Axis {
     tool: Vector3<f64>,
     /// Unit direction in the base frame.
     target: Vector3<f64>,
-    /// Angle between them and what it may be off (rad).
+    /// Angle between them, and its tolerance (rad).
     angle: f64,
     tolerance: f64,
 }
@@ -43,7 +43,7 @@ pub(super) struct Along {
 }
 
 impl Along {
-    /// The axis constraints of a config, between keypoints of the tool and fixed directions of the base.
+    /// Reads the axis constraints of a config, between keypoints of the tool and fixed directions of the base.
     pub fn of(
         config: Option<&SolverConfig>,
         scene: &Scene,
@@ -81,19 +81,19 @@ impl Along {
         Ok((!axes.is_empty()).then(|| Self { axes, robot, placed: Placed::default() }))
     }
 
-    /// Greatest share of its tolerance by which an axis is off.
+    /// Returns the largest deviation of an axis as a share of its tolerance.
     fn share(&mut self, model: &Model, x: &Row) -> f64 {
         let Self { axes, robot, placed } = self;
         placed.place(robot, model, x);
         axes.iter().map(|a| a.off(&(placed.hand.rotation * a.tool)).abs() / a.tolerance).fold(0.0, f64::max)
     }
 
-    /// Whether a configuration keeps to what a search keeps to.
+    /// Returns whether a configuration keeps the search's share of the tolerances.
     pub fn keeps(&mut self, model: &Model, x: &Row) -> bool {
         self.share(model, x) <= SEARCHED
     }
 
-    /// Refuses a configuration that is off.
+    /// Refuses a configuration that violates a constraint.
     pub fn check(&mut self, model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
         if self.share(model, x) <= SEARCHED {
             return Ok(());
@@ -108,8 +108,8 @@ impl Along {
         Err(ProblemError::new(field, message))
     }
 
-    /// Takes a configuration to where the axes keep their angles, within the joint limits; whether it got there. One that
-    /// is there stays as it is.
+    /// Moves a configuration so that the axes keep their angles within the joint limits; returns whether that
+    /// succeeded. A valid configuration is unchanged.
     pub fn pull(&mut self, model: &Model, x: &mut Row) -> bool {
         for _ in 0..ROUNDS {
             if self.keeps(model, x) {
@@ -123,7 +123,7 @@ impl Along {
                 if off.abs() <= PULLED * axis.tolerance {
                     continue;
                 }
-                // About what is square to both, by what is too much.
+                // The rotation about the common perpendicular that removes the excess angle.
                 let about = now.cross(&axis.target);
                 let square = Unit::try_new(about, 1e-9).unwrap_or_else(|| Unit::new_normalize(perpendicular(&now)));
                 let turn = off - (PULLED * axis.tolerance).copysign(off);
@@ -144,8 +144,8 @@ impl Along {
         self.keeps(model, x)
     }
 
-    /// Whether a motion keeps to it all along: the hand turns no faster than all joints together. Not where the search is
-    /// over first.
+    /// Returns whether a motion keeps the constraints throughout, using that the hand rotates no faster than all joints
+    /// together; false if the search ends first.
     pub fn proves(&mut self, model: &Model, trajectory: &Trajectory, is_over: &impl Fn() -> bool) -> bool {
         let most: f64 =
             model.map().driven().iter().map(|d| d.factor.abs() * trajectory.limits().velocity[d.variable]).sum();
@@ -177,7 +177,7 @@ impl Along {
             let hand = self.placed.hand.rotation;
             self.axes.iter().map(|a| a.tolerance - a.off(&(hand * a.tool)).abs()).fold(f64::INFINITY, f64::min)
         };
-        // From the end that was looked at last, all of the time.
+        // The rotation since the last checked end, over the whole interval.
         if 2.0 * turn <= room.max(ROUNDING) {
             return true;
         }
@@ -188,13 +188,13 @@ impl Along {
 }
 
 impl Axis {
-    /// By how much (rad) the angle to the target is too large.
+    /// Returns the excess (rad) of the angle to the target.
     fn off(&self, now: &Vector3<f64>) -> f64 {
         now.cross(&self.target).norm().atan2(now.dot(&self.target)) - self.angle
     }
 }
 
-/// Some direction square to another.
+/// Returns some perpendicular direction.
 fn perpendicular(to: &Vector3<f64>) -> Vector3<f64> {
     let least = to.iamin();
     to.cross(&Vector3::ith(least, 1.0))

@@ -1,4 +1,4 @@
-//! Question and answer of a motion to a goal: options, motion, and the reason where there is none.
+//! Options of a motion to a goal, and its result or reason for failure.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,53 +10,53 @@ use crate::checked::checked_when_read;
 use crate::options::LimitSet;
 use crate::{Cancel, CannotStop, Options, ProblemError, SolverConfig, Trajectory};
 
-/// Greatest seed.
+/// Maximum seed.
 const MAX_SEED: usize = 1_000_000;
 
 /// Options of a motion to a goal.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct TransitOptions {
-    /// Distance (m) that everything keeps all along, 5 mm unless told. A pair that is nearer at the start or at a goal
-    /// keeps the distance that it has there.
+    /// Minimum distance (m) along the whole motion, 5 mm by default. A pair that is closer at the start or at a goal
+    /// keeps its distance there.
     pub margin: f64,
-    /// Most samples of a search.
+    /// Maximum number of samples of a search.
     pub samples: usize,
-    /// Which samples are drawn.
+    /// Seed of the samples.
     pub seed: usize,
-    /// Share of the velocity limits.
+    /// Fraction of the velocity limits.
     pub velocity_scale: f64,
-    /// Share of the acceleration and jerk limits.
+    /// Fraction of the acceleration and jerk limits.
     pub acceleration_scale: f64,
-    /// Acceleration and jerk limits of an arm that is known.
+    /// Acceleration and jerk limits of a known arm.
     pub limits: Option<LimitSet>,
-    /// Velocity limits (rad/s or m/s), one entry a joint; the URDF's where there are none.
+    /// Velocity limits (rad/s or m/s), one entry for each joint; default: the URDF's.
     pub velocity_limits: Option<Vec<f64>>,
-    /// Acceleration limits (rad/s^2 or m/s^2), one entry a joint; those of `limits` where there are none.
+    /// Acceleration limits (rad/s^2 or m/s^2), one entry for each joint; default: those of `limits`.
     pub acceleration_limits: Option<Vec<f64>>,
-    /// Jerk limits (rad/s^3 or m/s^3), likewise.
+    /// Jerk limits (rad/s^3 or m/s^3), one entry for each joint; default: those of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
-    /// Torque limits (N m; N for sliding joints), one entry a joint; torques are not looked at where there are none.
+    /// Torque limits (N m; N for sliding joints), one entry for each joint; default: torques are not limited.
     pub torque_limits: Option<Vec<f64>>,
-    /// A config whose axis constraints hold all along the motion: between keypoints of the tool, to fixed directions of the
-    /// base (frame `world`).
+    /// A config whose axis constraints hold along the whole motion, between keypoints of the tool and fixed directions
+    /// of the base (frame `world`).
     pub path: Option<SolverConfig>,
-    /// Keypoints of the tool that it names (m, hand frame), beside those of what the hand holds.
+    /// Keypoints of the tool that `path` names (m, hand frame), in addition to those of attached bodies.
     pub tool_keypoints: BTreeMap<String, Vector3<f64>>,
-    /// Velocity at the start (rad/s or m/s), one entry a joint; at rest where there is none.
+    /// Velocity at the start (rad/s or m/s), one entry for each joint; default: at rest.
     pub start_velocity: Option<Vec<f64>>,
-    /// Acceleration there (rad/s^2 or m/s^2), likewise.
+    /// Acceleration at the start (rad/s^2 or m/s^2), one entry for each joint; default: zero.
     pub start_acceleration: Option<Vec<f64>>,
     /// Time of the start (s).
     pub start_time: f64,
-    /// The motion under way. Where it passes the start at `start_time` and is still free, it goes on unless another one
-    /// ends sooner.
+    /// The current motion. If it passes the start at `start_time` and is still free, it continues unless another one
+    /// ends earlier.
     pub warm_start: Option<Trajectory>,
-    /// Ends the search after so many configurations.
+    /// Maximum number of checked configurations.
     pub max_checks: Option<u64>,
-    /// Ends the search after so long; without one, the same question has the same answer.
+    /// Time limit of the search; without one, the result is reproducible.
     pub deadline: Option<Duration>,
-    /// Ends the search from another thread.
+    /// Flag that ends the search from another thread.
     pub cancel: Option<Cancel>,
 }
 
@@ -86,42 +86,42 @@ impl Default for TransitOptions {
     }
 }
 
-/// Two things that are near each other at an end of a motion.
+/// Two bodies that are close to each other at an end of a motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Approached {
-    /// Link or held body, and body or link.
+    /// Link or attached body, and body or link.
     pub bodies: [String; 2],
     /// Signed distance (m).
     pub distance: f64,
 }
 
-/// A motion found: timed, and proven to keep its distances all along.
+/// A timed motion, proven to keep its distances throughout.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[non_exhaustive]
 pub struct Motion {
-    /// The motion; it begins at the start time.
+    /// The motion, which begins at the start time.
     pub trajectory: Trajectory,
-    /// Index, among the goals that were given, of the one that the motion ends at.
+    /// Index of the reached goal among the given ones.
     pub goal: usize,
-    /// Corners of the way that it follows, one entry a joint each.
+    /// Vertices of the path that the motion follows, with one entry for each joint.
     pub corners: Vec<Vec<f64>>,
-    /// Pairs that are nearer than the margin at the start or at that goal, with the distance that they keep.
+    /// Pairs closer than the margin at the start or at that goal, with the distance that they keep.
     pub nearer: Vec<Approached>,
-    /// Configurations that were looked at.
+    /// Number of checked configurations.
     pub checks: u64,
-    /// Limits ("acceleration", "jerk") of which neither the options nor the URDF say anything, so that plain ones are
-    /// assumed.
+    /// Limits ("acceleration", "jerk") for which defaults are assumed because neither the options nor the URDF give
+    /// them.
     pub assumed_limits: Vec<String>,
-    /// What a user should know: limits that are assumed for which joints, and links that are never checked.
+    /// Warnings: assumed limits with their joints, and links that are never checked for collisions.
     pub warnings: Vec<String>,
 }
 
 checked_when_read!(Motion);
 
 impl Motion {
-    /// Whether its corners have an entry a joint, and its numbers are finite.
+    /// Validates that the vertices have one entry for each joint, and that the numbers are finite.
     fn check(&self) -> Result<(), ProblemError> {
         let fits = |q: &Vec<f64>| q.len() == self.trajectory.joints() && q.iter().all(|v| v.is_finite());
         if self.corners.iter().all(fits) && self.nearer.iter().all(|a| a.distance.is_finite()) {
@@ -131,25 +131,25 @@ impl Motion {
     }
 }
 
-/// Why there is no motion.
+/// Reason why there is no motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum NoMotion {
-    /// Something overlaps at the start.
+    /// Bodies overlap at the start.
     StartBlocked(Approached),
-    /// Something overlaps at every goal; at the first, this.
+    /// Bodies overlap at every goal; those at the first goal.
     GoalsBlocked(Approached),
     /// No goal can be reached: no joint values within the limits bring the link there.
     Unreachable,
-    /// The samples or checks are spent; there may be a motion. What was in the way of the last that was timed.
+    /// The samples or checks are used up; a motion may exist. The obstacle of the last timed motion.
     NotFound(Option<Approached>),
-    /// A free way was found, and no motion along it that keeps the limits of velocity, acceleration, jerk and torque.
+    /// A free path was found, but no motion along it within the limits of velocity, acceleration, jerk and torque.
     Untimed,
-    /// No motion from the state at the start stays within the joints' limits: the joint, by its name, and why.
+    /// No motion from the start state stays within the joints' limits: name of the joint, and reason.
     CannotStop(String, CannotStop),
-    /// The time is up; there may be a motion.
+    /// The time limit has passed; a motion may exist.
     Late,
-    /// The caller cancelled it.
+    /// The caller cancelled planning.
     Cancelled,
 }
 
@@ -173,7 +173,7 @@ impl std::fmt::Display for NoMotion {
 }
 
 impl TransitOptions {
-    /// Timing options, in the form of a problem's.
+    /// Returns the timing options in the form of a problem's.
     pub(super) fn limits(&self) -> Options {
         Options {
             velocity_scale: self.velocity_scale,
@@ -199,7 +199,7 @@ impl TransitOptions {
     }
 }
 
-/// Refuses seeds beyond those of `options.seed`.
+/// Refuses seeds above the maximum.
 pub(super) fn check_seed(seed: usize) -> Result<(), ProblemError> {
     if seed > MAX_SEED {
         return Err(ProblemError::new("seed", format!("must be 0 to {MAX_SEED}, not {seed}")));

@@ -1,17 +1,17 @@
-//! Smooth curves near the corners of a way: wide about each where that is free, tighter where it is not.
+//! Smooth curves near the corners of a path: as wide as possible at each corner.
 
 use super::field::Field;
 use crate::model::{Model, Row};
 use crate::timing::{Spline, distance};
 
-/// Spacing of waypoints (rad or m) at first: the curve bends about as far before and after a corner as they are apart.
+/// Initial spacing of waypoints (rad or m), which determines how far before and after a corner the curve bends.
 const WIDEST: f64 = 0.6;
-/// Tighter than this no corner is driven: stops are quicker.
+/// Minimum spacing; tighter corners are slower than stops.
 const TIGHTEST: f64 = 0.02;
-/// Spacing of configurations that are looked at (rad or m).
+/// Spacing of checked configurations (rad or m).
 const LOOKS: f64 = 0.05;
 
-/// Curves through a way, tighter from one to the next.
+/// Curves through a path, each tighter than the last.
 pub(super) struct Rounding<'c> {
     corners: &'c [Row],
     /// Spacing of waypoints on each edge.
@@ -23,8 +23,8 @@ impl<'c> Rounding<'c> {
         Self { corners, spacing: vec![WIDEST; corners.len().saturating_sub(1)] }
     }
 
-    /// The next curve that is free as far as it is looked at, its waypoints, and how many of them follow the first on its
-    /// edge; `None` where some corner would have to be too tight.
+    /// Returns the next curve that is free as far as it is checked, its waypoints, and the number of waypoints that
+    /// follow the first on its edge; `None` if a corner would have to be too tight.
     pub fn next(&mut self, field: &mut Field<'_>, n: usize, model: &Model) -> Option<(Spline, Vec<Row>, usize)> {
         loop {
             if self.spacing.iter().any(|s| *s < TIGHTEST) || field.is_over() {
@@ -53,7 +53,7 @@ impl<'c> Rounding<'c> {
                 let first = edge_of.iter().filter(|edge| **edge == 0).count();
                 return Some((path, waypoints, first));
             };
-            // A straight way cannot be driven otherwise.
+            // A straight path has no alternative.
             if self.corners.len() < 3 {
                 return None;
             }
@@ -62,7 +62,7 @@ impl<'c> Rounding<'c> {
             let count = edge_of.iter().filter(|e| **e == edge).count();
             let along = ((interval - first) as f64 + part) / count.max(1) as f64;
             self.spacing[edge] *= 0.5;
-            // The corner next to it is what bends the curve there.
+            // The adjacent corner determines the curve there.
             if along < 0.5 && edge > 0 {
                 self.spacing[edge - 1] *= 0.5;
             } else if along >= 0.5 && edge + 1 < self.spacing.len() {
@@ -71,12 +71,12 @@ impl<'c> Rounding<'c> {
         }
     }
 
-    /// Has every corner driven more tightly.
+    /// Makes every corner tighter.
     pub fn tighten(&mut self) {
         self.spacing.iter_mut().for_each(|s| *s *= 0.5);
     }
 
-    /// Waypoints, and the edge of each interval between them.
+    /// Returns the waypoints, and the edge of each interval between them.
     fn waypoints(&self, n: usize) -> (Vec<Row>, Vec<usize>) {
         let (mut out, mut edge_of) = (vec![self.corners[0]], Vec::new());
         for (edge, pair) in self.corners.windows(2).enumerate() {

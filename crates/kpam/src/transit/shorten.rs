@@ -1,27 +1,27 @@
-//! Shorter ways: corners left out, then cut, then pulled tight.
+//! Shortens paths: drops vertices, adds shortcuts, then tightens the path.
 
 use super::field::Field;
 use crate::free_space::Draws;
 use crate::model::Row;
 
-/// Rounds of cuts.
+/// Maximum number of shortcut attempts.
 const ROUNDS: usize = 60;
-/// A cut has to save this share of the way between its ends.
+/// A shortcut must be shorter than this share of the path between its ends.
 const WORTH: f64 = 0.995;
-/// Rounds without a cut after which there are no more.
+/// Number of consecutive failed attempts that ends the shortcuts.
 const IDLE: usize = 16;
-/// Shares of the way to the straight line by which a corner is pulled, one after the other.
+/// Fractions of the distance to the straight line by which a vertex is moved, tried in turn.
 const PULLS: [f64; 2] = [0.5, 0.2];
-/// A pull has to save this share of the whole way.
+/// A tightening must save this share of the whole path.
 const SAVES: f64 = 0.002;
 
-/// Length of a straight edge in the time that the joints need for it at the least: root of the sum of squares of each
-/// joint's.
+/// Returns the length of a straight edge in terms of the minimum time of the joints: the root of the sum of squares
+/// over the joints.
 pub(super) fn effort(n: usize, pace: &Row, a: &Row, b: &Row) -> f64 {
     (0..n).map(|v| ((b[v] - a[v]) * pace[v]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Shortens a way in place; `pace` weighs each variable (seconds for a unit of it).
+/// Shortens a path in place; `pace` weights each variable (seconds per unit).
 pub(super) fn shorten(field: &mut Field<'_>, path: &mut Vec<Row>, pace: &Row, seed: usize) {
     let n = field.model.n();
     skip(field, path);
@@ -63,8 +63,8 @@ pub(super) fn shorten(field: &mut Field<'_>, path: &mut Vec<Row>, pace: &Row, se
     skip(field, path);
 }
 
-/// A way with its corners pulled towards the straight line past each, as far as the edges stay free; `None` where that
-/// saves nothing.
+/// Returns a path with its vertices moved towards the straight line between their neighbours, as far as the edges stay
+/// free; `None` if that saves nothing.
 pub(super) fn tauten(field: &mut Field<'_>, path: &[Row], pace: &Row) -> Option<Vec<Row>> {
     let n = field.model.n();
     let total: f64 = path.windows(2).map(|w| effort(n, pace, &w[0], &w[1])).sum();
@@ -91,7 +91,7 @@ pub(super) fn tauten(field: &mut Field<'_>, path: &[Row], pace: &Row) -> Option<
     moved.then_some(out)
 }
 
-/// Leaves out corners where the straight edge past them is free.
+/// Drops vertices if the straight edge past them is free.
 fn skip(field: &mut Field<'_>, path: &mut Vec<Row>) {
     let mut i = 0;
     while i + 2 < path.len() {
@@ -101,7 +101,7 @@ fn skip(field: &mut Field<'_>, path: &mut Vec<Row>) {
                 path.drain(i + 1..j);
                 break;
             }
-            // Ends far off first, then half as far.
+            // Distant ends first, then half as far.
             j = i + (j - i) / 2;
         }
         i += 1;

@@ -1,5 +1,5 @@
-//! Proof that a timed motion keeps its distances all along: between two configurations nothing moves further than what
-//! both leave, or another is looked at between them.
+//! Proof that a timed motion keeps its distances: between two checked configurations nothing moves further than the
+//! gaps at both allow, or another configuration between them is checked.
 
 use gensim2_geometry::{Batch, JointKind, LANES, Needs, Other, Pose, Screen, Suspect};
 
@@ -8,31 +8,31 @@ use crate::model::{Model, Row};
 use crate::world::Compiled;
 use crate::{Cancel, Scene, Trajectory};
 
-/// Distances beyond this (m) are not told apart.
+/// Distances are capped at this value (m).
 const REACH: f32 = 0.08;
-/// Spacing of the first configurations (weighted, m).
+/// Initial spacing of configurations (weighted, m).
 const FIRST: f64 = 0.09;
-/// Times between places at which the way is measured (s), and how many of them there are at the most.
+/// Time between positions at which the length of the motion is measured (s), and their maximum number.
 const STEP: f64 = 0.02;
 const MAX_STEPS: f64 = 5e3;
-/// Most configurations: a motion that needs more is not proven.
+/// Maximum number of configurations; a motion that needs more is not proven.
 const MAX_LOOKS: usize = 20_000;
-/// Pairs that leave less than this (m) are measured in full.
+/// Pairs with a smaller gap than this (m) are measured exactly.
 const CLOSE: f32 = 0.02;
 
-/// A configuration of the motion and what is known of its surroundings.
+/// A configuration of the motion with the gaps to its surroundings.
 pub(super) struct Look {
     pub time: f64,
     pub q: Vec<f64>,
-    /// Slack (m) of each group and of each pair of groups.
+    /// Gap (m) of each group and of each pair of groups.
     pub gaps: Vec<f32>,
-    /// Whether the gap was measured.
+    /// Whether the gap was measured exactly.
     measured: Vec<bool>,
     suspects: Vec<Suspect>,
     lane: usize,
-    /// Whether nothing is too near between this one and the next.
+    /// Whether the motion to the next configuration is proven free.
     sure: bool,
-    /// Largest distances from axes, one row a group.
+    /// Maximum distances from axes, one row for each group.
     pub levers: Vec<f32>,
     /// Corners of a box around each group (m, base frame).
     pub corners: Vec<[[f32; 3]; 8]>,
@@ -44,10 +44,10 @@ pub(super) struct Sweep<'s> {
     pub model: &'s Model,
     pub world: &'s Compiled,
     pub needs: &'s Needs,
-    /// Mean levers (m), for the first spacing.
+    /// Mean lever arms (m), for the initial spacing.
     pub weights: Row,
     pub checks: u64,
-    /// Set once the proof has to end.
+    /// Flag that ends the proof.
     over: &'s Cancel,
     /// Whether each joint slides.
     pub slides: Vec<bool>,
@@ -80,7 +80,7 @@ impl<'s> Sweep<'s> {
     /// Proves that the whole motion keeps its distances.
     ///
     /// # Errors
-    /// The first breach found, or that the proof had to end.
+    /// The first violation found, or that the proof was ended.
     pub fn breach(&mut self, motion: &Trajectory) -> Result<(), Stuck> {
         let (start, end) = (motion.start(), motion.end());
         let mut times = vec![start];
@@ -121,7 +121,7 @@ impl<'s> Sweep<'s> {
                 return Err(Stuck::Near(Approached { bodies: names, distance: 0.0 }));
             }
             let more = self.look(motion, &between)?;
-            // What is certified is not looked at again: only the neighbours of what is new are kept.
+            // Proven intervals are not checked again; only the neighbours of new configurations are kept.
             let mut merged: Vec<Look> = Vec::with_capacity(looks.len() + more.len());
             let mut old = looks.into_iter().peekable();
             for look in more {
@@ -135,7 +135,7 @@ impl<'s> Sweep<'s> {
         }
     }
 
-    /// Looks at the motion at some times; a breach where something is too near for certain.
+    /// Checks the motion at some times; an error if a pair is surely too close.
     pub(super) fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Stuck> {
         let screen = self.screen();
         let (groups, joints) = (screen.groups(), self.scene.robot().joints().len());
@@ -172,7 +172,7 @@ impl<'s> Sweep<'s> {
                 let place = place_of(s, groups);
                 for look in looks.iter_mut() {
                     let gap = s.gap[look.lane];
-                    // What is no number is not clear.
+                    // NaN does not count as clear.
                     if !is_clear(gap, REACH) {
                         look.gaps[place] = if gap < look.gaps[place] { gap } else { look.gaps[place].min(gap) };
                         look.suspects.push(*s);
@@ -204,7 +204,7 @@ impl<'s> Sweep<'s> {
         Ok(out)
     }
 
-    /// Replaces lower bounds by distances.
+    /// Replaces lower bounds by exact distances.
     fn measure(&mut self, look: &mut Look, place: usize) {
         if look.measured[place] {
             return;
@@ -225,7 +225,7 @@ impl<'s> Sweep<'s> {
         look.gaps[place] = (least - 1e-8) as f32;
     }
 
-    /// Pairs measured to be too near in a configuration.
+    /// Returns a pair measured to be too close in a configuration.
     fn touching(&mut self, look: &Look) -> Option<Approached> {
         let screen = self.screen();
         let place = (0..look.gaps.len()).find(|p| look.measured[*p] && look.gaps[*p] < -1e-7)?;
@@ -242,7 +242,7 @@ impl<'s> Sweep<'s> {
         Some(Approached { bodies: self.world.named(self.scene, group, other), distance })
     }
 
-    /// Whether nothing between two configurations can be nearer than it may be.
+    /// Returns whether no pair can be too close between two configurations.
     fn certify(&mut self, motion: &Trajectory, a: &mut Look, b: &mut Look) -> bool {
         let travel = self.travel(motion, a, b);
         let groups = self.screen().groups();
@@ -250,7 +250,7 @@ impl<'s> Sweep<'s> {
             if self.covers(a, b, place, groups, &travel) {
                 return true;
             }
-            // Bounds from balls may be too low: what is near is measured.
+            // Bounds from spheres may be too low, so close pairs are measured exactly.
             let mut better = false;
             for look in [&mut *a, &mut *b] {
                 if !look.measured[place] && look.gaps[place] < CLOSE {
@@ -263,7 +263,7 @@ impl<'s> Sweep<'s> {
     }
 }
 
-/// Whether a gap is at least a limit; what is no number is not.
+/// Returns whether a gap is at least a limit; false for NaN.
 fn is_clear(gap: f32, limit: f32) -> bool {
     gap >= limit
 }

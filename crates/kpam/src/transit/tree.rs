@@ -1,42 +1,42 @@
 //! RRT-Connect (Kuffner and LaValle, 2000) from one start to several goals at once. Samples come from a counter, so the
 //! same problem gives the same path.
 //!
-//! Where an end lies in a narrow place, most long edges from it are blocked, and what leads out is short and goes few
-//! ways: a thorough search keeps the beginning of a blocked edge where it is free, and draws half of its samples about
-//! the tree. Where long edges will do, a plain one finds shorter ways.
+//! If an end lies in a narrow space, most long edges from it are blocked, and only a few short ones lead out. A
+//! thorough search therefore keeps the free beginning of a blocked edge, and draws half of its samples around the tree.
+//! If long edges suffice, a plain search finds shorter paths.
 
 use super::field::Field;
 use crate::free_space::Draws;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Longest edge that a tree grows by (weighted, m).
+/// Maximum length of an edge by which a tree grows (weighted, m).
 const EDGE: f64 = 0.6;
-/// Share of the way that may be left after it where EDGE is all of it.
+/// Share of the distance that may remain after an edge shortened by constraints.
 const NEARER: f64 = 0.98;
-/// So much of a blocked edge is tried by itself.
+/// Fraction of a blocked edge that is tried by itself.
 const BEGINNING: f64 = 0.3;
-/// Beginnings shorter than this (weighted, m) are not worth a node.
+/// Shorter beginnings of edges (weighted, m) are dropped.
 const SHORTEST: f64 = 0.03;
-/// Share of the samples that are drawn about a node of the tree that grows, and how far from it each variable may be
+/// Share of the samples drawn around a node of the growing tree, and the maximum distance of each variable from it
 /// (weighted, m).
 const LOCAL: f64 = 0.5;
 const SPREAD: f64 = 0.6;
-/// Variables that move the robot less than this (m a unit) are drawn as if they moved it so much.
+/// Minimum weight (m per unit) of a variable for drawing samples.
 const LIGHTEST: f64 = 0.05;
 
 /// Parameters of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Manner {
-    /// Whole edges, to samples drawn anywhere.
+    /// Complete edges, to samples drawn anywhere.
     Plain,
-    /// Beginnings of blocked edges too, and samples about the trees.
+    /// Also beginnings of blocked edges, and samples around the trees.
     Thorough,
 }
 
-/// Configurations, each with its parent; roots are their own.
+/// Configurations, each with its parent; a root is its own parent.
 struct Tree {
     nodes: Vec<Row>,
-    /// The nodes in the metric of the search, variable by variable.
+    /// The nodes in the metric of the search.
     scaled: Vec<Row>,
     parents: Vec<usize>,
 }
@@ -71,7 +71,7 @@ impl Tree {
         best.1
     }
 
-    /// Configurations from a node back to its root.
+    /// Returns the configurations from a node back to its root.
     fn to_root(&self, mut at: usize) -> Vec<Row> {
         let mut out = vec![self.nodes[at]];
         while self.parents[at] != at {
@@ -90,8 +90,8 @@ fn scaled(field: &Field<'_>, x: &Row) -> Row {
     out
 }
 
-/// Corners of a way from `start` to one of `goals`, both included, along edges that are free as far as they were looked
-/// at; `None` where the samples are spent, or the search has to end.
+/// Returns the vertices of a path from `start` to one of `goals`, including both, along edges that are free as far as
+/// checked; `None` if the samples are used up, or the search must end.
 pub(super) fn search(
     field: &mut Field<'_>,
     start: &Row,
@@ -100,7 +100,7 @@ pub(super) fn search(
     seed: usize,
     manner: Manner,
 ) -> Option<Vec<Row>> {
-    // The straight ways first, the shortest before the others.
+    // Straight edges first, the shortest one first.
     let mut near: Vec<&Row> = goals.iter().collect();
     near.sort_by(|a, b| field.length(start, a).total_cmp(&field.length(start, b)));
     for goal in near {
@@ -137,13 +137,13 @@ pub(super) fn search(
                 }
             }
         }
-        // The smaller tree grows: the harder end gets the more samples.
+        // The smaller tree grows, so that the harder end gets more samples.
         active = usize::from(trees[1].nodes.len() < trees[0].nodes.len());
     }
     None
 }
 
-/// A configuration to grow towards: anywhere, or about a node of the tree.
+/// Returns a configuration to grow towards: anywhere, or around a node of the tree.
 fn sample(field: &Field<'_>, tree: &Tree, draws: &mut Draws, manner: Manner) -> Row {
     let node = (manner == Manner::Thorough && draws.unit() < LOCAL).then(|| {
         let at = (draws.unit() * tree.nodes.len() as f64) as usize;
@@ -165,20 +165,20 @@ fn sample(field: &Field<'_>, tree: &Tree, draws: &mut Draws, manner: Manner) -> 
 
 /// Outcome of an edge.
 enum Grown {
-    /// It is free: its end.
+    /// The edge is free; its end.
     Whole(usize),
-    /// It is blocked, but for its beginning, which ends there.
+    /// The edge is blocked except for its beginning; the end of that.
     Beginning(usize),
     Not,
 }
 
-/// Takes the end of an edge to where what holds all along holds; whether that can be done, and leaves it nearer to
-/// `target` than the `length` that its start is away.
+/// Moves the end of an edge so that it meets the path constraints; returns whether that succeeds and brings it closer
+/// to `target` than `length`, the distance of its start.
 fn pulled(field: &mut Field<'_>, end: &mut Row, target: &Row, length: f64) -> bool {
     field.along.is_none() || (field.pull(end) && (end == target || field.length(end, target) <= NEARER * length))
 }
 
-/// Grows a tree one edge towards `target`.
+/// Grows a tree by one edge towards `target`.
 fn grow(field: &mut Field<'_>, tree: &mut Tree, target: &Row, manner: Manner) -> Grown {
     let n = field.model.n();
     let from = tree.nearest(n, &scaled(field, target));

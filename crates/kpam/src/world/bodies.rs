@@ -1,4 +1,4 @@
-//! The bodies of a scene, and the tree over them: built once, shared by all that is derived.
+//! The bodies of a scene with their bounding volume hierarchy, built once and shared by derived scenes.
 
 use std::ops::Deref;
 use std::sync::{Arc, OnceLock};
@@ -14,13 +14,12 @@ struct Shared {
     obstacles: OnceLock<Obstacles>,
 }
 
-/// Bodies and the tree over those that stand still. Clones share both.
+/// Bodies, and the hierarchy over the fixed ones. Clones share both.
 #[derive(Clone, Default)]
 pub struct Bodies(Arc<Shared>);
 
 impl Bodies {
-    /// Those that stand still, by their place in the list; attached bodies have no shapes there. Built when first asked
-    /// for.
+    /// The fixed bodies, by their index in the list; attached bodies have no shapes there. Built on first use.
     pub(crate) fn obstacles(&self) -> &Obstacles {
         self.0.obstacles.get_or_init(|| {
             Obstacles::new(self.0.list.iter().map(|body| {
@@ -30,7 +29,7 @@ impl Bodies {
         })
     }
 
-    /// Refuses names that two bodies have, or a body and a link: messages name both by them.
+    /// Refuses names shared by two bodies, or by a body and a link, since messages use the names.
     pub(crate) fn check_names(&self, robot: &Robot) -> Result<(), ProblemError> {
         for (i, Body { name, .. }) in self.iter().enumerate() {
             let message = match () {
@@ -43,7 +42,7 @@ impl Bodies {
         Ok(())
     }
 
-    /// Whether what tells of places begins at once, as [`crate::Scene::is_ready`].
+    /// Whether queries with positions start immediately, as [`crate::Scene::is_ready`].
     #[must_use]
     pub fn is_ready(&self) -> bool {
         self.0.obstacles.get().is_some()

@@ -1,17 +1,17 @@
-//! Free neighbourhoods of free states (Quinlan's bubbles).
+//! Collision-free neighbourhoods of collision-free states (Quinlan's bubbles).
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// A pair that leaves a gap.
+/// A pair with a gap.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Near {
     pub gap: f64,
     pub group: usize,
-    /// The other group, or `None` for what stands still.
+    /// The other group, or `None` for a fixed body.
     pub other: Option<usize>,
 }
 
-/// Whether each joint carries each group: one row a group, the object's joint last.
+/// Whether each joint carries each group: one row for each group, the object's joint last.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Carried {
     pub joints: usize,
@@ -23,21 +23,21 @@ impl Carried {
         &self.flags[group * self.joints..(group + 1) * self.joints]
     }
 
-    /// Whether anything that is planned for moves a group.
+    /// Whether a planned motion moves a group.
     pub fn moves(&self, group: usize) -> bool {
         self.row(group).iter().any(|m| *m)
     }
 }
 
-/// States about a free one that are free as well. A state is the arm's joint values and the travel of the object's
-/// joint; all of them count as joints here, the object's last.
+/// States around a free one that are free as well. A state consists of the arm's joint values and the travel of the
+/// object's joint, which counts as the last joint here.
 #[derive(Debug, Clone)]
 pub(crate) struct Bubble {
     pub center: Row,
     pub travel: f64,
     /// Number of joints.
     pub joints: usize,
-    /// Largest distance of each group's points from each joint's axis, one row a group.
+    /// Maximum distance of each group's points from each joint's axis, one row for each group.
     pub levers: Vec<f64>,
     pub pairs: Vec<Near>,
 }
@@ -49,12 +49,12 @@ impl Default for Bubble {
 }
 
 impl Bubble {
-    /// Whether the state `steps` from the centre is inside.
+    /// Returns whether the state `steps` from the centre is inside.
     pub fn holds(&self, carried: &Carried, steps: &[f64]) -> bool {
         self.pairs.iter().all(|p| self.used(carried, p, steps) <= p.gap)
     }
 
-    /// Number of times that `steps` can be taken from the centre inside.
+    /// Returns how many times `steps` can be taken from the centre inside.
     pub fn times(&self, carried: &Carried, steps: &[f64]) -> f64 {
         self.pairs.iter().map(|p| p.gap / self.used(carried, p, steps)).fold(f64::INFINITY, f64::min)
     }
@@ -63,8 +63,8 @@ impl Bubble {
         &self.levers[group * self.joints..(group + 1) * self.joints]
     }
 
-    /// Largest part of a pair's gap that a step uses. A point at distance r from a joint's axis moves at most r + d per
-    /// radian while it stays within d of where it is.
+    /// Returns the largest share of a pair's gap that a step uses. A point at distance r from a joint's axis moves at
+    /// most r + d per radian while it stays within d of its position.
     fn used(&self, carried: &Carried, p: &Near, steps: &[f64]) -> f64 {
         let mut way = 0.0;
         let mut turn = 0.0;
@@ -80,7 +80,7 @@ impl Bubble {
                 let theirs = self.lever(other);
                 let (carries, too) = (carried.row(p.group), carried.row(other));
                 for (m, step) in steps.iter().enumerate() {
-                    // A joint that carries both does not move one against the other.
+                    // A joint that carries both does not move one relative to the other.
                     if !(carries[m] && too[m]) {
                         way += step * mine[m].max(theirs[m]);
                         turn += step;
@@ -91,7 +91,7 @@ impl Bubble {
         way + turn * p.gap
     }
 
-    /// Most that a point moves over `steps`, to first order.
+    /// Returns the maximum movement of a point over `steps`, to first order.
     pub fn fastest(&self, steps: &[f64]) -> f64 {
         self.levers
             .chunks_exact(self.joints.max(1))

@@ -1,4 +1,4 @@
-//! Does the robot touch anything? The plain question, for many configurations, without contact rules.
+//! Collision checks of many configurations without contact rules.
 
 use gensim2_geometry::{Batch, LANES, MovingShapes, Needs, Obstacles, Other, Pose, Scratch, Target};
 use nalgebra::{Point3, center};
@@ -8,7 +8,7 @@ use super::rules::{CollisionObjects, Group};
 use super::{EXACT, Scene};
 use crate::{ProblemError, Role};
 
-/// Two bodies near each other, or overlapping.
+/// Two bodies that are close or overlap.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Nearness {
@@ -18,12 +18,12 @@ pub struct Nearness {
     pub second: String,
     /// Signed distance (m).
     pub distance: f64,
-    /// Place in the base frame (m).
+    /// Position in the base frame (m).
     pub point: Point3<f64>,
 }
 
-/// Checks configurations of a scene's robot: it and what rides on its hand against all bodies and against itself. Links
-/// that no joint moves are left out, and so are pairs that the SRDF disables and what the hand holds against it.
+/// Checks configurations of a scene's robot: the robot and its attached bodies against all bodies and against itself.
+/// Fixed links, pairs that the SRDF disables, and attached bodies against the hand are not checked.
 pub struct Checker<'s> {
     scene: &'s Scene,
     world: &'s Compiled,
@@ -31,11 +31,11 @@ pub struct Checker<'s> {
     batch: Batch,
     suspects: Vec<(usize, Other)>,
     poses: Vec<Pose>,
-    /// Measure of places, made on first use.
+    /// Exact measurement with positions, created on first use.
     full: Option<Full<'s>>,
 }
 
-/// Shapes as they are measured when places are to be told.
+/// Shapes for measurements with positions.
 struct Full<'s> {
     objects: CollisionObjects<'s>,
     shapes: MovingShapes<'s>,
@@ -72,7 +72,7 @@ impl<'s> Checker<'s> {
         Ok(())
     }
 
-    /// Looks at a configuration; what may come within `reach` (m) is among the suspects.
+    /// Screens a configuration; pairs that may be within `reach` (m) become suspects.
     fn place(&mut self, q: &[f64], reach: f64) -> Result<(), ProblemError> {
         self.fits(q)?;
         let screen = &self.world.screen;
@@ -90,19 +90,19 @@ impl<'s> Checker<'s> {
         Ok(())
     }
 
-    /// Whether anything overlaps at the full joint vector `q`.
+    /// Returns whether any pair overlaps at the full joint vector `q`.
     ///
     /// # Errors
-    /// `q` has another number of entries than the robot has joints, or one that is not finite.
+    /// `q` has the wrong length, or an entry is not finite.
     pub fn hits(&mut self, q: &[f64]) -> Result<bool, ProblemError> {
         self.place(q, 0.0)?;
         Ok(!self.suspects.iter().all(|(group, other)| self.world.screen.keeps(*group, *other, &self.poses, 0.0)))
     }
 
-    /// Whether anything overlaps at each of up to [`LANES`] full joint vectors: they are looked at together.
+    /// Returns whether any pair overlaps at each of up to [`LANES`] full joint vectors, which are screened together.
     ///
     /// # Errors
-    /// As [`Checker::hits`], of the first that does not fit; more vectors than that.
+    /// As [`Checker::hits`], for the first invalid vector; or there are too many vectors.
     pub fn hits_each(&mut self, rows: &[&[f64]]) -> Result<Vec<bool>, ProblemError> {
         if rows.len() > LANES {
             return Err(ProblemError::new("q", format!("has {} rows; {LANES} are looked at together", rows.len())));
@@ -127,7 +127,7 @@ impl<'s> Checker<'s> {
             true
         });
         for (lane, hit) in hits.iter_mut().enumerate() {
-            // What is no number is not clear.
+            // NaN does not count as clear.
             let near: Vec<_> = suspects.iter().filter(|s| s.gap[lane].is_nan() || s.gap[lane] < 0.0).collect();
             if near.is_empty() {
                 continue;
@@ -138,7 +138,7 @@ impl<'s> Checker<'s> {
         Ok(hits)
     }
 
-    /// Smallest signed distance (m) at `q`, `max_distance` where nothing is nearer than that.
+    /// Returns the smallest signed distance (m) at `q`, at most `max_distance`.
     ///
     /// # Errors
     /// As [`Checker::hits`].
@@ -151,7 +151,7 @@ impl<'s> Checker<'s> {
         Ok(least)
     }
 
-    /// Everything that comes within `reach` (m) at `q`, nearest first; a pair once.
+    /// Returns all pairs within `reach` (m) at `q`, closest first, each pair once.
     ///
     /// # Errors
     /// As [`Checker::hits`].

@@ -1,4 +1,4 @@
-//! Clearances and how they change with the joints: what an optimizer needs to know of the world.
+//! Clearances and their gradients, for optimization.
 
 use gensim2_geometry::{JointKind, Target};
 use nalgebra::{Point3, Vector3};
@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use super::{EXACT, Margins, MotionSegment, State, World};
 use crate::model::{MAX_JOINTS, Row};
 
-/// Slack of a checked pair beyond its margin (m), and its gradient by each variable (m per rad or m).
+/// Distance of a checked pair beyond its margin (m), and its gradient by each variable (m per rad or m).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clearance {
     pub gap: f64,
@@ -14,7 +14,7 @@ pub(crate) struct Clearance {
 }
 
 impl World<'_> {
-    /// Checked pairs that have less than `reach` (m) left of what `margins` ask for, appended to `out`.
+    /// Appends to `out` the checked pairs whose distance exceeds their margin by less than `reach` (m).
     pub fn clearances(
         &mut self,
         state: State<'_>,
@@ -35,7 +35,7 @@ impl World<'_> {
             },
         );
         for (gap, p) in near {
-            // The normal points from the first to the second: moving the first along it shortens the distance.
+            // The normal points from the first to the second: moving the first along it reduces the distance.
             let mut gradient = [0.0; MAX_JOINTS];
             self.add_motion(segment, p.group, &p.contact.on_first, &-p.contact.normal, &mut gradient);
             if let Target::Group(other) = p.target {
@@ -45,7 +45,7 @@ impl World<'_> {
         }
     }
 
-    /// The most that a checked pair lacks of what `margins` ask for (m), zero where none lacks anything.
+    /// Returns the largest shortfall of a checked pair from its margin (m), zero if all keep it.
     pub fn lacking(&mut self, state: State<'_>, segment: MotionSegment, margins: &Margins) -> f64 {
         self.place(state, segment);
         let mut most = 0.0f64;
@@ -61,7 +61,7 @@ impl World<'_> {
         most
     }
 
-    /// Adds how a point of a group moves along `direction` with each variable.
+    /// Adds the velocity of a group's point along `direction` per unit of each variable.
     fn add_motion(
         &self,
         segment: MotionSegment,

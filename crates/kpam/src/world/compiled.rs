@@ -1,4 +1,4 @@
-//! A scene made ready for quick collision checks, once.
+//! A scene prepared for fast collision checks.
 
 use gensim2_geometry::{Convex, Needs, Other, Pose, Riders, Screen};
 
@@ -7,7 +7,7 @@ use super::movers::is_below;
 use super::rules::{CollisionObjects, Group};
 use crate::Role;
 
-/// The robot of a scene and what rides on its hand, among its bodies.
+/// The robot of a scene with its attached bodies, among the other bodies.
 #[derive(Debug)]
 pub(crate) struct Compiled {
     pub screen: Screen,
@@ -15,7 +15,7 @@ pub(crate) struct Compiled {
     pub names: Vec<String>,
     /// Joints that carry each group, each with the link that it moves.
     pub carriers: Vec<Vec<(usize, usize)>>,
-    /// Whether a group and a body are checked, one row a group.
+    /// Whether a group and a body are checked, one row for each group.
     checked: Vec<bool>,
 }
 
@@ -67,13 +67,13 @@ impl Compiled {
         Self { screen, names, carriers, checked }
     }
 
-    /// Margins in which every checked pair keeps `margin` (m).
+    /// Returns required distances in which every checked pair keeps `margin` (m).
     pub fn needs(&self, margin: f64) -> Needs {
         let need = |checked: &bool| if *checked { margin } else { f64::NEG_INFINITY };
         Needs { bodies: self.checked.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }
     }
 
-    /// Leaves out what no joint that moves brings nearer or farther: it stays as it is at the start.
+    /// Excludes pairs whose relative position no moving joint changes.
     pub fn leave_out_still(&self, needs: &mut Needs, moves: impl Fn(usize) -> bool) {
         let driving = |g: usize| self.carriers[g].iter().map(|(j, _)| *j).filter(|j| moves(*j)).collect::<Vec<_>>();
         let carried: Vec<Vec<usize>> = (0..self.carriers.len()).map(driving).collect();
@@ -90,7 +90,7 @@ impl Compiled {
         }
     }
 
-    /// Names of a group and what it is near to.
+    /// Returns the names of a group and its neighbour.
     pub fn named(&self, scene: &Scene, group: usize, other: Other) -> [String; 2] {
         let second = match (other, self.screen.body(other)) {
             (_, Some(body)) => scene.bodies()[body].name().to_owned(),
@@ -100,7 +100,7 @@ impl Compiled {
         [self.names[group].clone(), second]
     }
 
-    /// Pose of every link at a full joint vector.
+    /// Computes the pose of every link at a full joint vector.
     pub fn poses(scene: &Scene, q: &[f64], out: &mut Vec<Pose>) {
         let posed = scene.robot().link_poses(q, out);
         debug_assert!(posed.is_ok(), "joint vectors here have an entry for each joint");

@@ -1,13 +1,13 @@
-//! The clearance that is asked of pairs.
+//! Required clearance of pairs.
 
 use super::Overlaps;
 use super::query::Seen;
 use crate::world::TOUCH;
 
-/// Clearance asked of checked pairs, and less where a pair cannot keep it.
+/// Required clearance of checked pairs, and smaller values for pairs that cannot keep it.
 #[derive(Debug, Clone)]
 pub(crate) struct Margins {
-    /// Whether overlaps of the start may persist.
+    /// Whether overlaps at the start may persist.
     pub forgiving: bool,
     pub clearance: f64,
     pub bodies: Vec<((usize, usize), f64)>,
@@ -19,23 +19,23 @@ impl Margins {
         Self { forgiving: true, clearance, bodies: Vec::new(), pairs: Vec::new() }
     }
 
-    /// The same margins after the overlaps of the start have come apart: they may not come back.
+    /// Returns the margins after the overlaps at the start have been separated, which may not recur.
     pub fn parted(self) -> Self {
         Self { forgiving: false, ..self }
     }
 
-    /// The same margins with another clearance: what the ends leave stays.
+    /// Returns the margins with another clearance; smaller values at the ends are kept.
     pub fn with_clearance(&self, clearance: f64) -> Self {
         Self { clearance, ..self.clone() }
     }
 
-    /// Margin of a group and a body that stands, where `clearance` is kept.
+    /// Returns the margin of a group and a fixed body for a required `clearance`.
     pub fn body(&self, known: &Overlaps, group: usize, body: usize, clearance: f64) -> f64 {
         let (start, picked) = known.body(group, body);
         self.asked(&self.bodies, (group, body), clearance, start, picked)
     }
 
-    /// Margin of two things that may overlap by `depth`, or as they do at the start.
+    /// Returns the margin of a pair that may overlap by `depth`, or as at the start.
     pub(super) fn touching(&self, known: &Overlaps, group: usize, seen: Seen, depth: f64) -> f64 {
         let (start, _) = match seen {
             Seen::Body(body) => known.body(group, body),
@@ -44,14 +44,14 @@ impl Margins {
         (-depth).min(start) - TOUCH
     }
 
-    /// Margin of a pair of groups.
+    /// Returns the margin of a pair of groups.
     pub fn pair(&self, known: &Overlaps, pair: usize) -> f64 {
         let (start, picked) = known.pair(pair);
         self.asked(&self.pairs, pair, self.clearance, start, picked)
     }
 
-    /// Rounding is forgiven; what is too near at the start may stay so until it has parted, and what overlaps where a
-    /// body is picked may persist.
+    /// Returns the required distance with tolerance for rounding. A pair that is too close at the start may stay so
+    /// until separated, and an overlap where a body is picked may persist.
     fn asked<K: PartialEq + Copy>(&self, less: &[(K, f64)], key: K, clearance: f64, start: f64, picked: f64) -> f64 {
         let asked = less.iter().filter(|(k, _)| *k == key).fold(clearance - TOUCH, |least, (_, d)| least.min(*d));
         let start = if self.forgiving { start } else { f64::INFINITY };

@@ -1,5 +1,5 @@
-//! The world of a motion: what stands, what rides on the hand, what the object's joint moves, and what may touch what,
-//! segment by segment.
+//! The world of a motion: fixed bodies, attached bodies, bodies moved by the object's joint, and the permitted
+//! contacts, segment by segment.
 
 mod bodies;
 mod bubble;
@@ -39,12 +39,12 @@ pub(crate) use segment::{MotionSegment, Schedule};
 pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
 pub(crate) use way::Way;
 
-/// No stand-ins for distances.
+/// No approximation of distances.
 const EXACT: f64 = f64::INFINITY;
-/// Overlaps up to this are rounding (m).
+/// Overlaps up to this are rounding errors (m).
 pub(crate) const TOUCH: f64 = 1e-4;
 
-/// An overlap that breaks the rules, or a distance for a report.
+/// A forbidden overlap, or a distance for a report.
 #[derive(Debug, Clone)]
 pub(crate) struct Hit {
     pub first: String,
@@ -53,8 +53,8 @@ pub(crate) struct Hit {
     pub at: Point3<f64>,
 }
 
-/// Pairs nearer than they may be before the motion can do anything about it, as signed distances (m, infinite where
-/// nothing is): at the start, and where a body is picked. It may not come nearer.
+/// Signed distances (m, infinite without a pair) of pairs that are too close before the motion can change that: at the
+/// start, and where a body is picked. They may not come closer.
 #[derive(Debug, Default)]
 pub(crate) struct Overlaps {
     bodies: usize,
@@ -75,19 +75,19 @@ impl Overlaps {
         }
     }
 
-    /// Of a group and a standing body: at the start, and at the pick.
+    /// Distance of a group and a fixed body: at the start, and at the pick.
     fn body(&self, group: usize, body: usize) -> (f64, f64) {
         let at = group * self.bodies + body;
         (self.start_bodies[at], self.picked_bodies[at])
     }
 
-    /// Of a pair of groups: at the start, and at the pick.
+    /// Distance of a pair of groups: at the start, and at the pick.
     fn pair(&self, pair: usize) -> (f64, f64) {
         (self.start_pairs[pair], self.picked_pairs[pair])
     }
 }
 
-/// State: joint values of the arm, and how far the object's joint has moved from where it stood (rad or m).
+/// State: joint values of the arm, and travel of the object's joint from its initial value (rad or m).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct State<'x> {
     pub x: &'x Row,
@@ -95,13 +95,13 @@ pub(crate) struct State<'x> {
 }
 
 impl<'x> State<'x> {
-    /// The object's joint as it stood.
+    /// State with the object's joint at its initial value.
     pub fn still(x: &'x Row) -> Self {
         Self { x, travel: 0.0 }
     }
 }
 
-/// The world of one problem: its groups, and a table for each segment. Names are resolved when it is made.
+/// The world of one problem: its groups, and a table for each segment. Names are resolved on construction.
 pub(crate) struct World<'p> {
     pub problem: &'p KeypointProblem,
     model: &'p Model,
@@ -111,10 +111,10 @@ pub(crate) struct World<'p> {
     obstacles: &'p Obstacles,
     pub schedule: Schedule,
     segments: Vec<SegmentWorld>,
-    /// Largest distance of a group's shapes from their middle (m), and that middle in the group's frame.
+    /// Maximum distance of a group's shapes from their centre (m), and that centre in the group's frame.
     extents: Vec<f64>,
     middles: Vec<Point3<f64>>,
-    /// Pose in the hand of each group that rides, and in the base of each that was placed.
+    /// Pose of each attached group in the hand, and of each released group in the base frame.
     grasps: Vec<Pose>,
     placed: Vec<Pose>,
     known: Overlaps,
@@ -125,7 +125,7 @@ pub(crate) struct World<'p> {
     spare: Bubble,
     q: Vec<f64>,
     steps: Vec<f64>,
-    /// Number of states looked at, and how many may be.
+    /// Number of checked states, and its limit.
     checks: u64,
     max_checks: u64,
     cancel: Option<Cancel>,
@@ -143,7 +143,7 @@ impl<'p> World<'p> {
             &problem.bodies,
             |b| b.role == Role::Attached || picks.contains(&b.name),
             |b| b.role == Role::MovingLink && problem.joint.is_some(),
-            // Links that the same joints move keep their distance.
+            // Links moved by the same joints keep their distance.
             |a, b| carrying[a] != carrying[b],
         );
         let shapes = MovingShapes::new(objects.groups.iter().map(|g| match g {
@@ -190,29 +190,29 @@ impl<'p> World<'p> {
         }
     }
 
-    /// Ends planning after `max_checks` more states, at `end`, or when the caller cancels it.
+    /// Ends planning after `max_checks` more states, at `end`, or when the caller cancels.
     pub fn limit(&mut self, max_checks: Option<u64>, end: Option<Instant>, cancel: Option<Cancel>) {
         self.end = end;
         self.max_checks = max_checks.map_or(u64::MAX, |most| self.checks.saturating_add(most));
         self.cancel = cancel;
     }
 
-    /// Whether planning has to end: the checks are spent, the time is up, or the caller has cancelled it.
+    /// Whether planning must end: checks used up, time limit passed, or cancelled.
     pub fn is_over(&self) -> bool {
         self.is_spent() || self.is_late() || self.is_cancelled()
     }
 
-    /// Whether it may have to end before all is tried.
+    /// Whether planning may have to end early.
     pub fn is_limited(&self) -> bool {
         self.end.is_some() || self.max_checks < u64::MAX
     }
 
-    /// Whether the time is up.
+    /// Whether the time limit has passed.
     pub fn is_late(&self) -> bool {
         self.end.is_some_and(|end| Instant::now() >= end)
     }
 
-    /// Whether the checks are spent.
+    /// Whether the checks are used up.
     pub fn is_spent(&self) -> bool {
         self.checks >= self.max_checks
     }
@@ -222,12 +222,12 @@ impl<'p> World<'p> {
         self.cancel.as_ref().is_some_and(Cancel::is_cancelled)
     }
 
-    /// Whether hits are only to be found, not told of: which of several is found, and how deep it is, may be any.
+    /// Sets whether collisions are only detected, not reported; then any of several may be found, with any depth.
     pub fn set_early_exit(&mut self, early_exit: bool) {
         self.scratch.set_early_exit(early_exit);
     }
 
-    /// Clearance (m) that the problem asks for on the way to what the hand reaches for.
+    /// Required clearance (m) from the handled bodies.
     fn reach_clearance(&self) -> f64 {
         self.problem.options.reach_clearance.unwrap_or(0.0)
     }
@@ -236,7 +236,7 @@ impl<'p> World<'p> {
         &self.segments[self.schedule.number(segment)]
     }
 
-    /// Poses everything that is there in a segment.
+    /// Places all groups of a segment.
     fn place(&mut self, state: State<'_>, segment: MotionSegment) {
         self.checks += 1;
         let robot = &*self.problem.robot;
@@ -258,8 +258,8 @@ impl<'p> World<'p> {
         });
     }
 
-    /// Sets the actuation pose `x`. Picked bodies are fixed to the hand as they lie in it at `x`. Released bodies stay at
-    /// their pose at `x`. Bodies that are held longer stay at their pose at `letting_go`, the hand's pose when it lets go.
+    /// Sets the actuation pose `x`. Picked bodies are attached to the hand as at `x`. Released bodies stay at their
+    /// pose at `x`. Bodies that are held longer stay at their pose at `letting_go`, the hand's pose at the release.
     pub fn act_at(&mut self, x: &Row, letting_go: Option<&Pose>) {
         let riding = self.objects.groups.iter().any(|g| matches!(g, Group::Riding(_)));
         if !riding {
@@ -292,7 +292,7 @@ impl<'p> World<'p> {
     }
 }
 
-/// The transform of what a joint moves as it moves by `travel` (rad or m).
+/// Returns the transform of the bodies moved by a joint for a travel (rad or m).
 pub(crate) fn joint_motion(joint: &ObjectJoint, travel: f64) -> Pose {
     match joint.kind {
         ObjectJointKind::Revolute => screw_about(&joint.origin, &joint.axis, travel),

@@ -1,25 +1,25 @@
-//! The joints that move links while a motion is carried out.
+//! The joints that move links during a motion.
 
 use gensim2_geometry::{JointKind, Pose, Robot};
 use nalgebra::{Point3, Vector3};
 
 use crate::model::{DrivenJoint, Model, Row};
 
-/// All joints that move as the variables change, those that follow others included.
+/// All joints that move with the variables, including mimic joints.
 pub(crate) struct Movers(Vec<DrivenJoint>);
 
 impl Movers {
-    /// Those of a model.
+    /// Returns the moving joints of a model.
     pub fn new(model: &Model) -> Self {
         Self(model.map().driven().to_vec())
     }
 
-    /// Each of them.
+    /// Iterates over the joints.
     pub fn iter(&self) -> std::slice::Iter<'_, DrivenJoint> {
         self.0.iter()
     }
 
-    /// Their number.
+    /// Number of joints.
     pub fn len(&self) -> usize {
         self.0.len()
     }
@@ -29,13 +29,13 @@ impl Movers {
         self.0.iter().map(move |joint| is_below(robot, link, joint.link))
     }
 
-    /// Writes how far each joint moves from variables `a` to variables `b` (rad or m, not negative).
+    /// Writes the absolute movement of each joint between variables `a` and `b` (rad or m).
     pub fn steps(&self, a: &Row, b: &Row, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.0.iter().map(|joint| (joint.factor * (b[joint.variable] - a[joint.variable])).abs()));
     }
 
-    /// Largest way (m) that a point within `extent` of `middle` (base frame) moves per unit of joint number `m`.
+    /// Returns the maximum displacement (m) of a point within `extent` of `middle` (base frame) per unit of joint `m`.
     pub fn lever(&self, robot: &Robot, m: usize, links: &[Pose], middle: &Point3<f64>, extent: f64) -> f64 {
         let frame = &links[self.0[m].link];
         let joint = &robot.joints()[self.0[m].joint];
@@ -55,7 +55,7 @@ pub(crate) fn off_axis(point: &Point3<f64>, origin: &Vector3<f64>, axis: &Vector
     (arm - axis * arm.dot(axis)).norm()
 }
 
-/// Whether a link is `top` or hangs on it.
+/// Returns whether a link is `top` or below it.
 pub(crate) fn is_below(robot: &Robot, mut link: usize, top: usize) -> bool {
     loop {
         if link == top {

@@ -1,4 +1,4 @@
-//! Questions about one state: what touches, how deep, how near.
+//! Queries about one state: contacts, depths and distances.
 
 use gensim2_geometry::{Proximity, Target};
 
@@ -7,7 +7,7 @@ use super::{EXACT, Hit, Margins, MotionSegment, State, TOUCH, World};
 use crate::Role;
 use crate::model::Row;
 
-/// Smallest signed distances over what was checked.
+/// Smallest signed distances over the checked pairs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clearances {
     pub itself: f64,
@@ -15,7 +15,7 @@ pub(crate) struct Clearances {
     pub object: f64,
 }
 
-/// Subject of a visit to a near thing.
+/// The other body or pair of a visit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Seen {
     Body(usize),
@@ -23,8 +23,8 @@ pub(super) enum Seen {
 }
 
 impl World<'_> {
-    /// Visits what is looked at in a segment as things are placed: `reach` says how near (m) something has to be, `visit`
-    /// whether to go on.
+    /// Visits the pairs checked in a segment at the current poses: `reach` returns how close (m) a pair must be,
+    /// `visit` whether to continue.
     pub(super) fn look(
         &mut self,
         segment: MotionSegment,
@@ -58,7 +58,7 @@ impl World<'_> {
         whole
     }
 
-    /// Margin of a group and another thing in a segment.
+    /// Returns the margin of a group and another body in a segment.
     pub(super) fn asked(&self, segment: MotionSegment, margins: &Margins, group: usize, seen: Seen) -> f64 {
         if let Some(depth) = self.depth(segment, group, seen) {
             return margins.touching(&self.known, group, seen, depth);
@@ -77,7 +77,7 @@ impl World<'_> {
         }
     }
 
-    /// Depth (m) by which two things may overlap in a segment, where they may.
+    /// Returns the permitted overlap (m) of a pair in a segment, if any.
     pub(super) fn depth(&self, segment: MotionSegment, group: usize, seen: Seen) -> Option<f64> {
         let table = self.table(segment);
         match seen {
@@ -92,18 +92,18 @@ impl World<'_> {
         }
     }
 
-    /// Whether the hand is about to touch a body that it yet keeps a clearance from.
+    /// Returns whether the hand is about to touch a body from which it still keeps a clearance.
     fn is_about_to_touch(&self, segment: MotionSegment, group: usize, body: usize) -> bool {
         let touches = self.objects.touches(group) || matches!(self.objects.groups[group], Group::Riding(_));
         self.table(segment).reached[body] && segment == self.schedule.last_before_actuation() && touches
     }
 
-    /// Distance (m) below which two things count: as `reach` says, where they may not touch.
+    /// Returns the distance (m) below which a pair counts: `reach` for pairs that may not touch.
     fn checked(&self, segment: MotionSegment, group: usize, seen: Seen, reach: f64) -> f64 {
         if self.depth(segment, group, seen).is_some() { f64::NEG_INFINITY } else { reach }
     }
 
-    /// Clearance (m) that is kept in a segment from what the hand reaches for, zero from all else.
+    /// Returns the required clearance (m) from a handled body in a segment, zero for other bodies.
     fn kept_from(&self, segment: MotionSegment, seen: Seen) -> f64 {
         match seen {
             Seen::Body(body) if self.table(segment).reached[body] => self.reach_clearance(),
@@ -111,17 +111,17 @@ impl World<'_> {
         }
     }
 
-    /// Whether how far the object's joint moves in a segment is a guess.
+    /// Whether the travel of the object's joint in a segment is estimated.
     pub fn guesses(&self, segment: MotionSegment) -> bool {
         self.table(segment).guessed && self.problem.joint.is_some() && segment != MotionSegment::LetGo
     }
 
-    /// Whether where one of a pair is in a segment is a guess.
+    /// Whether the position of one of a pair in a segment is estimated.
     fn is_guess(&self, segment: MotionSegment, pair: usize) -> bool {
         self.table(segment).guessed && matches!(self.objects.groups[self.objects.pairs[pair].1], Group::Moved(_))
     }
 
-    /// Records the distances of all pairs at the start: pairs that begin too near need keep no more than that.
+    /// Records the distances of all pairs at the start, which pairs that begin too close need only keep.
     pub fn measure_start(&mut self, state: State<'_>, segment: MotionSegment) {
         self.known.start_bodies.fill(f64::INFINITY);
         self.known.start_pairs.fill(f64::INFINITY);
@@ -154,7 +154,7 @@ impl World<'_> {
         }
     }
 
-    /// Overlaps of what is picked with what it lies on.
+    /// Records overlaps of picked bodies with their supports.
     pub(super) fn measure_picked(&mut self, x: &Row) {
         self.known.picked_bodies.fill(f64::INFINITY);
         self.known.picked_pairs.fill(f64::INFINITY);
@@ -166,7 +166,7 @@ impl World<'_> {
             Seen::Body(_) => picked(world, group),
             Seen::Pair(pair) => {
                 let (a, b) = world.objects.pairs[pair];
-                // Not what holds it: inside the arm nothing can be held.
+                // Except with the hand: a body inside the arm cannot be held.
                 (picked(world, a) || picked(world, b)) && !matches!(world.objects.groups[a], Group::Link(_))
             }
         };
@@ -187,7 +187,7 @@ impl World<'_> {
         }
     }
 
-    /// Depths (m) of the checked overlaps in a state.
+    /// Returns the depths (m) of the checked overlaps in a state.
     pub fn overlaps(&mut self, state: State<'_>, segment: MotionSegment) -> Vec<Overlap> {
         self.place(state, segment);
         let mut found = Vec::new();
@@ -203,7 +203,7 @@ impl World<'_> {
         found
     }
 
-    /// The first checked pair nearer than its margin, if any.
+    /// Returns the first checked pair closer than its margin, if any.
     pub fn hit_at(&mut self, state: State<'_>, segment: MotionSegment, margins: &Margins) -> Option<Hit> {
         self.place(state, segment);
         let mut found = None;
@@ -219,8 +219,8 @@ impl World<'_> {
         found.map(|p| self.hit(&p))
     }
 
-    /// Margins for the motion between two states: `clearance`, or what either end leaves where that is less. What an
-    /// end overlaps gives no such leave: the motion does not get there.
+    /// Returns the margins for the motion between two states: `clearance`, or the distance at either end if that is
+    /// smaller. An overlap at an end gives no such reduction, since the motion does not get there.
     pub fn margins_between(&mut self, ends: [State<'_>; 2], segment: MotionSegment, clearance: f64) -> Margins {
         let mut out = Margins::plain(clearance);
         for state in ends {
@@ -243,15 +243,15 @@ impl World<'_> {
         out
     }
 
-    /// Adds what pairs that overlapped at the start have left where they have come apart.
+    /// Adds the distances of pairs that overlapped at the start and have been separated.
     pub fn keep_apart(&self, margins: &mut Margins, there: Margins) {
         let overlapped = |start: f64| start.is_finite();
         margins.bodies.extend(there.bodies.into_iter().filter(|((g, b), _)| overlapped(self.known.body(*g, *b).0)));
         margins.pairs.extend(there.pairs.into_iter().filter(|(pair, _)| overlapped(self.known.pair(*pair).0)));
     }
 
-    /// Pairs nearer than `clearance` (m) in a state that may not touch, and overlaps where it may; how near
-    /// or deep (m), and whether it may.
+    /// Returns pairs closer than `clearance` (m) in a state that may not touch, and permitted overlaps: distance or
+    /// depth (m), and whether the pair may touch.
     pub fn nearest(&mut self, state: State<'_>, segment: MotionSegment, clearance: f64) -> Vec<(Hit, bool)> {
         self.place(state, segment);
         let mut found = Vec::new();
@@ -268,10 +268,10 @@ impl World<'_> {
         found
     }
 
-    /// Adds the distances in a state to the smallest so far; those of guesses are left out.
+    /// Updates the smallest distances with those of a state, without estimated ones.
     pub fn measure(&mut self, state: State<'_>, segment: MotionSegment, out: &mut Clearances) {
         self.place(state, segment);
-        // Only what is nearer than the smallest so far matters.
+        // Only distances below the smallest so far matter.
         let (table, object, itself) = (out.table.min(1.0), out.object.min(1.0), out.itself.min(1.0));
         let kind = |world: &Self, seen: Seen| match seen {
             Seen::Body(b) if world.problem.bodies[b].role == Role::Table => Kind::Table,
@@ -314,18 +314,18 @@ impl Overlap {
         others.iter().copied().find(|other| other.group == self.group && other.seen == self.seen)
     }
 
-    /// Whether it is none of those before.
+    /// Whether it is not among earlier overlaps.
     pub fn is_new(&self, before: &[Self]) -> bool {
         self.among(before).is_none()
     }
 
-    /// Whether it is one of those before, and no deeper.
+    /// Whether it is among earlier overlaps, and no deeper.
     pub fn lessens(&self, before: &[Self]) -> bool {
         self.among(before).is_some_and(|other| self.depth <= other.depth + 0.1 * TOUCH)
     }
 }
 
-/// Report of a distance.
+/// Kind of a distance in a report.
 enum Kind {
     Table,
     Object,

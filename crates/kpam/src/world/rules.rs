@@ -1,4 +1,4 @@
-//! Contact rules of each segment: roles, or contact windows, compiled once into a table.
+//! Contact rules of each segment, from roles or contact windows, compiled into a table.
 
 use gensim2_geometry::{Robot, checked_pairs};
 
@@ -8,12 +8,12 @@ use super::segment::{MotionSegment, Schedule};
 use super::travel::joint_steps;
 use crate::{Body, KeypointProblem, Role};
 
-/// Group that moves as one.
+/// A group that moves rigidly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Group {
     /// A link of the robot.
     Link(usize),
-    /// A body that rides on the hand in some segment: attached, picked, or placed later.
+    /// A body attached to the hand in some segment: attached, picked, or released later.
     Riding(usize),
     /// A body that the object's joint moves.
     Moved(usize),
@@ -22,32 +22,32 @@ pub(crate) enum Group {
 /// Source of a group's pose in a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Carrier {
-    /// It is a link.
+    /// The group is a link.
     Robot,
     /// The hand.
     Hand,
-    /// Nothing: it stands where the hand has placed it.
+    /// None: it stays where the hand has released it.
     Placed,
     /// The object's joint.
     Joint,
-    /// It is not there: it stands among the obstacles.
+    /// It is absent: it belongs to the obstacles.
     Absent,
 }
 
-/// Whether two things are looked at.
+/// How a pair is checked.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Verdict {
-    /// They may not overlap.
+    /// The pair may not overlap.
     Checked,
-    /// They may, as deep as this (m).
+    /// The pair may overlap up to this depth (m).
     MayTouch(f64),
-    /// Nothing of what is planned moves one against the other, one of them is not there or held by the other, or it is
-    /// not known where it is.
+    /// The pair is not checked: the planned motion does not move one relative to the other, one is absent or held by
+    /// the other, or its position is unknown.
     Apart,
 }
 
 impl Verdict {
-    /// One that lets two things overlap as deep as `depth` (m), or however deep.
+    /// Returns the verdict that permits an overlap of `depth` (m), or of any depth.
     fn touching(depth: Option<f64>) -> Self {
         depth.map_or(Self::Apart, Self::MayTouch)
     }
@@ -57,23 +57,23 @@ impl Verdict {
 pub(crate) struct SegmentWorld {
     /// Source of each group's pose.
     pub carriers: Vec<Carrier>,
-    /// Groups that are there.
+    /// Groups that are present.
     pub present: Vec<usize>,
-    /// Verdict on each group and standing body, one row a group.
+    /// Verdict on each group and fixed body, one row for each group.
     pub bodies: Vec<Verdict>,
-    /// Whether each body is one that the hand reaches for and keeps a clearance from, yet.
+    /// Whether the hand reaches for each body and still keeps a clearance from it.
     pub reached: Vec<bool>,
-    /// Numbers of the pairs of groups that are looked at.
+    /// Indices of the checked pairs of groups.
     pub pairs: Vec<usize>,
-    /// Depth (m) by which each pair of groups may overlap, where it may.
+    /// Permitted overlap (m) of each pair of groups, if any.
     pub depths: Vec<Option<f64>>,
     /// Which joints carry which groups.
     pub carried: Carried,
-    /// Whether how far the object's joint moves is a guess.
+    /// Whether the travel of the object's joint is estimated.
     pub guessed: bool,
 }
 
-/// Everything that moves in a problem, and which pairs of it are ever checked.
+/// All moving groups of a problem, and the pairs of them that are ever checked.
 pub(crate) struct CollisionObjects<'p> {
     pub robot: &'p Robot,
     pub bodies: &'p [Body],
@@ -83,8 +83,8 @@ pub(crate) struct CollisionObjects<'p> {
 }
 
 impl<'p> CollisionObjects<'p> {
-    /// The robot's links, then bodies that ride at some time, then bodies that the object's joint moves. `changes` says
-    /// whether one link can move against another.
+    /// Collects the robot's links, then bodies that are attached at some time, then bodies moved by the object's joint.
+    /// `changes` returns whether one link can move relative to another.
     pub fn new(
         robot: &'p Robot,
         bodies: &'p [Body],
@@ -112,12 +112,12 @@ impl<'p> CollisionObjects<'p> {
         Self { robot, bodies, groups, hand: Hand::of(robot), pairs }
     }
 
-    /// Whether a group is hand or finger, which may touch what they reach for.
+    /// Whether a group is hand or finger, which may touch targets.
     pub fn touches(&self, group: usize) -> bool {
         matches!(self.groups[group], Group::Link(l) if self.hand.touches[l])
     }
 
-    /// Whether a group holds what rides.
+    /// Whether a group holds attached bodies.
     pub fn holds(&self, group: usize) -> bool {
         matches!(self.groups[group], Group::Link(l) if self.hand.holds[l])
     }
@@ -131,11 +131,11 @@ impl<'p> CollisionObjects<'p> {
     }
 }
 
-/// The hand as a body. A hand link without shapes is a point of the link that carries it.
+/// The hand. A hand link without shapes stands for a point of the link that carries it.
 struct Hand {
-    /// Links that hold the held body: that link and all that hangs on it.
+    /// Links that hold the attached body: the hand's carrier and all links below it.
     holds: Vec<bool>,
-    /// Links that may touch: the same, unless that link is one of the arm's own, which a joint carries.
+    /// Links that may touch: the same, unless the carrier is one of the arm's own links, moved by a joint.
     touches: Vec<bool>,
 }
 
@@ -149,7 +149,7 @@ impl Hand {
         {
             top = parent;
         }
-        // Where no shape is joined to the hand rigidly, the hand itself is all there is.
+        // If no shape is rigidly joined to the hand, the hand consists of the hand link only.
         if links[top].shapes().is_empty() {
             top = robot.hand();
         }
@@ -168,7 +168,7 @@ pub(crate) struct Compiler<'c, 'p> {
     windows: Option<Vec<Window>>,
 }
 
-/// A contact window with its names resolved: which groups and bodies it names, and its keyframes in time.
+/// A contact window with its names resolved: groups, bodies, and keyframes by index in time order.
 struct Window {
     groups: Vec<bool>,
     bodies: Vec<bool>,
@@ -195,13 +195,13 @@ impl<'c, 'p> Compiler<'c, 'p> {
                     depth: w.depth.or(problem.options.contact_depth),
                 })
             };
-            // The problem's check has refused windows that name no keyframe.
+            // Validation has refused windows that name no keyframe.
             windows.iter().filter_map(resolve).collect()
         });
         Self { problem, objects, movers, schedule, windows }
     }
 
-    /// The world of a segment.
+    /// Returns the world of a segment.
     pub fn segment(&self, segment: MotionSegment) -> SegmentWorld {
         let groups = self.objects.groups.len();
         let carriers: Vec<Carrier> = (0..groups).map(|g| self.carrier(g, segment)).collect();
@@ -219,7 +219,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let steps = joint_steps(self.problem);
         let guessed = match segment {
             MotionSegment::Post(i) => steps[i].is_none(),
-            // It stands still, where the motions before have taken it.
+            // It is fixed where the previous motions have moved it.
             MotionSegment::LetGo => steps.contains(&None),
             MotionSegment::Approach | MotionSegment::Pre(_) | MotionSegment::ToActuation => false,
         };
@@ -255,7 +255,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         self.problem.options.release.contains(&self.objects.bodies[body].name)
     }
 
-    /// The joints that carry each group; the object's comes last.
+    /// Returns the joints that carry each group; the object's joint is last.
     fn carried(&self, carriers: &[Carrier], segment: MotionSegment) -> Carried {
         let (robot, hand) = (self.objects.robot, self.objects.robot.hand());
         let joints = self.movers.len() + 1;
@@ -271,9 +271,10 @@ impl<'c, 'p> Compiler<'c, 'p> {
         Carried { joints, flags }
     }
 
-    /// The verdict of the windows on a group and a body in a segment. A window from the start covers the approach.
+    /// Returns the verdict of the windows on a group and a body in a segment. A window from the start covers the
+    /// approach.
     fn through(&self, windows: &[Window], group: usize, body: usize, segment: MotionSegment) -> Verdict {
-        // Among windows the start is 0, and keyframe k of the motion k + 1.
+        // In windows the start is 0, and keyframe k of the motion is k + 1.
         let leads_to = self.schedule.number(segment) + 1;
         let open = |w: &&Window| w.groups[group] && w.bodies[body] && w.from < leads_to && leads_to <= w.to;
         let deepest = windows.iter().filter(open).map(|w| w.depth.unwrap_or(f64::INFINITY)).reduce(f64::max);
@@ -308,7 +309,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let reaching = segment == self.schedule.last_before_actuation();
         let may = match what.role {
             Role::Target => gripper || carriers[group] == Carrier::Hand,
-            // Without a joint it is not known how it moves.
+            // Without a joint its movement is unknown.
             Role::MovingLink if after => return Verdict::Apart,
             Role::MovingLink => gripper && reaching,
             Role::Table | Role::ObjectBody | Role::Rigid | Role::Attached => {
@@ -318,7 +319,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         if may { Verdict::touching(self.problem.options.contact_depth) } else { Verdict::Checked }
     }
 
-    /// Whether a group is ever checked: what the object's joint moves is, against the robot alone.
+    /// Whether a group is ever checked: a body moved by the object's joint only against the robot.
     fn meets(&self, group: usize) -> bool {
         !matches!(self.objects.groups[group], Group::Moved(_))
     }
@@ -335,7 +336,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         }
         let verdict = match (self.objects.groups[a], self.objects.groups[b]) {
             (Group::Link(_), Group::Link(_)) => return Verdict::Checked,
-            // What is held keeps its place against the links about the hand, and may yet be inside one of them.
+            // An attached body keeps its position relative to the links about the hand, and may be inside one of them.
             (Group::Link(_), Group::Riding(_)) if carriers[b] == Carrier::Hand => Verdict::Checked,
             _ if carried.row(a) == carried.row(b) => return Verdict::Apart,
             _ => Verdict::Checked,
@@ -353,7 +354,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
             }
             return open(a, b).or_else(|| open(b, a)).unwrap_or(verdict);
         }
-        // Hand and fingers hold what rides, leave what was placed, and push or pull what the joint moves.
+        // Hand and fingers hold attached bodies, leave released ones, and push or pull the moving link.
         match self.objects.groups[b] {
             Group::Riding(_) if self.objects.holds(a) => Verdict::Apart,
             Group::Moved(_) if self.objects.touches(a) => Verdict::touching(self.problem.options.contact_depth),

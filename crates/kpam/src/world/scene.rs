@@ -1,5 +1,5 @@
-//! Surroundings of a robot: bodies, and the joints of objects that move them. Built once, shared, and cheap to
-//! derive another from.
+//! Surroundings of a robot: bodies, and the joints of objects that move them. Scenes are immutable and share their
+//! data, so that derived scenes are cheap.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -13,7 +13,7 @@ use super::{Bodies, Checker, joint_motion};
 use crate::checked::checked_when_read;
 use crate::{Body, KeypointProblem, KeypointProblemBuilder, ObjectJoint, ProblemError, Role, SolverConfig};
 
-/// A joint of an object, and the bodies that it moves.
+/// A joint of an object, and the names of the bodies that it moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SceneJoint {
     pub(crate) name: String,
@@ -22,7 +22,7 @@ pub struct SceneJoint {
 }
 
 impl SceneJoint {
-    /// A joint that moves the bodies named.
+    /// Creates a joint that moves the named bodies.
     #[must_use]
     pub fn new(name: impl Into<String>, joint: ObjectJoint, moves: Vec<String>) -> Self {
         Self { name: name.into(), joint, moves }
@@ -34,7 +34,7 @@ impl SceneJoint {
         &self.name
     }
 
-    /// Pose.
+    /// Axis, value and range.
     #[must_use]
     pub fn joint(&self) -> &ObjectJoint {
         &self.joint
@@ -47,7 +47,7 @@ impl SceneJoint {
     }
 }
 
-/// A robot and what stands about it. Clones share everything; what changes a scene returns another one.
+/// A robot and its surroundings. Clones share everything; methods that change a scene return a new one.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -82,10 +82,10 @@ pub struct Scene {
 checked_when_read!(Scene);
 
 impl Scene {
-    /// A scene.
+    /// Creates a scene.
     ///
     /// # Errors
-    /// Names that are not unique, or a joint that moves a body that is not there, or one that another joint moves.
+    /// A name is repeated, or a joint moves an unknown body or one that another joint moves.
     pub fn new(robot: Arc<Robot>, bodies: Vec<Body>, joints: Vec<SceneJoint>) -> Result<Self, ProblemError> {
         let scene = Self::of_parts(robot, bodies.into(), joints.into());
         scene.check().map(|()| scene)
@@ -95,13 +95,13 @@ impl Scene {
         Self { robot, bodies, joints, compiled: Arc::default() }
     }
 
-    /// The scene ready for quick collision checks: made when first asked for, and shared by clones.
+    /// The scene prepared for fast collision checks; created on first use, and shared by clones.
     pub(crate) fn compiled(&self) -> &Compiled {
         self.compiled.get_or_init(|| Compiled::new(self))
     }
 
-    /// Whether collision checks begin at once: the first makes the scene ready, which takes seconds where its bodies have
-    /// millions of triangles.
+    /// Whether collision checks start immediately. The first check prepares the scene, which takes seconds for bodies
+    /// with millions of triangles.
     #[must_use]
     pub fn is_ready(&self) -> bool {
         self.compiled.get().is_some()
@@ -128,7 +128,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The scene of a problem; its bodies are shared, and its joint is named `joint`.
+    /// Returns the scene of a problem; its bodies are shared, and its joint is named `joint`.
     pub(crate) fn of(problem: &KeypointProblem) -> Self {
         let moves = problem.bodies.iter().filter(|b| b.role == Role::MovingLink).map(|b| b.name.clone());
         let joint = problem.joint.map(|joint| SceneJoint { name: "joint".to_owned(), joint, moves: moves.collect() });
@@ -141,11 +141,11 @@ impl Scene {
         &self.robot
     }
 
-    /// Marks points (base frame, m) that lie within `clearance` of the robot at joints `q`, or of what it holds: what a
-    /// camera sees of them is no obstacle.
+    /// Marks points (base frame, m) that lie within `clearance` of the robot at joints `q` or of its attached bodies,
+    /// and are therefore no obstacle in a camera's point cloud.
     ///
     /// # Errors
-    /// `q` has not one entry a joint.
+    /// `q` does not have one entry for each joint.
     pub fn own_points(&self, q: &[f64], points: &[Point3<f64>], clearance: f64) -> Result<Vec<bool>, ProblemError> {
         let mut poses = Vec::new();
         self.robot.link_poses(q, &mut poses).map_err(|e| ProblemError::new("q", e.to_string()))?;
@@ -170,10 +170,10 @@ impl Scene {
         &self.joints
     }
 
-    /// A body by name.
+    /// Returns a body by name.
     ///
     /// # Errors
-    /// It is not there.
+    /// The body does not exist.
     pub fn body(&self, name: &str) -> Result<&Body, ProblemError> {
         self.bodies.iter().find(|b| b.name == name).ok_or_else(|| {
             let known: Vec<&str> = self.bodies.iter().map(|b| b.name.as_str()).take(30).collect();
@@ -181,10 +181,10 @@ impl Scene {
         })
     }
 
-    /// A joint by name.
+    /// Returns a joint by name.
     ///
     /// # Errors
-    /// It is not there.
+    /// The joint does not exist.
     pub fn joint(&self, name: &str) -> Result<&SceneJoint, ProblemError> {
         self.joints.iter().find(|j| j.name == name).ok_or_else(|| {
             let known: Vec<&str> = self.joints.iter().map(|j| j.name.as_str()).take(30).collect();
@@ -192,10 +192,10 @@ impl Scene {
         })
     }
 
-    /// The bodies with those that the joint moves as moving links: what a problem about that joint plans with.
+    /// Returns the bodies, with those moved by the joint as moving links, for a problem about that joint.
     ///
     /// # Errors
-    /// The joint is not there.
+    /// The joint does not exist.
     pub fn bodies_about(&self, joint: Option<&str>) -> Result<Bodies, ProblemError> {
         let Some(joint) = joint else { return Ok(self.bodies.clone()) };
         let moves = &self.joint(joint)?.moves;
@@ -206,11 +206,11 @@ impl Scene {
         self.with_bodies(named, Role::MovingLink, |pose| *pose)
     }
 
-    /// A problem on this scene: its robot, its bodies and their keypoints, and the joint that the config is about, where
-    /// one is named; what that moves is the moving link.
+    /// Returns a builder for a problem on this scene with its robot, bodies and keypoints, and the joint that the
+    /// config moves, if any; the bodies moved by the joint are the moving link.
     ///
     /// # Errors
-    /// The joint is not there.
+    /// The joint does not exist.
     pub fn problem(
         &self,
         config: SolverConfig,
@@ -227,7 +227,7 @@ impl Scene {
         })
     }
 
-    /// The bodies, those of them that are `which` in a role, each moved from its pose.
+    /// Returns the bodies, with those selected by `which` in a role and moved from their poses.
     pub(crate) fn with_bodies(
         &self,
         which: impl Fn(&Body) -> bool,
@@ -241,10 +241,10 @@ impl Scene {
         Ok(self.bodies.iter().map(change).collect::<Result<Vec<_>, _>>()?.into())
     }
 
-    /// The scene with a joint at another value (rad or m); the bodies that it moves go with it.
+    /// Returns the scene with a joint at another value (rad or m), and the bodies that it moves.
     ///
     /// # Errors
-    /// The joint is not there, or the value is outside its range.
+    /// The joint does not exist, or the value is outside its range.
     pub fn with_joint(&self, name: &str, value: f64) -> Result<Self, ProblemError> {
         let found = self.joint(name)?.clone();
         let ObjectJoint { lower, upper, value: old, .. } = found.joint;
@@ -264,20 +264,21 @@ impl Scene {
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, joints.collect()))
     }
 
-    /// The scene with a body elsewhere: in the base frame, or in the hand frame where it is attached.
+    /// Returns the scene with a body at another pose in the base frame, or in the hand frame if it is attached.
     ///
     /// # Errors
-    /// The body is not there.
+    /// The body does not exist.
     pub fn with_pose(&self, name: &str, pose: &Pose) -> Result<Self, ProblemError> {
         self.body(name)?;
         let bodies = self.with_bodies(|body| body.name == name, None, |_| *pose)?;
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, Arc::clone(&self.joints)))
     }
 
-    /// The scene with a body in the hand at `hand` (base frame): it rides from there on, and no joint moves it.
+    /// Returns the scene with a body attached to the hand at pose `hand` (base frame); joints of objects no longer move
+    /// it.
     ///
     /// # Errors
-    /// The body is not there, or rides already.
+    /// The body does not exist, or is attached already.
     pub fn attached(&self, name: &str, hand: &Pose) -> Result<Self, ProblemError> {
         if self.body(name)?.role == Role::Attached {
             return Err(ProblemError::new("body", format!("{name:?} is attached already")));
@@ -286,11 +287,11 @@ impl Scene {
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, self.carrying(name, None)))
     }
 
-    /// The scene with an attached body left where the hand at `hand` (base frame) holds it: a rigid obstacle from there
-    /// on, which goes with the joint `on`, where it lies on something that moves.
+    /// Returns the scene with an attached body released at the hand's pose `hand` (base frame): it becomes a rigid
+    /// obstacle, which the joint `on`, if given, moves along.
     ///
     /// # Errors
-    /// The body is not there or not attached, or the joint is not there.
+    /// The body does not exist or is not attached, or the joint does not exist.
     pub fn detached(&self, name: &str, hand: &Pose, on: Option<&str>) -> Result<Self, ProblemError> {
         if self.body(name)?.role != Role::Attached {
             return Err(ProblemError::new("body", format!("{name:?} is not attached")));
@@ -300,7 +301,7 @@ impl Scene {
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, self.carrying(name, on)))
     }
 
-    /// The joints, with a body moved by `joint` alone.
+    /// Returns the joints, with a body moved by `joint` only.
     fn carrying(&self, body: &str, joint: Option<&str>) -> Arc<[SceneJoint]> {
         let joints = self.joints.iter().map(|j| {
             let mut out = j.clone();
@@ -319,7 +320,7 @@ impl Scene {
         self.keypoints(true)
     }
 
-    /// Keypoints of the standing bodies in the base frame (m), named `body/keypoint`.
+    /// Keypoints of all other bodies in the base frame (m), named `body/keypoint`.
     #[must_use]
     pub fn object_keypoints(&self) -> BTreeMap<String, Vector3<f64>> {
         self.keypoints(false)
@@ -335,7 +336,7 @@ impl Scene {
             .collect()
     }
 
-    /// A collision check of this scene.
+    /// Returns a collision checker for this scene.
     #[must_use]
     pub fn checker(&self) -> Checker<'_> {
         Checker::new(self)

@@ -1,33 +1,33 @@
-//! The segments of a motion: its parts, each by the keyframe that it leads to.
+//! Segments of a motion, each identified by the keyframe at its end.
 
 use crate::SolverConfig;
 
-/// A part of a motion, by the keyframe that it leads to.
+/// A segment of a motion, identified by the keyframe at its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum MotionSegment {
     /// Free motion from the start to the first keyframe.
     Approach,
-    /// Along the hand's path to a pre-actuation keyframe, by its number in the config's list.
+    /// Along the hand path to a pre-actuation keyframe, by its index in the config's list.
     Pre(usize),
-    /// Along the hand's path to the actuation pose.
+    /// Along the hand path to the actuation pose.
     ToActuation,
-    /// Along the hand's path to a post-actuation keyframe, by its number in the config's list.
+    /// Along the hand path to a post-actuation keyframe, by its index in the config's list.
     Post(usize),
-    /// Straight back from what the hand has let go of.
+    /// Straight retreat after the release.
     LetGo,
 }
 
 impl MotionSegment {
-    /// Whether it comes after the actuation.
+    /// Whether the segment comes after the actuation.
     pub fn is_after(self) -> bool {
         matches!(self, Self::Post(_) | Self::LetGo)
     }
 }
 
-/// Label of the keyframe at which a hand that has let go ends.
+/// Label of the keyframe at the end of the retreat.
 const LET_GO: &str = "let_go";
 
-/// Segments and keyframes of a motion in time. Keyframe k of a motion is what segment k leads to.
+/// Segments and keyframes of a motion in time order. Keyframe k is at the end of segment k.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Schedule {
     before: usize,
@@ -36,7 +36,7 @@ pub(crate) struct Schedule {
 }
 
 impl Schedule {
-    /// That of a config.
+    /// Returns the schedule of a config.
     pub fn of(config: &SolverConfig) -> Self {
         Self { before: config.pre.len(), after: config.post.len(), lets_go: config.let_go.is_some() }
     }
@@ -46,17 +46,17 @@ impl Schedule {
         self.before + 1 + self.after + usize::from(self.lets_go)
     }
 
-    /// Number in time of the actuation pose.
+    /// Index in time order of the actuation pose.
     pub fn actuation(&self) -> usize {
         self.before
     }
 
-    /// Number in time of the keyframe at which the hand lets go, where it does.
+    /// Index in time order of the keyframe at which the hand releases the object, if it does.
     pub fn lets_go_at(&self) -> Option<usize> {
         self.lets_go.then_some(self.before + self.after)
     }
 
-    /// Label of keyframe number `keyframe` in time.
+    /// Label of keyframe `keyframe` in time order.
     pub fn label(&self, keyframe: usize) -> String {
         match self.toward(keyframe) {
             _ if keyframe < self.before => format!("pre_{}", self.before - 1 - keyframe),
@@ -66,7 +66,7 @@ impl Schedule {
         }
     }
 
-    /// Number in time of the keyframe with a label.
+    /// Index in time order of the keyframe with a label.
     pub fn keyframe(&self, label: &str) -> Option<usize> {
         let numbered = |prefix: &str, count: usize| {
             label.strip_prefix(prefix).and_then(|n| n.parse::<usize>().ok()).filter(|n| *n < count)
@@ -80,7 +80,7 @@ impl Schedule {
         }
     }
 
-    /// The segment to keyframe number `keyframe` in time.
+    /// Returns the segment that ends at keyframe `keyframe` in time order.
     pub fn toward(&self, keyframe: usize) -> MotionSegment {
         if keyframe == 0 {
             MotionSegment::Approach
@@ -95,22 +95,22 @@ impl Schedule {
         }
     }
 
-    /// The segment along hand path number `path` in time.
+    /// Returns the segment along hand path `path` in time order.
     pub fn along(&self, path: usize) -> MotionSegment {
         self.toward(path + 1)
     }
 
-    /// The segment that ends at the actuation pose: the approach, where nothing lies before it.
+    /// Returns the segment that ends at the actuation pose, which may be the approach.
     pub fn last_before_actuation(&self) -> MotionSegment {
         self.toward(self.before)
     }
 
-    /// The segment that begins at the actuation pose, where one does.
+    /// Returns the segment that begins at the actuation pose, if any.
     pub fn first_after_actuation(&self) -> Option<MotionSegment> {
         (self.before + 1 < self.len()).then(|| self.toward(self.before + 1))
     }
 
-    /// Number in time of the keyframe that a segment leads to.
+    /// Index in time order of the keyframe at the end of a segment.
     pub fn number(&self, segment: MotionSegment) -> usize {
         match segment {
             MotionSegment::Approach => 0,
@@ -121,7 +121,7 @@ impl Schedule {
         }
     }
 
-    /// All segments in time.
+    /// All segments in time order.
     pub fn segments(&self) -> impl Iterator<Item = MotionSegment> + use<> {
         let schedule = *self;
         (0..self.len()).map(move |k| schedule.toward(k))

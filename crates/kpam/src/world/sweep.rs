@@ -1,4 +1,4 @@
-//! Sweeps: whether the motion between states is free as well.
+//! Sweeps: collision checks of the motion between states.
 
 use gensim2_geometry::Target;
 
@@ -11,32 +11,34 @@ use super::{Hit, Margins, MotionSegment, State, World};
 use crate::ObjectJointKind;
 use crate::model::Row;
 
-/// Gaps beyond this (m) are not measured: so far at most can one step of a sweep go.
+/// Gaps are capped at this value (m), which is the maximum step of a sweep.
 const REACH: f64 = 0.12;
-/// Next to something a step is short, and what is this many times further away, or this much (m), does not matter.
+/// Close to an obstacle steps are short, so bodies this many times further away, or further by this distance (m), are
+/// ignored.
 const AHEAD: f64 = 3.0;
 const NARROW: f64 = 0.006;
-/// Finest step of a sweep: nothing moves more than this between two checks (m).
+/// Minimum step of a sweep: nothing moves more than this between two checks (m).
 const FINEST: f64 = 0.0015;
-/// Shapes whose boxes are further apart than this (m) count as that far apart.
+/// For shapes whose boxes are further apart than this (m), the distance of the boxes is used.
 const COARSE: f64 = 0.02;
 
-/// A proof that gains less than this (waypoints) a bubble is left to a closer look.
+/// A proof that advances by less than this (waypoints) per bubble is left to a finer check.
 const SLOWEST: f64 = 0.2;
-/// The next bubble is looked for so much of the last one's reach beyond its end: one that does not reach back is wasted.
+/// The next bubble is centred at this fraction of the last one's reach beyond its end; a bubble that does not reach
+/// back is wasted.
 const AGAIN: f64 = 0.7;
 
-/// Place at which a sweep goes on (waypoints).
+/// Position at which a sweep continues (waypoints).
 struct Onwards {
-    /// Up to here all is inside the bubble.
+    /// Everything up to here is inside the bubble.
     proven: f64,
-    /// Here is looked at next: further only by the finest step.
+    /// Next position to check; further only by the minimum step.
     next: f64,
 }
 
 impl World<'_> {
-    /// A waypoint but the first at which a checked pair is nearer than its margin, where there is one. One about the middle is
-    /// looked at first, then those about the middles of what is left: what blocks a path shows soon.
+    /// Returns a waypoint other than the first at which a checked pair violates its margin, if any. The middle is
+    /// checked first, then the middles of the remaining parts, since that finds an obstacle soon.
     pub fn hit_at_any(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
         let mut stride = way.waypoints.len().next_power_of_two();
         while stride > 1 {
@@ -51,7 +53,7 @@ impl World<'_> {
         None
     }
 
-    /// Largest way of each group's points per unit of each joint.
+    /// Computes the maximum displacement of each group's points per unit of each joint.
     fn measure_levers(&self, segment: MotionSegment, levers: &mut Vec<f64>) {
         let table = self.table(segment);
         let joints = table.carried.joints;
@@ -81,8 +83,7 @@ impl World<'_> {
         }
     }
 
-    /// States about one that are surely free, or the pair that is nearer than its margin already. What leaves a gap of
-    /// more than `reach` (m) counts as leaving that.
+    /// Returns surely free states around a state, or the pair that violates its margin. Gaps are capped at `reach` (m).
     fn bubble(
         &mut self,
         state: State<'_>,
@@ -97,7 +98,7 @@ impl World<'_> {
         bubble.pairs.clear();
         self.measure_levers(segment, &mut bubble.levers);
         let mut blocked = None;
-        // What stands in for a distance has to be more than any margin asks for.
+        // An approximate distance must exceed every margin.
         let clearance = margins.clearance.max(self.reach_clearance());
         let coarse = COARSE.max(clearance + NARROW);
         let within = clearance + reach;
@@ -123,7 +124,7 @@ impl World<'_> {
             self.spare = bubble;
             return Err(self.hit(&p));
         }
-        // What is not near is at least this far.
+        // Groups that are not near are at least this far away.
         for &group in &self.table(segment).present {
             if !self.shapes.is_bare(group) {
                 bubble.pairs.push(Near { gap: reach, group, other: None });
@@ -132,7 +133,7 @@ impl World<'_> {
         Ok(bubble)
     }
 
-    /// Travel of each joint, the object's last.
+    /// Returns the absolute movement of each joint, the object's joint last.
     pub(super) fn steps(&mut self, from: (&Row, f64), to: (&Row, f64)) -> Vec<f64> {
         let mut steps = std::mem::take(&mut self.steps);
         self.movers.steps(from.0, to.0, &mut steps);
@@ -140,7 +141,7 @@ impl World<'_> {
         steps
     }
 
-    /// Whether a state on a segment of a way is inside, and all that is no further off it than the way may lie.
+    /// Returns whether a state on a segment is inside, with the permitted deviation from the segment.
     fn holds(&mut self, bubble: &Bubble, segment: MotionSegment, (x, travel): (&Row, f64), off: Option<&Row>) -> bool {
         let mut steps = self.steps((&bubble.center, bubble.travel), (x, travel));
         self.add_off(off, &mut steps);
@@ -149,23 +150,24 @@ impl World<'_> {
         inside
     }
 
-    /// Sweeps the straight joint segment from `a` to `b`, the object's joint as it stood; the first hit.
+    /// Sweeps the straight joint segment from `a` to `b` with a fixed object joint; returns the first collision.
     pub fn sweep(&mut self, a: &Row, b: &Row, segment: MotionSegment, margins: &Margins) -> Option<Hit> {
         self.sweep_along(Way::still(&[*a, *b]), segment, margins).map(|(_, hit)| hit)
     }
 
-    /// Sweeps the straight joint segments between waypoints; the last free waypoint before the first hit, and the hit.
+    /// Sweeps the straight joint segments between waypoints; returns the last free waypoint before the first collision,
+    /// and the collision.
     pub fn sweep_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
         let last = way.waypoints.len() - 1;
         let end = last as f64;
         let gone = self.gone(&way);
-        // Free up to here, or to be looked at from here.
+        // Free up to here, and to be checked from here.
         let mut t = 0.0;
         let mut reach = REACH;
-        // How far the last bubble reached (waypoints).
+        // Reach of the last bubble (waypoints).
         let mut ahead = 0.0;
         loop {
-            // One bubble that reaches back as well covers nearly twice as much.
+            // One bubble that also reaches back covers nearly twice as much.
             let at = (t + AGAIN * ahead).floor().min(end);
             if at > t
                 && let Some(on) = self.leap_ahead(&way, segment, margins, &gone, t, at, &mut reach)
@@ -191,8 +193,7 @@ impl World<'_> {
         }
     }
 
-    /// Proves a way free from its beginning on, with no step that is not inside a bubble: the number of the last waypoint
-    /// up to which it is.
+    /// Proves that a path is free from its start, using bubbles only; returns the index of the last proven waypoint.
     pub fn prove_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> usize {
         let last = way.waypoints.len() - 1;
         let end = last as f64;
@@ -224,8 +225,8 @@ impl World<'_> {
         (t as usize).min(last)
     }
 
-    /// As [`World::onwards`], from a place `at` ahead of one that the way is known to be free up to, where the bubble
-    /// there reaches back to that; none where it does not, or something is too near there.
+    /// Like [`World::onwards`], from a position `at` ahead of the proven part, if the bubble there reaches back to it;
+    /// `None` otherwise, or if a pair is too close there.
     #[allow(clippy::too_many_arguments)]
     fn leap_ahead(
         &mut self,
@@ -245,8 +246,8 @@ impl World<'_> {
         on
     }
 
-    /// Extent along a way of a bubble about a place `t` (waypoints), and the place to go on; `reach` is set to how far
-    /// is to be looked from there.
+    /// Returns the extent along a path of a bubble around position `t` (waypoints), and where to continue; `reach` is
+    /// set to the distance to check from there.
     fn onwards(
         &mut self,
         bubble: &Bubble,
@@ -259,7 +260,7 @@ impl World<'_> {
         let last = way.waypoints.len() - 1;
         let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
         *reach = (AHEAD * gap).clamp(NARROW, REACH);
-        // Whole segments while all of them are inside, then a part of the next: a bubble is convex, so what leads to a
+        // Whole segments while they are inside, then a part of the next one: a bubble is convex, so the segment to a
         // point inside is inside.
         let from = t as usize;
         let mut k = from;
@@ -275,7 +276,7 @@ impl World<'_> {
                 break;
             }
         }
-        // Joints that turn back are nearer than they have gone.
+        // Joints that reverse are closer than the distance that they have covered.
         while k < last && self.holds(bubble, segment, (&way.waypoints[k + 1], way.travel_at(k + 1)), way.off.get(k)) {
             k += 1;
         }
@@ -284,7 +285,8 @@ impl World<'_> {
             let steps = self.segment(way, k);
             let mut times = bubble.times(&self.table(segment).carried, &steps);
             if let Some(off) = way.off.get(k) {
-                // What a step uses grows evenly with it: as much less of it as lying off the segment uses.
+                // The used share of a gap grows linearly with the step, and is reduced by the share used by deviations
+                // from the segment.
                 let mut aside = vec![0.0; steps.len()];
                 self.add_off(Some(off), &mut aside);
                 times = (times * (1.0 - 1.0 / bubble.times(&self.table(segment).carried, &aside))).max(0.0);
@@ -304,8 +306,8 @@ impl World<'_> {
             }
             next = low;
         }
-        // Where something is close, go on by the finest step, no further than the next waypoint: nothing moves
-        // further than that unseen.
+        // Close to a body, continue by the minimum step, at most to the next waypoint, so that nothing moves further
+        // than that unchecked.
         let steps = self.segment(way, (next as usize).min(last.saturating_sub(1)));
         let fastest = bubble.fastest(&steps);
         self.steps = steps;
@@ -314,7 +316,7 @@ impl World<'_> {
         Onwards { proven: next, next: on }
     }
 
-    /// Whether all of a way between two waypoints is inside a bubble about a place that is between them too.
+    /// Returns whether the path between two waypoints is inside a bubble around a position between them.
     fn holds_between(
         &mut self,
         bubble: &Bubble,
@@ -346,7 +348,7 @@ mod tests {
 
     #[test]
     fn sweeps_end_whatever_the_clearance() {
-        // In an empty world every gap is as long as sweeps look, however much of it a clearance takes.
+        // In an empty world every gap is at its maximum, whatever the clearance.
         let urdf = r#"<robot name="lever"><link name="base"/>
             <link name="bar"><collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.02 0.02"/></geometry></collision></link>
             <joint name="turn" type="revolute"><parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>

@@ -1,4 +1,4 @@
-//! Travel of the object's joint along a motion after the actuation.
+//! Travel of the object's joint during a motion after the actuation.
 
 use std::ops::Range;
 
@@ -8,12 +8,12 @@ use crate::config::Motion;
 use crate::motion::HandPath;
 use crate::{KeypointProblem, ObjectJoint, ObjectJointKind};
 
-/// A contact point nearer than this (m) to a joint's axis does not turn it.
+/// A contact point closer than this (m) to a joint's axis does not rotate it.
 const ON_AXIS: f64 = 1e-3;
 
-/// By how much (rad or m) each path after the actuation moves the object's joint, where that is known: motions that follow
-/// or trace the joint say so, `options.joint_travel` says it of all of them, and a hand that picks or releases something
-/// leaves the joint alone, as does one that has let go.
+/// Returns the travel (rad or m) of the object's joint in each path after the actuation, if known. Motions that follow
+/// or trace the joint define it, `options.joint_travel` defines it for all motions, and a hand that picks or releases a
+/// body, or has released the object, does not move the joint.
 pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
     let mut value = problem.joint.map_or(0.0, |j| j.value);
     let motions = problem.config.post.iter().enumerate();
@@ -37,11 +37,11 @@ pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
         .collect()
 }
 
-/// Travel of the object's joint at places `done` (within 0..1, increasing, near each other) of post-actuation path number
-/// `post`; `from` is the travel at the first of them.
+/// Returns the travel of the object's joint at positions `done` (in 0..1, increasing, closely spaced) of post-actuation
+/// path `post`; `from` is the travel at the first of them.
 ///
-/// A motion of which it is not known takes the joint along as far as its contact point goes along the joint's axis, or
-/// around it. No joint goes beyond its range.
+/// If the travel is not defined, the joint moves as far as the contact point moves along or around the joint's axis,
+/// within the joint's range.
 pub(crate) fn travel_along(
     problem: &KeypointProblem,
     post: usize,
@@ -71,21 +71,21 @@ pub(crate) fn travel_along(
         .collect()
 }
 
-/// Travel at the end of a part of a path, from travel `from` at its begin.
+/// Returns the travel at the end of a part of a path, given the travel `from` at its start.
 pub(crate) fn travel_over(problem: &KeypointProblem, post: usize, path: &HandPath, from: f64, part: Range<f64>) -> f64 {
     travel_along(problem, post, path, from, &even(&part, PLACES)).pop().unwrap_or(from)
 }
 
-/// Places at which a path is looked at to see how far it takes the object's joint.
+/// Number of positions at which a path is evaluated to estimate the travel.
 const PLACES: usize = 64;
 
-/// `count` even places over a part of a path.
+/// Returns `count` evenly spaced positions over a part of a path.
 pub(crate) fn even(part: &Range<f64>, count: usize) -> Vec<f64> {
     let steps = count.saturating_sub(1).max(1) as f64;
     (0..count).map(|k| part.start + (part.end - part.start) * k as f64 / steps).collect()
 }
 
-/// Travel of the joint by a small way of the contact point.
+/// Returns the joint's travel for a small displacement of the contact point.
 fn carried(joint: &ObjectJoint, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
     match joint.kind {
         ObjectJointKind::Prismatic => (to - from).dot(&joint.axis),

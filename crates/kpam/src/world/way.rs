@@ -1,20 +1,20 @@
-//! Ways through joint space, and how far the joints go along them.
+//! Paths in joint space, and the movement of the joints along them.
 
 use super::{State, World};
 use crate::model::Row;
 
-/// Waypoints, straight in joint values from one to the next, and the travel of the object's joint at each; none where
-/// it stands still.
+/// Waypoints, joined by straight lines in joint values, and the travel of the object's joint at each; empty if it does
+/// not move.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Way<'w> {
     pub waypoints: &'w [Row],
     pub travel: &'w [f64],
-    /// Deviation (rad or m) of each joint from the straight segment after each waypoint; none where it does not.
+    /// Deviation (rad or m) of each joint from the straight segment after each waypoint; empty for none.
     pub off: &'w [Row],
 }
 
 impl<'w> Way<'w> {
-    /// A way on which the object's joint stands still where it stood.
+    /// Returns a path on which the object's joint does not move.
     pub fn still(waypoints: &'w [Row]) -> Self {
         Self { waypoints, travel: &[], off: &[] }
     }
@@ -23,17 +23,17 @@ impl<'w> Way<'w> {
         self.travel.get(waypoint).or(self.travel.last()).copied().unwrap_or(0.0)
     }
 
-    /// State at a waypoint.
+    /// Returns the state at a waypoint.
     pub fn state(&self, waypoint: usize) -> State<'w> {
         State { x: &self.waypoints[waypoint], travel: self.travel_at(waypoint) }
     }
 
-    /// The first waypoints, up to and with number `last`.
+    /// Returns the part up to and including waypoint `last`.
     pub fn until(&self, last: usize) -> Self {
         Self { waypoints: &self.waypoints[..=last], ..*self }
     }
 
-    /// Joint values and travel `t` waypoints along.
+    /// Returns joint values and travel at position `t` (waypoints).
     pub(super) fn at(&self, t: f64) -> (Row, f64) {
         let last = self.waypoints.len() - 1;
         let k = (t as usize).min(last.saturating_sub(1));
@@ -48,17 +48,17 @@ impl<'w> Way<'w> {
     }
 }
 
-/// Path length of each joint along a way (rad or m), the object's last: no place of it is further from another.
+/// Path length of each joint (rad or m), the object's joint last; an upper bound of the distance between positions.
 pub(super) struct Gone {
     pub joints: usize,
-    /// Sums up to each waypoint, one row each.
+    /// Cumulative lengths at each waypoint, one row each.
     pub sums: Vec<f64>,
-    /// The most that each joint may lie off any segment.
+    /// Maximum deviation of each joint from any segment.
     pub off: Vec<f64>,
 }
 
 impl World<'_> {
-    /// Path length of the joints along a way at each waypoint.
+    /// Returns the path length of the joints at each waypoint.
     pub(super) fn gone(&mut self, way: &Way<'_>) -> Gone {
         let joints = self.movers.len() + 1;
         let mut out = Gone { joints, sums: vec![0.0; joints], off: vec![0.0; joints] };
@@ -78,7 +78,7 @@ impl World<'_> {
         out
     }
 
-    /// Adds how far the joints may lie off a segment to how far they move along it.
+    /// Adds the joints' deviation from a segment to their movement along it.
     pub(super) fn add_off(&self, off: Option<&Row>, steps: &mut [f64]) {
         let Some(off) = off else { return };
         for (step, joint) in steps.iter_mut().zip(self.movers.iter()) {
@@ -86,7 +86,7 @@ impl World<'_> {
         }
     }
 
-    /// Travel of each joint over the segment after waypoint `k`.
+    /// Returns the absolute movement of each joint over the segment after waypoint `k`.
     pub(super) fn segment(&mut self, way: &Way<'_>, k: usize) -> Vec<f64> {
         let (a, b) = (way.state(k), way.state(k + 1));
         self.steps((a.x, a.travel), (b.x, b.travel))
