@@ -180,7 +180,7 @@ def main() -> None:
             f"  depth within 2 mm {found.near / found.seen:.5f}  median {np.median(found.apart_mm):.2f} mm",
             flush=True,
         )
-    assert last is not None, "no episode held"
+    assert last is not None, "no episode succeeded"
     photograph(*last, given.photographed, times)
     for part in times.seconds:
         print(f"{part:50}{times.ms(part):8.2f} ms of CPU, mean of {times.frames[part]}")

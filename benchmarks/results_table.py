@@ -181,7 +181,7 @@ def _made(rows: Sequence[Figure]) -> str:
     made = [f"commit {commit}, {date}" for date, commit in found]
     older = sum(row.source is None for row in rows)
     if older:
-        made.append(f"{older} of {len(rows)} rows are older than the commits that are kept with them")
+        made.append(f"{older} of {len(rows)} rows were measured before commits were recorded")
     return "; ".join(made)
 
 

@@ -99,7 +99,7 @@ def view(
         found = of_data_set(place, task, episode, _location(scene.get("assets")))
     else:
         if task is not None or episode is not None:
-            raise InputError("is for a data set", field="task" if task is not None else "episode")
+            raise InputError("may be given only for a data set", field="task" if task is not None else "episode")
         found = of_task(str(what), seed, **scene)
     return serve(found, spec or ObservationSpec(), host=host, port=port)
 
@@ -141,7 +141,7 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
     store = dataset.task(task or dataset.tasks[0])
     row = next((row for row in store.rows() if (row.held if index is None else row.index == index)), None)
     if row is None:
-        wrong = "no episode held" if index is None else f"there is no episode {index}"
+        wrong = "no episode succeeded" if index is None else f"there is no episode {index}"
         raise InputError(wrong, file=store.folder, field="episode", remedy="--episode N takes another")
     recording = store.read(row).recording
     if recording is None:

@@ -52,7 +52,7 @@ class LimitedArm:
             LookupError: no state has been received yet.
         """
         if not self._states:
-            raise LookupError("the arm has not said anything yet")
+            raise LookupError("the arm has not reported its state yet")
         after = next((each for each in self._states if each.time >= time), None)
         if after is None:
             return self._states[-1]

@@ -184,7 +184,7 @@ class ArmLimits:
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():
-            raise InputError("leaves a joint no range", field="margin")
+            raise InputError("leaves no range for a joint", field="margin")
         own = profile.arm_limits(*(_PANDA if profile.solver.get("limits") == "panda" else _UNKNOWN))
         if not np.isfinite(own.velocity).all():
             raise InputError("a joint of the arm has no velocity limit", file=profile.urdf, field="limit")

@@ -169,15 +169,15 @@ class LineConfig:
         if kind == "recording" and not self.dry:
             raise InputError("recordings do not follow the arm", field="--cameras", remedy="gensim2 robot dry-run")
         if kind != SIMULATED and self.simulated_clock:
-            raise InputError("devices go by the machine's clock", field="simulated_clock")
+            raise InputError("real devices use the machine's clock", field="simulated_clock")
         if not 0.0 < self.rate <= MAX_RATE:
             raise InputError(f"must lie between 0 and {MAX_RATE:g} pictures a second, is {self.rate}", field="rate")
         if len(self.pixels) != 2 or not all(1 <= count <= MAX_PIXELS for count in self.pixels):
             raise InputError(f"must be width and height, 1 to {MAX_PIXELS}, not {self.pixels}", field="pixels")
         if self.delays != Delays() and not self.simulated_clock:
-            raise InputError("are of a simulated clock", field="delays", remedy="simulated_clock=True")
+            raise InputError("require a simulated clock", field="delays", remedy="simulated_clock=True")
         if not self.is_simulated and self.policy is None:
-            raise InputError("is shown the true scene, which there is in a simulation only", field="--plan")
+            raise InputError("requires the true scene, which only a simulation has", field="--plan")
 
     @property
     def is_simulated(self) -> bool:

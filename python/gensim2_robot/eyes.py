@@ -111,8 +111,9 @@ def _require_robot(
     through = int((covered & (depth - meshes > THROUGH)).sum())
     if through > THROUGH_SHARE * count:
         raise CameraPoseError(
-            f"camera {camera.name}: {100 * through // count} % of its view of the robot goes through it: "
-            "another camera, or one that was moved"
+            f"camera {camera.name}: {100 * through // count} % of its points in the robot's silhouette lie "
+            "behind the robot: "
+            "the camera was exchanged or moved"
         )
 
 
@@ -193,9 +194,11 @@ class Eyes:
         there = {camera.name: camera for camera in cameras}
         for name in spec.cameras if spec.modalities else ():
             if name not in there:
-                raise InputError(f"there is no camera {name!r}", field="cameras", remedy=f"some of {', '.join(there)}")
+                raise InputError(
+                    f"there is no camera {name!r}", field="cameras", remedy=f"choose from {', '.join(there)}"
+                )
         if not set(spec.modalities) <= {"pointcloud", "depth"}:
-            raise InputError("cameras give point clouds and depth", field="modalities")
+            raise InputError("the cameras provide only point clouds and depth", field="modalities")
         used = [there[name] for name in spec.cameras] if spec.modalities else []
         # Depth images are requested in full size.
         whole = "depth" in spec.modalities

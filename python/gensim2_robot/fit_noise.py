@@ -76,7 +76,9 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
                 recordings.append(StillRecording(depths, frames[0].colors, float(cameras[name].intrinsic[1, 1])))
     if not recordings:
         raise InputError(
-            f"the arm stands nowhere for {MIN_PICTURES} pictures", file=log, remedy="let it stand for some seconds"
+            f"the arm is never at rest for {MIN_PICTURES} images",
+            file=log,
+            remedy="keep the arm at rest for some seconds",
         )
     found, told = fit(recordings, base)
     write_atomic(out, NoiseFile(noise=asdict(found), told=told).model_dump_json(indent=2) + "\n")

@@ -147,10 +147,10 @@ def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
     for number, (value, low, high) in enumerate(zip(here, limits.lower, limits.upper, strict=True)):
         if not low <= value <= high:
             name = limits.profile.arm_joints[number]
-            raise RefusedError(f"{name} stands at {value:.3f}, outside {low:.3f} to {high:.3f}: move it by hand first")
+            raise RefusedError(f"{name} is at {value:.3f}, outside {low:.3f} to {high:.3f}: move it by hand first")
     tool = limits.tool(here[None])[0]
     if not ((tool >= limits.low) & (tool <= limits.high)).all():
-        raise RefusedError(f"the tool stands at {np.round(tool, 3).tolist()}, outside the workspace")
+        raise RefusedError(f"the tool is at {np.round(tool, 3).tolist()}, outside the workspace")
     if not limits.is_clear(here[None]):
         raise RefusedError(f"the robot is nearer than {limits.clearance} m to itself or to the table")
     return Sent(here, np.zeros(limits.size), np.zeros(limits.size), Commands.none(limits.size))

@@ -278,7 +278,7 @@ class Line:
         for answer in self._mind.poll():
             self._hear(answer, now)
         if not self._mind.is_alive:
-            self.watch.stop(now, "the controller's process is gone")
+            self.watch.stop(now, "the controller's process has ended")
 
     def _write_frames(self) -> None:
         """Log the newest image of each camera, because requests use no others."""

@@ -199,7 +199,7 @@ class Log:
         self._max_bytes, self._segment = max_bytes, segment
         self.trouble: str | None = None
         self._begun = 0
-        taken = InputError("holds a log already", file=folder, remedy="choose another folder with --out")
+        taken = InputError("already contains a log", file=folder, remedy="choose another folder with --out")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.glob("*.mcap")):

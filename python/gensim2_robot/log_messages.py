@@ -57,7 +57,7 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message
             at += arrays[name].nbytes
         if at != len(data):
-            raise ValueError(f"{len(data) - at} bytes are left over")
+            raise ValueError(f"{len(data) - at} bytes are left after the message")
         return head.plain, arrays
     except ValidationError as error:
         raise input_error(error, within="message") from error
@@ -259,7 +259,7 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
     """
     schema = PictureMessage if topic.startswith(_CAMERA) else _SCHEMAS.get(topic)
     if schema is None:
-        raise InputError("is no topic of a log", field=topic)
+        raise InputError("is not a topic of a log", field=topic)
     fields: dict[str, Any] = {}
     for name, values in arrays.items():
         group, slash, key = name.partition("/")

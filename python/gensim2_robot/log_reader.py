@@ -51,7 +51,7 @@ def log_files(folder: Path) -> list[Path]:
     """
     files = sorted(folder.glob("log_*.mcap")) if folder.is_dir() else [folder]
     if not files:
-        raise InputError("holds no log", file=folder, remedy="name the folder of a run: log_000000.mcap lies in it")
+        raise InputError("contains no log", file=folder, remedy="name the folder of a run: log_000000.mcap lies in it")
     return files
 
 
@@ -72,16 +72,20 @@ def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
             except InputError as error:
                 raise InputError(error.message, file=path, field=error.field, remedy=_REMEDY) from error
             if is_first != isinstance(message, About):
-                raise InputError("must stand first in a file, and once", file=path, field="/about", remedy=_REMEDY)
+                raise InputError(
+                    "must be the first message of a file, and occur once", file=path, field="/about", remedy=_REMEDY
+                )
             if isinstance(message, About):
                 if about is not None and message != about:
-                    raise InputError("is not that of the file before", file=path, field="/about", remedy=_REMEDY)
+                    raise InputError(
+                        "differs from that of the previous file", file=path, field="/about", remedy=_REMEDY
+                    )
                 about, is_first = message, False
             elif isinstance(message, PictureMessage) and about is not None:
                 _require_camera(message, about, path)
             yield topic, message
     if about is None:
-        raise InputError("holds no message: its run was ended before it wrote any", file=folder)
+        raise InputError("has no message: its run ended before writing any", file=folder)
 
 
 def about_of(folder: Path) -> About:
@@ -113,7 +117,7 @@ def _require_camera(picture: PictureMessage, about: About, path: Path) -> None:
     field = f"/camera/{picture.camera}"
     camera = next((each for each in about.cameras if each.name == picture.camera), None)
     if camera is None:
-        raise InputError("is no camera of the log", file=path, field=field, remedy=_REMEDY)
+        raise InputError("is not a camera of the log", file=path, field=field, remedy=_REMEDY)
     shape = (camera.height, camera.width)
     if picture.depth.shape != shape or picture.colors.shape != (*shape, 3):
         said = f"depth is {picture.depth.shape}, colours are {picture.colors.shape}, the camera has {shape}"
@@ -157,7 +161,7 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
         closed = _is_closed(stream, size)
         head = stream.read(len(_MAGIC))
         if head != _MAGIC[: len(head)]:
-            raise InputError("is no MCAP file", file=path, remedy="name a log_*.mcap of a run, or its folder")
+            raise InputError("is not an MCAP file", file=path, remedy="name a log_*.mcap of a run, or its folder")
         checksum, ended = zlib.crc32(head), False
         for opcode, content in _records(stream, len(head), size - closed * len(_MAGIC), path, whole=closed):
             if opcode == Opcode.DATA_END:
@@ -181,7 +185,7 @@ def _records(stream: BinaryIO, at: int, end: int, path: Path, *, whole: bool) ->
         at += 9 + length
         if at > end:
             if whole:
-                raise _damaged(path, "a record is cut off")
+                raise _damaged(path, "a record is incomplete")
             return
         if length > MAX_CHUNK:
             raise _damaged(path, f"a record has {length / 2**20:.0f} MiB")

@@ -118,9 +118,9 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     if isinstance(made, RemoteController):
         made.close()  # the controller's process connects again
     if privileged and not config.is_simulated:
-        raise InputError("is shown the true scene, which there is in a simulation only", field=controller.target)
+        raise InputError("requires the true scene, which only a simulation has", field=controller.target)
     if seen.is_privileged:
-        raise InputError("sees keypoints of the objects, which no camera gives", field=controller.target)
+        raise InputError("requires keypoints of the objects, which no camera provides", field=controller.target)
     cameras = simulated_cameras(profile, *config.pixels)
     source = config.source
     if not source.is_rendered:
@@ -131,15 +131,17 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
         cameras = tuple(each for each in cameras if each.name in seen.cameras)
     for fault in faults:
         if fault.name == "policy-token" and controller.target != REMOTE:
-            raise InputError("there is no server to refuse a token", field="--fault", remedy="--policy ws://HOST:PORT")
+            raise InputError(
+                "requires a server that can refuse a token", field="--fault", remedy="--policy ws://HOST:PORT"
+            )
         if (fault.kind == "arm" and not config.is_simulated) or (fault.kind == "camera" and not source.is_rendered):
             raise InputError(f"{fault.name} is a fault of simulated devices", field="--fault")
         if fault.name in ("camera-swapped", "camera-mislabelled"):
             if len(cameras) < 2:
-                raise InputError("there is one camera, and nothing to exchange it with", field="fault")
+                raise InputError("there is only one camera, so none can be exchanged", field="fault")
             if source.kind == SOFTWARE:
                 raise InputError(
-                    "a software device gives its own pictures", field="fault", remedy=f"--cameras {SIMULATED}"
+                    "a software device provides its own images", field="fault", remedy=f"--cameras {SIMULATED}"
                 )
     calibration = None
     if config.calibration is not None:

@@ -79,7 +79,7 @@ class MessagePipe:
         while (message := self._next()) is not None:
             found.append(pickle.loads(message))  # trusted: sent by a child process
         if not found and self._is_over:
-            raise DeviceGoneError(f"the process of the {self._what} is gone")
+            raise DeviceGoneError(f"the process of the {self._what} has ended")
         return found
 
     def close(self) -> None:

@@ -239,7 +239,7 @@ class ProcessTruth:
             self._pipe.send(what)
             return self._pipe.recv()
         except _GONE as error:
-            raise GenSim2Error("the simulated world is gone") from error
+            raise GenSim2Error("the simulation process has ended") from error
 
 
 class ProcessMind:

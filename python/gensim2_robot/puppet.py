@@ -65,7 +65,7 @@ class GivenActions:
 
     def fail(self, fault: str) -> None:
         """Refuse, because given actions have no faults."""
-        raise InputError("actions that are given have no faults", field="fault")
+        raise InputError("faults cannot be injected into given actions", field="fault")
 
     def close(self) -> None:
         """Do nothing."""

@@ -66,7 +66,7 @@ def run(
         check_counts(episodes=episodes)
     for fault in faults:
         if fault.name == "disk-full" and log is None:
-            raise InputError("disk-full needs a log that can fail", field="fault", remedy="leave out --no-log")
+            raise InputError("disk-full requires a log", field="fault", remedy="leave out --no-log")
     config, scene = LineConfig.split(line)
     if (episodes or 1) > 1 and not (config.is_simulated or config.dry):
         said = f"a person lays out each scene of a real arm, {episodes} are asked for"

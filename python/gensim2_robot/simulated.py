@@ -69,7 +69,9 @@ class SimulatedWorld:
         self._env = HeadlessEnv(scene)
         self.profile, self.task = self._env.profile, self._env.task
         if self.profile.simulation.physics_hz != round(1.0 / CYCLE):
-            raise ValueError(f"physics at {self.profile.simulation.physics_hz} Hz, the wire at {1 / CYCLE:g}")
+            raise ValueError(
+                f"physics at {self.profile.simulation.physics_hz} Hz, the driver cycle at {1 / CYCLE:g} Hz"
+            )
         self.faults: set[str] = set()
         self.episode = 0
         self._stopped = False

@@ -155,7 +155,7 @@ class Watch:
         """
         self._require(State.HOLDING)
         if not person:
-            raise StateError("a person resumes: say who")
+            raise StateError("only a person may resume: give the person's name")
         self._forget_motion()
         self._change(now, State.RUNNING, f"resumed by {person}")
 

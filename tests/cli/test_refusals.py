@@ -51,7 +51,7 @@ def _broken_tasks(folder: Path) -> dict[str, tuple[str, str]]:
         "endless_number": (task.replace("400", "4" * 5000), config, "task.yaml", "64 bits"),
         "too_many_steps": (task.replace("400", "400000000"), config, "task.yaml", "max_episode_steps"),
         "laughs": (task, config + "x: &a [" + "1," * 999 + "]\ny: [" + "*a," * 999 + "]\n", PULL, "20000"),
-        "binary": (task, "\0\1", PULL, "a character that no text has"),
+        "binary": (task, "\0\1", PULL, "a control character"),
     }
     for name, (task_text, config_text, _, _) in cases.items():
         (folder / name / "strategies").mkdir(parents=True)
@@ -108,16 +108,19 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["demo", "OpenDrawer", "--time-limit", "nan"], "time_limit: must lie in"),
         (["demo", "OpenDrawer", "--jobs-per-worker", NINES], "--jobs-per-worker"),
         (["run-pipeline", "--num-tasks", NINES], "--num-tasks"),
-        (["run-pipeline", "--single", "0"], "single, long: no task is asked for (ask for one"),
+        (["run-pipeline", "--single", "0"], "single, long: no task is requested (request at least one"),
         (["run-pipeline", "--episodes", "-1"], "--episodes"),
         (["run-pipeline", "--target-task", "Nope"], "unknown task"),
         (["run-pipeline", "--target-task", ""], "unknown task"),
         (["run-pipeline", "--stored-task", "Nope"], "unknown task 'Nope'"),
         (["run-pipeline", "--physics", "newton"], "--physics"),
         (["run-pipeline", "--target-object", "drawr", "--assets", "builtin"], "did you mean drawer"),
-        (["run-pipeline", "--target-task", "OpenDrawer", "--target-object", "drawer"], "--target-object: is of no use"),
-        (["run-pipeline", "--library", str(archive)], "an archive is only read"),
-        (["tasks", "add", str(folder), "--episodes", "30"], "--episodes: is of no use with the folder of a run"),
+        (
+            ["run-pipeline", "--target-task", "OpenDrawer", "--target-object", "drawer"],
+            "--target-object: cannot be combined",
+        ),
+        (["run-pipeline", "--library", str(archive)], "is an archive, which is read-only"),
+        (["tasks", "add", str(folder), "--episodes", "30"], "--episodes: does not apply to the folder of a run"),
         (["demo", "OpenDrawer", "--physics", str(mixture)], "base: no physics ['original']"),
         (["run-pipeline", "--randomization", "narrow"], "--randomization"),
         (["run-pipeline", "--instances", "-1"], "instances: no class of builtin has the instances '-1'"),
@@ -206,7 +209,7 @@ def test_standard_output_that_is_full_is_one_line(words: str) -> None:
 def test_standard_output_that_is_closed_is_one_line(words: str, tmp_path: Path) -> None:
     done = _shell(f"cd {tmp_path}; gensim2 {words} >&-")
     assert done.returncode == cli.BAD_INPUT
-    assert done.stderr == "gensim2: standard output is closed (let it go to a file, or to /dev/null)\n"
+    assert done.stderr == "gensim2: standard output is closed (redirect it to a file or to /dev/null)\n"
     assert list(tmp_path.iterdir()) == []
 
 

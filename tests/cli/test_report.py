@@ -56,7 +56,7 @@ def test_page_shows_tasks_rejections_and_candidates(run_dir: Path) -> None:
     text = path.read_text()
     _parse(path)
     assert "18 of 20 fresh random episodes hold" in text
-    assert "3 of 20 fresh episodes held; 70% are needed" in text
+    assert "3 of 20 fresh episodes succeeded; 70% are needed" in text
     assert "no candidate could be planned" in text
     assert "gensim2 run-pipeline --num-tasks 3" in text
     assert "and 8 more in design.json" in text
@@ -71,11 +71,11 @@ def test_page_tells_the_three_verdicts_with_intervals_and_the_number_of_objects(
     assert re.search(row.format("held", 18, "0.70 to 0.97"), text, re.S)
     assert re.search(row.format("strict", 9, "0.26 to 0.66"), text, re.S)
     assert "4 box_rotate" in text
-    assert "The search saw none of them." in text
+    assert "The search used none of these objects." in text
     assert "the hand has not let go" in text
 
 
-def test_of_one_object_the_page_does_not_say_that_the_search_saw_none(run_dir: Path) -> None:
+def test_of_one_object_the_page_does_not_say_that_the_search_used_none(run_dir: Path) -> None:
     for path in (run_dir / "tasks").iterdir():
         folder = TaskFolder(path)
         found = folder.verification()
@@ -84,7 +84,7 @@ def test_of_one_object_the_page_does_not_say_that_the_search_saw_none(run_dir: P
         folder.write_verification(replace(found, episodes=alike))
     for path in (run_dir / "rejected").iterdir():
         (path / "verification.json").unlink()
-    assert "The search saw none" not in write_report(run_dir).read_text()
+    assert "The search used none" not in write_report(run_dir).read_text()
 
 
 def test_a_run_of_demonstrations_alone_shows_its_episodes_and_steps(run_dir: Path) -> None:

@@ -98,7 +98,7 @@ KINDS = (
     Kind("1,000 keypoints", told(keypoints={f"k{i}": [0, 0, 0] for i in range(1000)}), r"1000 keypoints, at most 256"),
     # XML
     Kind("URDF is empty", put("mobility.urdf", ""), r"mobility\.urdf: not XML: no element found"),
-    Kind("URDF is cut off", cut("mobility.urdf", 0.6), r"mobility\.urdf: not XML"),
+    Kind("URDF is incomplete", cut("mobility.urdf", 0.6), r"mobility\.urdf: not XML"),
     Kind("URDF is binary", put("mobility.urdf", bytes(range(256)) * 40), r"mobility\.urdf: not XML"),
     Kind("URDF is not UTF-8", put("mobility.urdf", b'<robot name="\xff\xfe\xff"/>'), r"mobility\.urdf: not XML"),
     Kind(
@@ -118,7 +118,7 @@ KINDS = (
     Kind(
         "a moving link named base",
         lambda folder: (urdf('"base"', '"root"', -1)(folder), urdf('"link_0"', '"base"', -1)(folder)),
-        r"link base: a moving link cannot be named so",
+        r"link base: a moving link cannot have this name",
     ),
     Kind("a joint without child", urdf('<child link="link_1"/>', ""), r"joint joint_1: a joint needs a parent and a"),
     Kind("a joint to no link", urdf('<child link="link_1"/>', '<child link="x"/>'), r"joint joint_1: no link 'x'"),
@@ -164,14 +164,14 @@ KINDS = (
     ),
     # info.json
     Kind("info.json is empty", put("info.json", ""), r"info\.json: not JSON: Expecting value"),
-    Kind("info.json is cut off", cut("info.json", 0.5), r"info\.json: not JSON"),
+    Kind("info.json is incomplete", cut("info.json", 0.5), r"info\.json: not JSON"),
     Kind("info.json is a list", put("info.json", "[]"), r"info\.json: holds no fields"),
     Kind("info.json is not UTF-8", put("info.json", b'{"scale": "\xff"}'), r"info\.json: not JSON: 'utf-8' codec"),
     Kind("info.json is nested", put("info.json", "[" * 10**5), r"info\.json: not JSON: nested too deeply"),
     Kind(
         "a number of 5,000 digits", swap("info.json", "0.25", "9" * 5000, 1), r"info\.json: not JSON: Exceeds the limit"
     ),
-    Kind("a field that stands twice", twice_in_json, r"info\.json: not JSON: field 'scale' stands twice"),
+    Kind("a field that is repeated", twice_in_json, r"info\.json: not JSON: field 'scale' is repeated"),
     Kind("a field that nobody knows", told(sclae=2), None, r"1 unknown fields of info\.json not used: sclae"),
     *(
         Kind(f"scale {value!r:.20}", told(scale=value), r"info\.json: scale: not a positive number in range")
@@ -197,10 +197,10 @@ KINDS = (
     Kind("an axis in a list", told(axis=["x"]), r"info\.json: axis: \['x'\] is not x, y or z"),
     Kind("a license that is a number", told(license=3), r"info\.json: license: 3 is no text"),
     # Meshes
-    Kind("mesh is empty", put(LEFT, ""), None, r"1 mesh files unreadable: .*holds no triangle"),
-    Kind("mesh is cut off", cut(LEFT, 0.5), None, r"1 mesh files unreadable: .*a vertex has under three numbers"),
+    Kind("mesh is empty", put(LEFT, ""), None, r"1 mesh files unreadable: .*has no triangle"),
+    Kind("mesh is incomplete", cut(LEFT, 0.5), None, r"1 mesh files unreadable: .*a vertex has under three numbers"),
     Kind("mesh is binary", put(LEFT, bytes(range(256)) * 400), None, r"1 mesh files unreadable"),
-    Kind("mesh is STL in disguise", put(LEFT, b"solid left\nfacet normal 0 0 1\n"), None, r"holds no triangle"),
+    Kind("mesh is STL in disguise", put(LEFT, b"solid left\nfacet normal 0 0 1\n"), None, r"has no triangle"),
     Kind("a vertex that is NaN", swap(LEFT, "-0.5", "nan"), None, r"a vertex is not finite"),
     Kind("a vertex at 1e30", swap(LEFT, "-0.5", "1e30"), None, r"a vertex is beyond 1e\+06"),
     Kind("vertices of two numbers", swap(LEFT, " 0.4\n", "\n"), None, r"1 mesh files unreadable"),

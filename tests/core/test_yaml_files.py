@@ -46,11 +46,11 @@ LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
         ("a: {1: 2}", 1, "the name of a field must be text"),
         ("a: 1\nb: {c: 1, c: 2}", 2, "field 'c' is given twice"),
         ("a: 1\n---\nb: 1", 2, "another document"),
-        ("a: 1\nb: \x00", 2, "a character that no text has"),
+        ("a: 1\nb: \x00", 2, "a control character"),
         ("a: *b", 1, "undefined alias"),
         ('a: 1\nb: "\\ud800"', 2, "invalid Unicode character escape"),
-        ("- a", 1, "must hold fields by name"),
-        ("", 1, "must hold fields by name"),
+        ("- a", 1, "must be a mapping from field names to values"),
+        ("", 1, "must be a mapping from field names to values"),
     ],
 )
 def test_what_is_refused(text: str, line: int, words: str) -> None:

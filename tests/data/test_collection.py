@@ -263,7 +263,7 @@ def test_a_full_disk_ends_it_at_once_and_keeps_what_is_finished(
         real(handle)
 
     monkeypatch.setattr(os, "fsync", full_after_a_while)
-    with pytest.raises(WriteError, match=r"No space left on device \(make room, and go on with --resume\)"):
+    with pytest.raises(WriteError, match=r"No space left on device \(free disk space, and resume with --resume\)"):
         gather()
     monkeypatch.setattr(os, "fsync", real)
     there = {path.name: path.read_bytes() for path in (tmp_path / "set/OpenDrawer").glob("*/0*.h5")}

@@ -233,9 +233,9 @@ def test_records_that_are_pipes_are_refused(dataset: DataSet) -> None:
 @pytest.mark.parametrize(
     ("what", "said"),
     [
-        ("a circle", "actions is no array"),
+        ("a circle", "actions is not an array"),
         ("a soft link", "actions is a link"),
-        ("another file's numbers", "actions keeps its numbers in another file"),
+        ("another file's numbers", "actions stores its data in another file"),
         ("1e12 rows", "more than 128 MiB"),
         ("text", "holds text or objects, not numbers"),
     ],
@@ -262,7 +262,7 @@ def test_circles_of_groups_end(dataset: DataSet) -> None:
     out = exported(dataset, "maniskill")
     with h5py.File(next(out.glob("*/trajectory.h5")), "r+") as file:
         file["traj_0/env_states/actors/again"] = file["traj_0/env_states"]
-    assert "lies too deep" in refused(out, "maniskill")
+    assert "is nested too deeply" in refused(out, "maniskill")
 
 
 @pytest.mark.parametrize(
@@ -298,7 +298,11 @@ def changed_trajectory(dataset: DataSet, name: str, values: Callable[[Any], Any]
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [
-        ("actions", lambda a: np.full_like(a, np.nan), "episode 0.actions: is no finite number at step 0"),
+        (
+            "actions",
+            lambda a: np.full_like(a, np.nan),
+            "episode 0.actions: contains a number that is not finite at step 0",
+        ),
         ("actions", lambda a: a[:3], "episode 0.actions: has 3 steps, the record"),
         ("actions", lambda a: a.astype(np.float64), "episode 0.actions: is float64"),
         ("actions", lambda a: a.reshape(-1), "episode 0.actions: has"),
@@ -344,7 +348,7 @@ def test_a_sealed_episode_without_numbers_is_refused_wherever_it_is_read(dataset
     assert recording is not None
     broken = replace(recording, actions=np.full_like(recording.actions, np.nan))
     digest = write_episode(store.path(row.index), row, broken)
-    with pytest.raises(InputError, match="actions: is no finite number at step 0"):
+    with pytest.raises(InputError, match="actions: contains a number that is not finite at step 0"):
         store.read(replace(row, episode_digest=digest))
 
 

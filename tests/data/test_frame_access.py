@@ -119,9 +119,9 @@ def test_a_loader_of_pytorch_reads_them_with_workers(dataset: DataSet) -> None:
 def test_what_is_missing_or_damaged_is_named(dataset: DataSet) -> None:
     bare = dataset.frames()
     assert "point_cloud" not in bare[0]
-    with pytest.raises(InputError, match="holds no observations"):
+    with pytest.raises(InputError, match="has no observations"):
         bare.spec  # noqa: B018
-    with pytest.raises(InputError, match="holds no observations"):
+    with pytest.raises(InputError, match="has no observations"):
         dataset.observation_spec()
     render(dataset.path, spec=SPEC, workers=0)
     paths = sorted(dataset.path.glob("OpenDrawer/observations/*.h5"))

@@ -97,7 +97,7 @@ def test_a_row_and_another_episodes_file_do_not_go_together(tmp_path: Path) -> N
     store.path(1).write_bytes(store.path(0).read_bytes())
     assert store.is_complete(first)
     assert not store.is_complete(second)
-    with pytest.raises(InputError, match="is not the episode that its row is of"):
+    with pytest.raises(InputError, match="does not match its row in the table"):
         store.read(second)
 
 

@@ -181,7 +181,7 @@ def test_a_class_whose_objects_share_no_keypoint_of_the_moving_part_is_declined(
     tasks, told = everything()
     task = next(each for each in tasks if each.is_single_step and each.steps[0].done and "drawer" in str(each.objects))
     classes = {**told.classes, "drawer": replace(told.classes["drawer"], lever_arms={})}
-    with pytest.raises(Declined, match="no keypoint of the part that moves"):
+    with pytest.raises(Declined, match="share no keypoint on the moving part"):
         OfflineDesigner().candidates(task, Brief(SETTINGS, classes), seed=0)
 
 

@@ -127,8 +127,8 @@ def test_object_that_cannot_be_loaded_is_on_the_page(tmp_path: Path, pretend: No
     ("classes", "text", "message"),
     [
         (["no_such_class"], '{"objects": []}', "no class"),
-        (["switch"], '{"objects": [{"id": "0"}]}', "holds no findings"),
-        (["switch"], '{"objects": [{"class": "switch", "id": "0", "findings": [{}]}]}', "holds no findings"),
+        (["switch"], '{"objects": [{"id": "0"}]}', "contains no findings"),
+        (["switch"], '{"objects": [{"class": "switch", "id": "0", "findings": [{}]}]}', "contains no findings"),
         (["switch"], "[" * 100_000, "not JSON: nested too deeply"),
         (["switch"], "[]", "holds no fields"),
         (["switch"], "not JSON", "not JSON"),

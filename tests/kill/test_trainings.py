@@ -65,7 +65,7 @@ def killed_and_resumed(words: list[str], policy: str, folder: Path) -> None:
     second = start([*words, "--resume"], parts, folder / "second")
     assert second.wait(timeout=300) == 2
     (said,) = (line for line in (folder / "second").read_text().splitlines() if line.startswith("gensim2:"))
-    assert "another run is at work in it" in said
+    assert "another run is using this folder" in said
     os.killpg(process.pid, signal.SIGCONT)
     reached(state, 10, process, log)
     os.killpg(process.pid, signal.SIGKILL)

@@ -139,7 +139,7 @@ def test_export_writes_a_library_that_opens(capfd: pytest.CaptureFixture[str], t
     assert found == [("drawer", 2), ("faucet", 1)]
     assert result["license"] == "Apache-2.0"
     assert cli.run(["assets", "export", "faucet/3", "--out", str(out)]) == 2
-    assert "is there already" in capfd.readouterr().err
+    assert "already exists" in capfd.readouterr().err
     assert cli.run(["assets", "export", "faucet/3", "--out", str(out), "--force"]) == 0
     assert capfd.readouterr().out.splitlines() == [str(folders[2]), "license: Apache-2.0"]
     assert cli.run(["assets", "export", "--out", str(out)]) == 2

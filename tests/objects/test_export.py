@@ -110,7 +110,7 @@ def test_an_object_that_is_there_is_not_overwritten(library: Library, tmp_path: 
     instance = library.load("drawer", "1")
     folder = export(instance, tmp_path)
     (folder / "info.json").write_text("mine")
-    with pytest.raises(InputError, match=r"drawer/1: is there already .*--force"):
+    with pytest.raises(InputError, match=r"drawer/1: already exists .*--force"):
         export(instance, tmp_path)
     assert (folder / "info.json").read_text() == "mine"
     export(instance, tmp_path, replace=True)

@@ -124,7 +124,7 @@ def test_broken_mesh_is_counted(load: Load) -> None:
 
 def test_a_colour_that_is_no_number_is_counted(load: Load) -> None:
     instance = load(lambda folder: (folder / "textured_objs" / "left.mtl").write_text("newmtl paint\nKd 0.2 nan 0.1\n"))
-    assert "left.mtl: material paint has a colour that is no number" in instance.warnings[0]
+    assert "left.mtl: material paint has a colour that is not a number" in instance.warnings[0]
 
 
 @pytest.mark.parametrize(

@@ -134,7 +134,7 @@ def test_released_layout_is_read(library: object, tmp_path: Path) -> None:
     loaded = opened.load_rigid("brick")
     assert loaded.source == "real"
     assert loaded.visual is None
-    assert "nothing to look at" in loaded.warnings[0]
+    assert "there is no visual mesh" in loaded.warnings[0]
     np.testing.assert_allclose(loaded.size, [0.025, 0.035, 0.025], atol=1e-6)
     np.testing.assert_allclose(loaded.keypoints["rigidbody_object_head"].position, [0, 0, 0.0125])
     (model / "info.json").write_text(json.dumps({**info, "scale": -1}))

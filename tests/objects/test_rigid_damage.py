@@ -53,7 +53,7 @@ REFUSED: dict[str, tuple[Change, str]] = {
         lambda folder: (folder / "collision.obj").write_text(""),
         r"collision\.obj: cannot be read: h",
     ),
-    "collision is a speck": (told(scale=1e-6), r"collision\.obj: holds no part that can collide"),
+    "collision is a speck": (told(scale=1e-6), r"collision\.obj: has no collision part"),
     "scale is missing": (told(scale=None), r"info\.json: scale: no"),
     "scale is 1e30": (told(scale=1e30), r"info\.json: scale: not a positive number in range"),
     "scale is 1000": (told(scale=1000), r"scale: its geometry reaches to 50"),

@@ -60,7 +60,7 @@ def test_no_camera_gives_them() -> None:
     assert not SPEC.casts
     env = HeadlessEnv("CloseBox", assets="builtin")
     env.reset(seed=0)
-    with pytest.raises(Exception, match="only a simulator knows the keypoints"):
+    with pytest.raises(Exception, match="available in simulation only"):
         Encoder(SPEC, env.profile).encode(0, env.q, env.qvel, 1.0)
     with pytest.raises(InputError, match="noise: is of depth pictures"):
         replace(SPEC.cloud, noise=DepthNoise())

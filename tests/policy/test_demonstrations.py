@@ -118,7 +118,7 @@ def test_an_episode_of_two_data_sets_counts_once(folder: Path, tmp_path: Path) -
 
     twice = decode([folder, tmp_path / "copy"], progress=Listener())
     assert twice.episodes == decode([folder]).episodes
-    assert any("are in several data sets and count once" in text for text in told)
+    assert any("occur in several data sets and count once" in text for text in told)
 
 
 def test_keyframes_are_told_in_the_frame_of_the_tool(folder: Path) -> None:
@@ -289,9 +289,9 @@ def test_clouds_that_are_damaged_are_not_said_to_be_missing(checkpoint: Path, tm
     with pytest.raises(InputError, match=r"clouds\.npz: is damaged"):
         PolicyController(str(tmp_path / "policy"), sees="other")
     (tmp_path / "policy/clouds.npz").unlink()
-    with pytest.raises(InputError, match="holds no clouds"):
+    with pytest.raises(InputError, match="has no point clouds"):
         PolicyController(str(tmp_path / "policy"), sees="other")
-    with pytest.raises(InputError, match="holds no clouds"):  # before the evaluation
+    with pytest.raises(InputError, match="has no point clouds"):  # before the evaluation
         evaluate_policy(tmp_path / "policy", "CloseBox", episodes=1, out=tmp_path / "out", assets="builtin")
     with pytest.raises(InputError, match="no control 'deaf'"):
         evaluate_policy(tmp_path / "policy", "CloseBox", controls=("deaf",))  # type: ignore[arg-type]
@@ -395,7 +395,9 @@ def test_what_is_no_number_is_refused_by_name(folder: Path, tmp_path: Path) -> N
     arrays["proprioception/qvel"][7, 2] = np.nan
     write_observation(path, seen.description, arrays)
     shutil.rmtree(Path(gensim2.core.files.cache_dir()) / "policy" / "frames", ignore_errors=True)
-    with pytest.raises(InputError, match=r"000001.h5: proprioception/qvel: is no finite number at frame 7"):
+    with pytest.raises(
+        InputError, match=r"000001.h5: proprioception/qvel: contains a number that is not finite at frame 7"
+    ):
         decode([copy])
 
 
@@ -415,7 +417,7 @@ def test_what_was_not_rendered_is_left_out_and_said(folder: Path, tmp_path: Path
     ]
     for file in files[:1] + files[2:]:
         file.unlink()
-    with pytest.raises(InputError, match=r"holds no observations \(run `gensim2 render`"):
+    with pytest.raises(InputError, match=r"has no observations \(run `gensim2 render`"):
         decode([copy])
 
 
@@ -473,7 +475,7 @@ def test_the_command_line(folder: Path, tmp_path: Path, capfd: pytest.CaptureFix
         ("--out", str(tmp_path / "a"), "--task", "OpenBox"): "no data set has a task 'OpenBox'",
         ("--out", str(tmp_path / "a"), "--config", str(keypose)): "gensim2 learn --policy keypose",
         ("--out", str(tmp_path / "a"), "--from", str(folder)): "config.json",
-        ("--out", str(tmp_path / "a"), "--config", str(folder / "dataset.json")): "have no such field",
+        ("--out", str(tmp_path / "a"), "--config", str(folder / "dataset.json")): "has no such field",
     }
     for extra, said in refused.items():
         assert run(["train", "--data", str(folder), *extra]) == 2

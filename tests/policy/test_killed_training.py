@@ -194,7 +194,7 @@ def test_a_second_learning_and_a_second_experiment_in_a_folder_are_refused(tmp_p
             lambda: run_experiment(config_of("generalization", small=True), out=tmp_path, assets="builtin"),
         ),
     ):
-        with FolderLock(tmp_path, name), pytest.raises(InputError, match="another run is at work in it"):
+        with FolderLock(tmp_path, name), pytest.raises(InputError, match="another run is using this folder"):
             again()
     assert not (tmp_path / "learn.json").exists()
     assert not (tmp_path / "experiment.json").exists()

@@ -265,7 +265,7 @@ def test_a_server_that_comes_back_with_another_token_ends_the_episode(serving: C
 
 
 def test_what_knows_the_truth_is_not_served() -> None:
-    with pytest.raises(InputError, match="does not travel"):
+    with pytest.raises(InputError, match="cannot be sent"):
         PolicyServer(ControllerSpec(CHAIN), "panda", TOKEN, port=0)
 
 
@@ -289,7 +289,7 @@ def test_a_token_that_is_refused_while_it_runs_is_held(serving: Callable[..., Po
     found = run("CloseBox", policy=serving().url, deadline=30.0, faults=[Fault("policy-token", 0.3)], **quick)
     assert (found["state"], "refuses: wrong token" in found["reason"]) == ("holding", True), found["reason"]
     assert found["detected_to_stopped_ms"] <= 100.0 + 1e-6
-    with pytest.raises(InputError, match="no server to refuse a token"):
+    with pytest.raises(InputError, match="requires a server that can refuse a token"):
         run("CloseBox", faults=[Fault("policy-token", 0.3)], **quick)
 
 

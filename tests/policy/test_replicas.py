@@ -170,7 +170,7 @@ def test_the_time_of_a_step_counts_all_devices() -> None:
     [
         ("cpu,cpu,cpu", "batch: is 4, which 3 devices cannot share"),
         ("cpu,nowhere", "device: 'nowhere' cannot be used"),
-        ("cpu,meta", "device: 'cpu,meta' are of several kinds"),
+        ("cpu,meta", "device: 'cpu,meta' are devices of several kinds"),
         ("", "device: '' cannot be used"),
     ],
 )

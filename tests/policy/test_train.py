@@ -156,7 +156,7 @@ def test_another_training_is_not_gone_on_with(tmp_path: Path) -> None:
 def test_a_folder_has_one_training_at_a_time(tmp_path: Path) -> None:
     config = made_up.policy()
     lock = FolderLock(tmp_path)
-    with pytest.raises(InputError, match="another run is at work in it"):
+    with pytest.raises(InputError, match="another run is using this folder"):
         train_policy(made_up.MadeUpSource(config), config, made_up.training(), tmp_path)
     lock.release()
 

@@ -26,10 +26,14 @@ def test_every_class_is_found(real_assets: Path) -> None:
     ("asset_class", "instance_id", "note"),
     [
         ("faucet", "1011", "1 mesh files missing: textured_objs/original-5.obj"),
-        ("safe_rotate", "102278", "1 collision files are one slanted triangle, which PhysX drops, made a plate"),
+        (
+            "safe_rotate",
+            "102278",
+            "1 collision files consist of one slanted triangle, which PhysX drops, and became plates",
+        ),
         ("dishwasher", "12085", "joint is prismatic, the class is known as revolute"),
         ("trash_can", "102181", "no scale: 0.4, the median of its class"),
-        ("bucket_swing", "100435", "disjoint from the limits"),
+        ("bucket_swing", "100435", "does not overlap the limits"),
         ("coffee_machine", "103030", "none is near the moving link"),
     ],
 )

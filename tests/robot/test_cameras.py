@@ -83,7 +83,7 @@ def test_cameras_whose_library_fails_are_gone(cameras: ProcessCameras, fault: st
 def test_a_process_that_is_killed_is_a_device_that_is_gone(cameras: ProcessCameras) -> None:
     name = cameras._slots._memory.name
     cameras._process.kill()
-    until_gone(cameras, "the process of the cameras is gone")
+    until_gone(cameras, "the process of the cameras has ended")
     with pytest.raises(FileNotFoundError):
         SharedMemory(name)  # the shared memory is removed
 

@@ -17,14 +17,14 @@ RUN = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin"]
     ("words", "said"),
     [
         (["--fault", "nothing@1"], "no fault 'nothing'"),
-        (["--fault", "camera-late"], "says no time"),
+        (["--fault", "camera-late"], "has no time"),
         (["--pixels", "big"], "no size of a picture"),
         (["--speed", "2"], "--speed"),
         (["--policy", "somewhere"], "either --plan or --policy"),
         (["--arm", "fr3"], "franka:HOST"),
         (["--arm", "franka:1.2.3.4"], "both are real, or both are simulated"),
         (["--arm", "ur:1.2.3.4", "--cameras", "realsense:left=1"], "the true scene"),
-        (["--no-log", "--fault", "disk-full@1"], "needs a log"),
+        (["--no-log", "--fault", "disk-full@1"], "requires a log"),
     ],
 )
 def test_wrong_words_are_one_line(capfd: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
@@ -53,7 +53,7 @@ def test_a_run_by_a_simulated_clock_says_what_came_of_it(tmp_path: Path, capfd: 
     assert again["clouds"] > 0
     capfd.readouterr()
     assert cli.run(["robot", "replay", str(tmp_path)]) == 2
-    assert "holds no log" in capfd.readouterr().err
+    assert "contains no log" in capfd.readouterr().err
 
 
 def test_a_dry_run_moves_nothing(tmp_path: Path) -> None:

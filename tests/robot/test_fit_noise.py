@@ -92,7 +92,7 @@ def test_a_log_becomes_a_file_that_others_take(tmp_path: Path, capfd: pytest.Cap
     assert read_noise("d435") == D435
     capfd.readouterr()
     assert cli.run(["robot", "fit-noise", str(tmp_path)]) == 2
-    assert "holds no log" in capfd.readouterr().err
+    assert "contains no log" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(("change", "said"), [({"lost": 2.0}, "shares"), ({"fuzz": 1.0}, "fuzz")])

@@ -70,7 +70,7 @@ def test_messages_come_back_as_they_were(tmp_path: Path) -> None:
     assert found[-1][1].reason == "a reason"  # type: ignore[union-attr]
     assert [path.name for path in tmp_path.iterdir()] == ["log_000000.mcap"]
     assert unclosed(tmp_path) == []
-    with pytest.raises(InputError, match="holds a log already"):
+    with pytest.raises(InputError, match="already contains a log"):
         Log(tmp_path, ABOUT)
 
 
@@ -405,12 +405,12 @@ def test_messages_that_are_not_as_their_schema_has_them_are_refused_by_field(tmp
         ("/camera/left", pack(plain, {**black, "depth": np.zeros((2, 2), np.uint16)}), r"depth is \(2, 2\)"),
         ("/camera/left", pack(plain, {**black, "depth": np.zeros((240, 320))}), "float64"),
         ("/camera/right", pack(plain, black), "is a picture of 'left'"),
-        ("/camera/right", pack({**plain, "camera": "right"}, black), "is no camera of the log"),
+        ("/camera/right", pack({**plain, "camera": "right"}, black), "is not a camera of the log"),
         ("/camera/left", pack(plain, {**black, "depth/x": black["depth"]}), "depth"),
         ("/arm", pack({"time": 0.0, "force": 0.0, "mode": "ready"}, {"q": np.zeros(0), "v": np.zeros(0)}), "joints"),
         ("/arm", pack({"time": 0.0, "force": 0.0, "mode": "idle"}, {"q": np.zeros(9), "v": np.zeros(9)}), "mode"),
-        ("/elsewhere", pack({}, {}), "is no topic"),
-        ("/about", pack(about, {}), "must stand first"),
+        ("/elsewhere", pack({}, {}), "is not a topic"),
+        ("/about", pack(about, {}), "must be the first message"),
     ):
         path = forged(tmp_path / "log_000000.mcap", *whole, channel(topic), told(data))
         with pytest.raises(InputError, match=said):
@@ -430,7 +430,7 @@ def test_what_is_no_file_is_refused_and_never_waited_for(tmp_path: Path, kind: s
         path.symlink_to("/dev/zero")
     begun = time.monotonic()
     for name in (path, tmp_path):
-        with pytest.raises(InputError, match=r"is a pipe|is a device|No such file|holds no log"):
+        with pytest.raises(InputError, match=r"is a pipe|is a device|No such file|contains no log"):
             about_of(name)
     assert time.monotonic() - begun < 5.0
     assert kind == "missing" or log_files(tmp_path) == [path]

@@ -52,7 +52,7 @@ def test_a_plan_runs_in_processes_until_its_controller_is_killed(tmp_path: Path)
         faults=[Fault("policy-killed", 12.0)],
     )
     assert found["state"] == "stopped", found["reason"]
-    assert "process is gone" in found["reason"]
+    assert "process has ended" in found["reason"]
     assert found["limits_passed"] == 0
     assert found["clouds_ms"]["worst"] > 0.0
     assert found["detected_to_stopped_ms"] is not None

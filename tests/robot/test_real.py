@@ -264,7 +264,7 @@ def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> Non
     given = read_task_input("CloseBox", assets="builtin")
     with pytest.raises(InputError, match="the true scene"):
         prepare(given, LineConfig(policy=ControllerSpec(CHAIN, {"strategies": given.strategies}), **REAL))
-    with pytest.raises(InputError, match="keypoints of the objects, which no camera gives"):
+    with pytest.raises(InputError, match="keypoints of the objects, which no camera provides"):
         prepare(given, LineConfig(policy=ControllerSpec(f"{__file__}:SeesKeypoints")))
     with pytest.raises(InputError, match="fault of simulated devices"):
         prepare(given, LineConfig(policy=STILL, dry=True, **REAL), [Fault("camera-frozen", 1.0)])
@@ -416,8 +416,8 @@ def test_logs_that_cannot_be_played_are_told(log: Path, tmp_path: Path) -> None:
     (tmp_path / "cut.mcap").write_bytes((log / "log_000000.mcap").read_bytes()[:5000])
     for word, said in (
         ("recording:left=nowhere.mcap", "no such recording"),
-        (f"recording:left={tmp_path / 'none'}", "holds no log"),
-        (f"recording:left={tmp_path / 'cut.mcap'}", "cut.mcap.*holds no message"),
+        (f"recording:left={tmp_path / 'none'}", "contains no log"),
+        (f"recording:left={tmp_path / 'cut.mcap'}", "cut.mcap.*has no message"),
         (f"recording:left={log},right=right.db3", "some are logs.*of one kind"),
     ):
         with pytest.raises(InputError, match=said):

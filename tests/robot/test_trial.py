@@ -143,7 +143,7 @@ def test_what_is_gone_on_with_must_be_the_same_and_a_line_that_was_cut_off_is_no
         TrialFolder(tmp_path, asked(policy="another"), resume=True)
     with TrialFolder(tmp_path, asked(), resume=True) as folder:
         assert set(folder.trials) == {0}
-        with pytest.raises(InputError, match="another run is at work in it"):
+        with pytest.raises(InputError, match="another run is using this folder"):
             TrialFolder(tmp_path, asked(), resume=True)
         folder.add(record(1, False, "why"))
     assert [each.number for each in read_trials(tmp_path)] == [0, 1]
@@ -179,7 +179,7 @@ def test_a_second_process_is_refused_and_a_link_out_of_the_folder_too(tmp_path: 
         assert not (folder / "asked.json").exists()
 
     with FolderLock(folder):
-        refused("another run is at work in it")
+        refused("another run is using this folder")
     (folder / "log_0000").symlink_to("/gone")
     refused("log_0000: is a link out of the folder")
 

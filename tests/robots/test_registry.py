@@ -77,7 +77,7 @@ def test_a_registered_robot_is_known_by_name_here_and_by_place_elsewhere(tmp_pat
         ("1 / 0", "ZeroDivisionError: division by zero (line 3)"),
         ("def f(:\n    pass", "SyntaxError"),
         ("x = 1", "registers no robot"),
-        ("@gensim2.register_robot\ndef odd():\n    return 3", "returns no RobotProfile"),
+        ("@gensim2.register_robot\ndef odd():\n    return 3", "must return a RobotProfile"),
         (
             "@gensim2.register_robot\ndef odd2():\n    raise OSError('no URDF')",
             "odd2() raises OSError: no URDF (line 5)",
@@ -138,7 +138,7 @@ def test_files_that_are_not_there_are_told_with_what_other_machines_need(tmp_pat
 
 
 def test_functions_that_no_worker_could_find_are_not_registered() -> None:
-    with pytest.raises(InputError, match="module's own level"):
+    with pytest.raises(InputError, match="at module level"):
         gensim2.register_robot(lambda: robot("panda"))
     assert set(robot_names()) >= {"panda", "fetch"}
 

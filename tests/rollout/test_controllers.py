@@ -164,7 +164,7 @@ class Blinded(ScriptedWorld):
 
     def observe(self, spec: ObservationSpec) -> Observation:
         if self.elapsed_steps >= self.blind_from:
-            raise EmptyCloudError("no camera sees anything in the workspace")
+            raise EmptyCloudError("the cameras see no point in the workspace")
         return super().observe(spec)
 
 
@@ -183,7 +183,7 @@ def test_an_episode_ends_where_the_cameras_see_nothing_any_more() -> None:
 @pytest.mark.parametrize(
     ("target", "arguments", "words"),
     [
-        ("controllers", {}, "names no controller"),
+        ("controllers", {}, "is not the name of a controller"),
         (f"{FILE}:Nothing", {}, "has no class 'Nothing'"),
         (f"{FILE}:NoAct", {}, "has no method 'act'"),
         ("no_such_module:Rest", {}, "cannot be imported: ModuleNotFoundError"),
@@ -278,7 +278,7 @@ def test_a_turn_that_is_no_step_of_the_task_is_one_line_that_names_the_steps() -
     guarded = Guarded(made, ControllerSpec("mine:Doer"), OPEN_DRAWER, robot("panda"), "ScriptedOpen, seed 3")
     with pytest.raises(ControllerError, match=r"mine:Doer: ScriptedOpen, seed 3: turn: 'shut' is no step .*: open$"):
         run(ScriptedWorld(OPEN_DRAWER, OPENED), guarded, seed=3)
-    with pytest.raises(ControllerError, match="turn: 'shut' is no step of the task: open"):
+    with pytest.raises(ControllerError, match="turn: 'shut' is not a step of the task; the steps are: open"):
         run(ScriptedWorld(OPEN_DRAWER, OPENED), made, seed=3)
 
 

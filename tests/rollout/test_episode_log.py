@@ -47,7 +47,7 @@ def test_a_cut_off_line_is_dropped_by_a_log_and_refused_in_a_data_set(path: Path
     assert path.read_bytes() == whole.splitlines(keepends=True)[0]
     rows = tmp_path / "episodes.jsonl"
     rows.write_bytes(b"".join(reversed(whole.splitlines(keepends=True)))[:-1])
-    with pytest.raises(InputError, match=r"line 2: is cut off"):
+    with pytest.raises(InputError, match=r"line 2: is incomplete"):
         list(TaskStore(tmp_path).rows())
 
 

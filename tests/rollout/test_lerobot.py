@@ -45,7 +45,7 @@ class ShownWorld(ScriptedWorld):
 
     def observe(self, spec: ObservationSpec) -> Any:
         if self.elapsed_steps >= self.blind_from:
-            raise EmptyCloudError("no camera sees anything in the workspace")
+            raise EmptyCloudError("the cameras see no point in the workspace")
         return {**super().observe(ObservationSpec(modalities=())).arrays, CLOUD: np.zeros((8, 6), np.float32)}
 
 

@@ -23,8 +23,8 @@ def sampler(*goal: dict[str, Any], **objects: dict[str, Any]) -> SceneSampler:
 @pytest.mark.parametrize(
     ("goal", "expected"),
     [
-        ([{"type": "articulated_open", "object": "drawer", "threshold": 0.3}], "holds already at the start"),
-        ([{"type": "articulated_between", "object": "drawer", "low": 0.1, "high": 0.9}], "holds already at the start"),
+        ([{"type": "articulated_open", "object": "drawer", "threshold": 0.3}], "is already met at the start"),
+        ([{"type": "articulated_between", "object": "drawer", "low": 0.1, "high": 0.9}], "is already met at the start"),
         (
             [{"type": "articulated_open", "object": "drawer"}, {"type": "articulated_closed", "object": "drawer"}],
             "the openness of drawer would have to lie above 0.8 and below 0.2",

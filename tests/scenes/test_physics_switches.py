@@ -71,7 +71,7 @@ def test_what_there_is_not_is_refused(word: str, message: str) -> None:
         ("grip: default\n", "grip: no switch 'grip'"),
         ("solver: 3\n", "solver: no solver 3"),
         ("solver: [original]\n", "solver: no solver"),
-        ("- solver\n", "must hold fields by name"),
+        ("- solver\n", "must be a mapping from field names to values"),
     ],
 )
 def test_a_file_of_switches_is_refused_by_file_and_field(tmp_path: Path, text: str, message: str) -> None:

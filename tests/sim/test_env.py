@@ -233,7 +233,7 @@ def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: Ta
         ({"instances": ()}, "instances: no instance"),
         ({"task": "OpenDrawr"}, "did you mean OpenDrawer"),
         ({"task": {"name": "X"}}, "field required"),
-        ({"task": _called("panda")}, "objects: no object may be called 'panda'"),
+        ({"task": _called("panda")}, "objects: no object may have the robot's name 'panda'"),
         ({"instances": {"lid": "0"}}, "instances: there is no object 'lid'"),
         ({"num_envs": 2}, "num_envs"),
         ({"reconfiguration_freq": 0}, "reconfiguration_freq"),

@@ -121,7 +121,9 @@ def test_a_tall_object_keeps_clear_of_the_hand_at_rest_and_all_of_the_base() -> 
 def test_no_room_is_an_error_that_names_the_objects() -> None:
     there = {"place": {"at": [0.0, 0.0]}, "randomization": {"x": 0.01, "y": 0.01}}
     task = _task({"bowl": {"class": "bowl", **there}, "mug": {"class": "mug", **there}})
-    with pytest.raises(PlacementError, match=r"100 draws of seed 5 found no room for bowl \(bowl\), mug \(mug\)"):
+    with pytest.raises(
+        PlacementError, match=r"100 random placements with seed 5 left no room for bowl \(bowl\), mug \(mug\)"
+    ):
         _set_up(task, 5)
     # Unless options place one or both of them elsewhere.
     away = _set_up(task, 5, {"offset": {"mug": [0.0, 0.3, 0.0]}})
@@ -183,7 +185,7 @@ def test_a_caller_chooses_among_the_instances_that_a_task_takes() -> None:
     assert chosen_instances(library, task, {"second": "7"}) == {"first": everything, "second": ("7",), "ball": ("0",)}
     with pytest.raises(InputError, match="instances: there is no object 'third'"):
         chosen_instances(library, task, {"third": "7"})
-    with pytest.raises(InputError, match="instances: the task takes 4, 8 of drawer, none of which is in new"):
+    with pytest.raises(InputError, match="instances: the task takes 4, 8 of drawer, but none of these is in new"):
         chosen_instances(library, task, "new")
 
 

@@ -144,7 +144,7 @@ def test_sapien_refuses_to_go_on_from_a_stored_state() -> None:
     pytest.importorskip("sapien")
     env = HeadlessEnv("OpenDrawer", assets="builtin")
     env.reset(0)
-    with pytest.raises(InputError, match="engine: sapien cannot go on"):
+    with pytest.raises(InputError, match="engine: sapien cannot resume"):
         env.snapshot()
 
 

@@ -83,8 +83,8 @@ def test_a_moving_joint_is_slowed_by_its_friction_and_nothing_else(crates: Calla
 @pytest.mark.parametrize(
     ("vertices", "words"),
     [
-        ([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]], "made something else of collision hull 1"),
-        ([[0.1, 0.1, 0], [0.2, 0.1, 0], [0.1, 0.2, 0], [0.1, 0.1, 0.1]], "made something else of collision hull 1"),
+        ([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]], "changed collision hull 1"),
+        ([[0.1, 0.1, 0], [0.2, 0.1, 0], [0.1, 0.2, 0], [0.1, 0.1, 0.1]], "changed collision hull 1"),
     ],
 )
 def test_a_hull_that_is_not_what_was_promised_is_an_error(
@@ -104,7 +104,7 @@ def test_a_hull_that_lost_a_part_is_a_warning(crates: Callable[..., Any], crate_
     mesh.apply_translation((-0.01, 0.095, 0.055))
     mesh.export(library.load("crate", "0").urdf.parent / "left.obj")
     env = GenSim2Env(crate_task, assets=library)
-    assert env.object_warnings == ("crate: body: hull 1 lost 20.0 mm when it was cooked",)
+    assert env.object_warnings == ("crate: body: hull 1 lost 20.0 mm when the physics engine processed it",)
 
 
 def test_a_missing_hull_is_an_error(crates: Callable[..., Any], crate_task: Any) -> None:

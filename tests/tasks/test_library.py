@@ -223,7 +223,7 @@ def test_shared_strategies_are_used_and_no_task_has_a_file_of_its_own_by_such_a_
         (GOOD.replace("rigid: ball", "rigd: ball"), "goal.0.rigid: field required"),
         (GOOD.replace("articulated_open", "articulated_ajar"), "steps.0.done.0.type: "),
         (GOOD.replace("threshold: 0.8", "threshold: 1.5"), "steps.0.done.0.threshold: "),
-        (GOOD.replace("[0.0, 0.1]", "[0.1, 0.0]"), "randomization.y: the first number of a range must not be"),
+        (GOOD.replace("[0.0, 0.1]", "[0.1, 0.0]"), "randomization.y: the first number of a range must not exceed"),
         (GOOD.replace("x: 0.05", "x: true"), "objects.crate.randomization.x: "),
         (GOOD.replace("on: crate", "on: bench"), "objects.ball.place.on: 'bench' is not an object before it"),
         (GOOD.replace("tool: ball", "tool: bat"), "steps.place.tool: there is no object 'bat'"),
@@ -235,8 +235,8 @@ def test_shared_strategies_are_used_and_no_task_has_a_file_of_its_own_by_such_a_
         (GOOD.replace("schema_version: 2", "schema_version: 3"), "schema_version: "),
         ("success: [\n", "is not valid YAML"),
         ("\tname: x", "is not valid YAML"),
-        ("- a\n- b\n", "must hold fields by name"),
-        ("", "must hold fields by name"),
+        ("- a\n- b\n", "must be a mapping from field names to values"),
+        ("", "must be a mapping from field names to values"),
     ],
 )
 def test_a_bad_task_file_gives_one_line_that_names_file_and_field(tmp_path: Path, text: str, expected: str) -> None:

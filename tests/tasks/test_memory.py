@@ -61,7 +61,7 @@ def test_a_verified_task_is_found_by_its_name_with_where_it_comes_from(memory: M
     assert memory.run_of("OpenDrawer") is None
     assert "added" not in (folder / "task.yaml").read_text()
     assert {path.name for path in memory.folder.iterdir()} == {".lock", "PutScissorsIntoDrawer"}
-    with pytest.raises(InputError, match=r"no task of the library is of 'bob'.*offline, paper"):
+    with pytest.raises(InputError, match=r"no task of the library has the origin 'bob'.*offline, paper"):
         task_names("bob")
 
 
@@ -77,14 +77,14 @@ def test_the_same_again_changes_nothing(memory: Memory) -> None:
 
 @pytest.mark.parametrize(("held", "episodes"), [(19, 19), (11, 20), (0, 50)])
 def test_what_was_not_verified_is_not_added(memory: Memory, held: int, episodes: int) -> None:
-    with pytest.raises(UnverifiedTaskError, match=f"{held} of {episodes} fresh episodes held"):
+    with pytest.raises(UnverifiedTaskError, match=f"{held} of {episodes} fresh episodes succeeded"):
         memory.add(novel(), load_strategies(LONG), verified(held, episodes))
     assert memory.names() == ()
 
 
 def test_who_proposed_it_must_be_said_and_it_was_not_the_paper(memory: Memory) -> None:
     for provenance in (None, {"origin": "paper"}):
-        with pytest.raises(InputError, match="does not say who proposed it"):
+        with pytest.raises(InputError, match="does not name its origin"):
             memory.add(novel(provenance=provenance), load_strategies(LONG), verified())
     with pytest.raises(InputError, match="the strategy 'open_drawer_from_inside' is not given"):
         memory.add(novel(), {}, verified())
@@ -171,7 +171,7 @@ def test_what_was_exported_is_a_library(memory: Memory, tmp_path: Path, monkeypa
         monkeypatch.undo()
         monkeypatch.setenv("GENSIM2_LIBRARY", str(memory.folder))
     assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         export(names, tmp_path / "folder")
 
 

@@ -91,7 +91,7 @@ def designer_of_command(
         for name, value in asked.items():
             if value and name not in _FOR_ALL:
                 flag = f"--{'model-config' if name == 'config' else name.replace('_', '-')}"
-                raise InputError("means nothing to the offline designer", field=flag, remedy="give --designer MODEL")
+                raise InputError("does not apply to the offline designer", field=flag, remedy="give --designer MODEL")
         if asked["mode"] == "topdown":
             raise InputError("needs a language model", field="--mode topdown", remedy="give --designer MODEL")
         return offline_designer(asked["mode"], target_object, review), target_task
@@ -116,7 +116,7 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
     from gensim2.tasks.library import task_names
 
     if target_task in task_names():
-        raise InputError("is of no use beside a task that is there", field="--target-object", remedy="leave it out")
+        raise InputError("cannot be combined with an existing task", field="--target-object", remedy="leave it out")
     library = open_library(scene.assets)
     if target_object not in library.classes():
         message = f"{library.location} has no class {target_object!r}"
@@ -127,7 +127,7 @@ def _check_terminal() -> None:
     """Refuse ``--review`` without a terminal, since a missing answer must not count as "no"."""
 
     if not sys.stdin.isatty():
-        raise InputError("standard input is no terminal, so no one can be asked", field="--review")
+        raise InputError("standard input is not a terminal, so no question can be asked", field="--review")
 
 
 def _confirmed(task: TaskSpec) -> bool:

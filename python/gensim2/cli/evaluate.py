@@ -102,7 +102,7 @@ def evaluate(
         raise click.UsageError("Give either --controller or --checkpoint.")
     if controller is not None:
         if controls != "none":
-            raise click.UsageError("--controls are those of a --checkpoint.")
+            raise click.UsageError("--controls requires --checkpoint.")
         return function(controller, tasks, **given).to_dict()
     assert checkpoint is not None
     asked = read_controls(controls)

@@ -119,7 +119,7 @@ click.version_option(package_name="gensim2", prog_name="gensim2")(cli)
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit the process."""
     if sys.stdout is None:
-        sys.exit(_fail("gensim2: standard output is closed (let it go to a file, or to /dev/null)", BAD_INPUT))
+        sys.exit(_fail("gensim2: standard output is closed (redirect it to a file or to /dev/null)", BAD_INPUT))
     _leave(run(arguments))
 
 

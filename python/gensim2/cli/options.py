@@ -229,7 +229,7 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
         UsageError: ``--resume`` without ``--out``, since a new folder has nothing to resume.
     """
     if given.get("resume") and given.get("out", "") is None and "folder" not in given:  # design's default is in FOLDER
-        raise click.UsageError("--resume goes on with what --out holds: give --out, too")
+        raise click.UsageError("--resume continues the run in --out; give --out, too")
     if given.get("ray") is not None and not is_given(context, "workers"):
         given["workers"] = None  # one for each CPU of the cluster
     if "engine" in given and given["engine"] is None:

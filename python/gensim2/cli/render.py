@@ -76,7 +76,7 @@ def render(
     from gensim2.perception.noise import read_noise
 
     if depth_noise and noise is not None:
-        raise InputError("says it already", field="--noise", remedy="leave out --depth-noise")
+        raise InputError("already contains white noise", field="--noise", remedy="leave out --depth-noise")
     named = "white" if depth_noise else noise
     settings = CloudSettings(
         points=points,

@@ -53,7 +53,7 @@ def _show_provenance(task: dict[str, Any]) -> None:
     if (found := task["verification"]) is not None:
         low, high = found["interval"]
         objects = ", ".join(f"{count} {name}" for name, count in found["objects"].items())
-        held = f"{found['held']} of {found['episodes']} fresh episodes held ({low:.2f} to {high:.2f})"
+        held = f"{found['held']} of {found['episodes']} fresh episodes succeeded ({low:.2f} to {high:.2f})"
         line(f"verified: {held}, seed {found['seed']}, {found['instances']} objects: {objects}")
 
 
@@ -99,9 +99,7 @@ def show_remembered(result: dict[str, Any]) -> None:
     for name, why in result["left_out"].items():
         line(f"left out {name}: {why}")
     if not result["added"] and not result["left_out"]:
-        line(
-            "nothing to add: no task was designed and kept" if result["library"] else "there is no library of your own"
-        )
+        line("nothing to add: no task was designed and kept" if result["library"] else "the user library is disabled")
     if result["added"]:
         line(f"in your library {result['library']}: {', '.join(result['added'])}")
 
@@ -210,7 +208,7 @@ def add(
             anew = shlex.join(["gensim2", "tasks", "add", str(folder / "tasks" / "NAME")])
             remedy = f"{anew} verifies one of its tasks anew"
             option = f"--{name.replace('_', '-')}"
-            raise InputError("is of no use with the folder of a run", field=option, remedy=remedy)
+            raise InputError("does not apply to the folder of a run", field=option, remedy=remedy)
     from gensim2.design.remembering import remember
     from gensim2.tasks.memory import Memory
 
@@ -258,7 +256,7 @@ def export(
     from gensim2.tasks.library import task_names
 
     if bool(names) == (origin is not None):
-        raise InputError("name tasks, or an --origin whose tasks are meant", field="names")
+        raise InputError("name tasks, or give --origin", field="names")
     wanted = list(dict.fromkeys(names)) or list(task_names(origin))
     if to == "library":
         for name in _OF_SCENES:

@@ -80,7 +80,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def _not_written(error: OSError, path: Path) -> WriteError:
     full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-    remedy = "make room, and go on with --resume" if full else "choose another folder with --out"
+    remedy = "free disk space, and resume with --resume" if full else "choose another folder with --out"
     return WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy)
 
 

@@ -45,7 +45,7 @@ class FolderLock:
             owner = path.read_text(encoding="ascii", errors="replace").strip()[:32]
             by = f" (process {owner})" if owner else ""
             raise InputError(
-                f"another run is at work in it{by}", file=folder, remedy="wait for it, or choose another folder"
+                f"another run is using this folder{by}", file=folder, remedy="wait for it, or choose another folder"
             ) from error
         except OSError as error:
             self._lock.release()

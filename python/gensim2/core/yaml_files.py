@@ -77,9 +77,9 @@ def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
         raise InputError(f"is not valid YAML: {problem}", file=file, field=where) from error
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        raise InputError("is not valid YAML: a character that no text has", file=file, field=f"line {line}") from error
+        raise InputError("is not valid YAML: a control character", file=file, field=f"line {line}") from error
     if not isinstance(value, dict):
-        raise InputError("must hold fields by name", file=file, field="line 1")
+        raise InputError("must be a mapping from field names to values", file=file, field="line 1")
     check_finite(value, file)
     return value
 
@@ -160,7 +160,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         if isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise _refusal(TOO_MANY_BITS, node.start_mark)
         if isinstance(value, str) and not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
-            raise _refusal("half a character (a lone surrogate)", node.start_mark)
+            raise _refusal("half a character (an unpaired UTF-16 surrogate)", node.start_mark)
         return value
 
     def construct_mapping(self, node: MappingNode, deep: bool = False) -> dict[Any, Any]:

@@ -62,7 +62,7 @@ def card(path: Path) -> Path:
     stores = [dataset.task(name) for name in dataset.tasks]
     described = [Described.of(store, (row for row in store.rows() if row.held)) for store in stores]
     if not any(one.episodes for one in described):
-        raise InputError("no episode held", file=path, remedy="collect more")
+        raise InputError("no episode succeeded", file=path, remedy="collect more")
     return write_card(dataset, [one for one in described if one.episodes], path, "native")
 
 

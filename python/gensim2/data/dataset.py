@@ -83,7 +83,7 @@ class DataSet:
                 f"its objects were in {self.assets}, which is not there",
                 file=self.path / DATASET_JSON,
                 field="arguments.assets",
-                remedy="say with --assets where they are now",
+                remedy="give their current folder with --assets",
             )
         return replace(self.record.scene, assets=self.assets)
 
@@ -113,7 +113,7 @@ class DataSet:
             first = min((self.path / name / OBSERVATIONS).glob("*.h5"), default=None)
             if first is not None:
                 return spec_of_file(read_description(first), first)
-        raise InputError("holds no observations", file=self.path, remedy="run `gensim2 render` on it")
+        raise InputError("has no observations", file=self.path, remedy="run `gensim2 render` on it")
 
     @property
     def tasks(self) -> tuple[str, ...]:

@@ -204,7 +204,7 @@ def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
 
 def read_tree(group: h5py.Group, depth: int) -> Tree:
     if not depth:
-        raise ForeignHdf5Error(f"{group.name} lies too deep")
+        raise ForeignHdf5Error(f"{group.name} is nested too deeply")
     return {
         name: read_tree(group_in(group, name), depth - 1)
         if is_group(group, name)

@@ -91,7 +91,7 @@ def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video
     """
     recording = read_episode(episode).recording
     if recording is None:
-        raise InputError("holds no states", file=episode)
+        raise InputError("has no states", file=episode)
     return film_recording(recording, scene, spec, video)
 
 

@@ -96,7 +96,7 @@ class FrameAccess:
             language = store.spec().description
             self._episodes += [_Episode(store, row, language, number) for row in store.rows() if row.held]
         if not self._episodes:
-            raise InputError("holds no episode that held", file=stores[0].folder.parent)
+            raise InputError("has no successful episode", file=stores[0].folder.parent)
         self._ends = list(accumulate(each.row.control_steps for each in self._episodes))
         there = [each.observations.exists() for each in self._episodes]
         self._observed = any(there) if observations is None else observations
@@ -134,7 +134,7 @@ class FrameAccess:
             InputError: there are no observations, or a file is damaged.
         """
         if not self._observed:
-            raise InputError("holds no observations", remedy="run `gensim2 render` on it")
+            raise InputError("has no observations", remedy="run `gensim2 render` on it")
         self._file(0)
         assert self._spec is not None
         return self._spec
@@ -195,7 +195,7 @@ class FrameAccess:
             recording = episode.store.read(episode.row).recording
             if recording is None:
                 path = episode.store.path(episode.row.index, episode.row.held)
-                raise InputError("holds no states", file=path, remedy="collect it again")
+                raise InputError("has no states", file=path, remedy="collect it again")
             self._recordings[number] = recording
             if len(self._recordings) > KEPT_EPISODES:
                 self._recordings.popitem(last=False)

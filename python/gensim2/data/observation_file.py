@@ -96,7 +96,7 @@ def checked_description(path: Path, episode_digest: str | None) -> dict[str, Any
     """Return a file's description and check that it belongs to the episode with the given digest."""
     found = read_description(path)
     if found.get("episode_digest") != episode_digest:
-        raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
+        raise InputError("belongs to another episode", file=path, remedy="delete it and render with --resume")
     return found
 
 
@@ -129,7 +129,7 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
     with _opened(path) as file:
         description = _description(file, path)
         if episode_digest is not None and description.get("episode_digest") != episode_digest:
-            raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
+            raise InputError("belongs to another episode", file=path, remedy="delete it and render with --resume")
         try:
             arrays = {name: dataset[()] for name, dataset in _datasets(file, "", DEPTH)}
             if XYZ in arrays:
@@ -176,7 +176,7 @@ def _datasets(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str,
         elif depth:
             yield from _datasets(group_in(group, name), f"{prefix}{name}/", depth - 1)
         else:
-            raise ForeignHdf5Error(f"{prefix}{name} lies too deep")
+            raise ForeignHdf5Error(f"{prefix}{name} is nested too deeply")
 
 
 def _opened(path: Path) -> h5py.File:

@@ -208,7 +208,7 @@ class Queue:
                 used = objects[key] = self._objects[key]
                 if used.content_hash != thing.content_hash:
                     raise InputError(
-                        f"was run with another {key} than there is now",
+                        f"was run with another version of {key}",
                         file=task.store.path(row.index, row.held),
                         remedy="restore the object, or delete the file and resume",
                     )

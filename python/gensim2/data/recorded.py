@@ -54,7 +54,7 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
             raise refuse(name, f"has {values.shape[1]} numbers a step, less than a pose and its velocities ({ROOT})")
         if episode.held and values.dtype.kind == "f" and not np.isfinite(values).all():
             step = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
-            raise refuse(name, f"is no finite number at step {step}")
+            raise refuse(name, f"contains a number that is not finite at step {step}")
 
 
 def _arrays(

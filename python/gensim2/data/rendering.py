@@ -114,7 +114,7 @@ def render(
     how = Execution.of(execution)
     folder, spec = Path(folder), spec or ObservationSpec()
     if spec.is_proprioceptive:
-        raise InputError("must name something that cameras give", field="modalities")
+        raise InputError("must name an observation that cameras provide", field="modalities")
     dataset = DataSet.open(folder, assets)
     require_cameras(spec.cameras, robot(dataset.record.scene.robot))
     wanted = {name: dataset.task(name) for name in tasks or dataset.tasks}
@@ -208,7 +208,7 @@ def render_episode(folder: Path, row: Episode, scene: SceneConfig, spec: Observa
     store = TaskStore(folder)
     recording = store.read(row).recording
     if recording is None:
-        raise InputError("holds no states", file=store.path(row.index, row.held), remedy="collect it again")
+        raise InputError("has no states", file=store.path(row.index, row.held), remedy="collect it again")
     # Imported here because it loads the ray caster, which argument checks do not need.
     from gensim2.data.observing import observe, segmentation_ids
 

@@ -41,7 +41,7 @@ class Selection:
             from gensim2.data.clearance import FARTHEST
 
             if not self.clearance <= FARTHEST:
-                raise InputError(f"is measured up to {FARTHEST} m, not {self.clearance}", field="min_clearance")
+                raise InputError(f"must be at most {FARTHEST} m, is {self.clearance}", field="min_clearance")
 
     def takes(self, row: Episode) -> bool:
         """Return whether an episode's record passes the filter."""
@@ -101,5 +101,5 @@ def some(
     """
     found = list(selection.of(dataset, progress))
     if not found:
-        raise InputError("no episode is taken", file=dataset.path, remedy="ask for less")
+        raise InputError("no episode matches the selection", file=dataset.path, remedy="remove some of the conditions")
     return found

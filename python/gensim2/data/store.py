@@ -93,7 +93,7 @@ class TaskStore:
         rows = episodes_in(self._inside(path), _ROWS_REMEDY, unreadable="finish the collection with --resume")
         for number, row in enumerate(rows, 1):
             if row is None:
-                raise InputError("is cut off", file=path, field=f"line {number}", remedy=_ROWS_REMEDY)
+                raise InputError("is incomplete", file=path, field=f"line {number}", remedy=_ROWS_REMEDY)
             if not last < row.index <= LAST_INDEX:
                 wrong = f"is {brief(row.index)}, must rise from line to line up to {LAST_INDEX}"
                 raise InputError(wrong, file=path, field=f"line {number}: index", remedy=_ROWS_REMEDY)
@@ -121,11 +121,11 @@ class TaskStore:
         path = self._inside(self.path(row.index, row.held))
         stored = read_episode(path)
         if stored.episode.at(row.index, stored.episode.episode_digest) != row:
-            raise DamagedEpisodeError("is not the episode that its row is of", file=path, remedy="delete it and resume")
+            raise DamagedEpisodeError("does not match its row in the table", file=path, remedy="delete it and resume")
         if stored.recording is not None:
             check_recording(stored.recording, row, path)
         elif row.held:
-            raise DamagedEpisodeError("holds no states", file=path, remedy="delete it and resume")
+            raise DamagedEpisodeError("has no states", file=path, remedy="delete it and resume")
         return stored
 
     def _inside(self, path: Path) -> Path:

@@ -162,7 +162,7 @@ def _check_states(states: Tree, rows: int) -> None:
     """Refuse states whose number of instants differs from ``rows``."""
     for kind, group in states.items():
         if not isinstance(group, dict):
-            raise ForeignHdf5Error(f"env_states/{kind} is no group")
+            raise ForeignHdf5Error(f"env_states/{kind} is not a group")
         for name, values in group.items():
             if values.ndim != 2 or len(values) != rows:
                 raise ForeignHdf5Error(f"env_states/{kind}/{name} has the shape {values.shape}, not ({rows}, any)")

@@ -59,9 +59,9 @@ class DesignRecord(Record):
     @model_validator(mode="after")
     def _says_why_nothing_was_chosen(self) -> Self:
         if (self.steps is None) != (self.chosen is None):
-            raise ValueError("chosen and steps do not go together")
+            raise ValueError("chosen and steps contradict each other")
         if self.steps is None and not self.notes:
-            raise ValueError("nothing was chosen, and notes do not say why")
+            raise ValueError("no candidate was chosen, and notes do not give the reason")
         return self
 
 

@@ -95,7 +95,7 @@ def verify(
         had = [episode.seed for episode in verification.episodes]
         if had != seeds[: len(had)] or (verification.kept and len(had) != len(seeds)):
             raise InputError(
-                "is not of this run", file=files.verification_path, field="episodes", remedy="delete it and resume"
+                "belongs to another run", file=files.verification_path, field="episodes", remedy="delete it and resume"
             )
     else:
         log = EpisodeLog(log_path, seeds)
@@ -263,7 +263,7 @@ class PipelineRun:
             if not wanted.wants(task, self._kept):
                 unwanted += 1
                 if unwanted == MAX_UNWANTED:
-                    self.notes.append(f"{unwanted} proposals in a row were of a kind that no more of are wanted")
+                    self.notes.append(f"{unwanted} proposals in a row were of a kind that is already complete")
                     break
                 continue
             unwanted = 0
@@ -431,8 +431,8 @@ class PipelineRun:
             )
         if apart.kind == "all" and apart.classes:
             self.notes.append(
-                f"{task.name}: there are too few {', '.join(apart.classes.values())} objects to keep some apart; "
-                "the verification draws from those that the search saw"
+                f"{task.name}: there are too few {', '.join(apart.classes.values())} objects for a separate test set; "
+                "the verification uses the objects of the search"
             )
         fresh, demos = verification.episodes, 0
         if verification.kept and self.extent.demos:

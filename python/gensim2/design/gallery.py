@@ -129,7 +129,7 @@ def film_one_that_holds(
             Replay.of(recording, config.scene), folder / VIDEO, still=folder / STILL, stride=STRIDE, speed=SPEED
         )
         if filmed.success is False:
-            raise GenSim2Error(f"{config.task.name}: the replay of seed {seed} does not end in the goal")
+            raise GenSim2Error(f"{config.task.name}: the replay of seed {seed} does not reach the goal")
         break
     return tried
 

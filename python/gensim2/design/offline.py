@@ -127,7 +127,7 @@ class OfflineDesigner:
         if task.is_single_step and (goal := proposals.joint_goal(task)) is not None:
             step, thing = task.steps[0], brief.classes[goal[0]]
             if not thing.lever_arms:
-                raise Declined("no keypoint of the part that moves is one of all its objects")
+                raise Declined("the objects of the class share no keypoint on the moving part")
             rules = skills.joint_ways(thing, "open" if OPENING[goal[1]] else "close", goal[1].startswith("half"))
             teams = [_rules(step, rules), _rules(step, dict(reversed(rules.items())))]
             alone = [_rules(step, {name: data}) for name, data in rules.items()]
@@ -178,7 +178,7 @@ class OfflineDesigner:
                 return piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
                     thing, "open" if isinstance(criterion, ArticulatedOpen) else "close"
                 )
-        raise Declined(f"the offline designer knows no way to do the step {step.name!r}")
+        raise Declined(f"the offline designer has no strategy for the step {step.name!r}")
 
 
 def _rules(step: Step, rules: Strategies) -> Candidate:

@@ -98,9 +98,9 @@ def add_task(
             tally, where = verification.second.tally, f" in {verification.second.engine}"
         causes = ", ".join(f"{count} {cause}" for cause, count in tally.causes.items())
         raise UnverifiedTaskError(
-            f"{task.name}: {tally.held} of {episodes} fresh episodes held{where} ({causes})",
+            f"{task.name}: {tally.held} of {episodes} fresh episodes succeeded{where} ({causes})",
             file=folder,
-            remedy=f"{LEAST_SHARE:g} of them must hold",
+            remedy=f"a share of {LEAST_SHARE:g} must succeed",
         )
     memory.add(task, read.strategies, verified(verification, seed))
     return Remembered(library_folder, (task.name,), {})
@@ -178,7 +178,7 @@ def remember(run: Path, memory: Memory | None = None) -> Remembered:
         return Remembered(None, (), {})
     path = run / RUN_JSON
     if not path.is_file():
-        raise InputError("holds no run", file=run, remedy="give the folder of a run-pipeline, or of a task.yaml")
+        raise InputError("contains no run", file=run, remedy="give the folder of a run-pipeline, or of a task.yaml")
     record = read_record(path, RunRecord, "restore the file")
     added, left_out = [], {}
     for folder in sorted((run / "tasks").glob("*/")):

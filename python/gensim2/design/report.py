@@ -281,7 +281,7 @@ def _why_rejected(task: dict[str, Any]) -> str:
         where = ""
         if (second := verification["second"]) is not None:
             where = f", and {second['held']} of {second['trials']} in {second['engine']}"
-        return f"{held} of {trials} fresh episodes held{where}; {needed:.0%} are needed"
+        return f"{held} of {trials} fresh episodes succeeded{where}; {needed:.0%} are needed"
     if (design := task["design"]) is not None and design["notes"]:
         return str(design["notes"][-1])
     return "the run ended before it was verified"

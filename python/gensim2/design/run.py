@@ -106,7 +106,7 @@ def run_pipeline(
     if single is None and long is None:
         check_counts(num_tasks=num_tasks)
     elif wanted.total == 0 and target_task is None and not stored_tasks:
-        raise InputError("no task is asked for", field="single, long", remedy="ask for one of them, or a stored task")
+        raise InputError("no task is requested", field="single, long", remedy="request at least one, or a stored task")
     if episodes < 0:
         raise InputError(f"must be at least 0, not {episodes}", field="episodes")
     execution = Execution.of(scene)

@@ -91,7 +91,7 @@ def _drawn(draw: Callable[..., bytes], *given: Any) -> bytes:
         return painter.submit(draw, *given).result()
     except BrokenProcessPool as error:
         _painter.cache_clear()
-        raise GenSim2Error("the process that draws pictures ended (leave --visual out)") from error
+        raise GenSim2Error("the rendering process ended; run without --visual") from error
 
 
 def draw_thing(location: str, asset_class: str, instance: str) -> bytes:

@@ -202,7 +202,7 @@ def _keep_missing(
         for _ in runner.each(_episode, missing, f"{given.spec.name}: episodes to film"):
             pass
     except GenSim2Error as error:  # the results are complete without videos
-        progress.message(f"{given.spec.name}: not all episodes can be filmed: {error}")
+        progress.message(f"{given.spec.name}: not all episodes can be recorded as video: {error}")
 
 
 def _recorded(folder: Path) -> dict[int, tuple[Path, str]]:

@@ -241,7 +241,7 @@ def _verdicts(path: Path) -> _Verdicts:
         found = {(str(entry["class"]), str(entry["id"])): _findings(entry) for entry in value["objects"]}
         library = value.get("library")
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError("holds no findings", file=path, field="--findings", remedy=WROTE) from error
+        raise InputError("contains no findings", file=path, field="--findings", remedy=WROTE) from error
     return (str(library) if library else None), found
 
 

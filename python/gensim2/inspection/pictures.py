@@ -164,7 +164,7 @@ class Studio:
         """
         subject = self._subject
         if subject is None:
-            raise ValueError("put an object into the studio first")
+            raise ValueError("add an object to the studio first")
         if isinstance(subject, ArticulatedObject):
             joint = subject.joint
             self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))

@@ -223,7 +223,7 @@ def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegm
     kept = [_inside(view, settings, robot) for view in views]
     counts = np.cumsum([0, *(len(pixels) for pixels in kept)])
     if counts[-1] == 0:
-        raise EmptyCloudError("no camera sees anything in the workspace")
+        raise EmptyCloudError("the cameras see no point in the workspace")
     chosen = uniform_stride(int(counts[-1]), settings.candidates or int(counts[-1]))
     parts = [
         pixels[chosen[(chosen >= first) & (chosen < last)] - first]

@@ -140,7 +140,9 @@ class ObservationSpec:
             if unknown or len(set(given)) < len(given) or (name == "cameras" and not given):
                 beside = " or names of the robot's own" if name == "cameras" else ""
                 said = ", ".join(map(str, given)) or "nothing"
-                raise InputError(f"must be some of {', '.join(known)}{beside}, each once, is {said}", field=name)
+                raise InputError(
+                    f"must be some of {', '.join(known)}{beside}, without repetition, not {said}", field=name
+                )
             # Normalize the order, so that equal specs compare equal.
             object.__setattr__(self, name, tuple(word for word in known if word in given))
 
@@ -170,7 +172,7 @@ class ObservationSpec:
         try:
             return ObservationSpec._of(values)
         except (TypeError, ValueError, OverflowError) as error:  # a value of a wrong type
-            raise InputError(f"cannot be so: {error}", field="observation") from error
+            raise InputError(f"is invalid: {error}", field="observation") from error
 
     @staticmethod
     def _of(values: ObservationSpec | Mapping[str, Any] | None) -> ObservationSpec:
@@ -215,7 +217,7 @@ class ObservationSpec:
                 raise InputError(
                     f"{what} has {theirs[name]!r}, {of} has {mine[name]!r}",
                     field=f"observation.{name}",
-                    remedy="observe both alike",
+                    remedy="use the same observation settings for both",
                 )
 
 
@@ -356,7 +358,7 @@ class Encoder:
             if self.spec.cloud.source == "depth":
                 cloud = point_cloud(views, self.spec.cloud, self._robot)
             elif known is None:
-                raise GenSim2Error("only a simulator knows the keypoints that the point cloud is to be made of")
+                raise GenSim2Error("point clouds of keypoints are available in simulation only")
         return Observation(
             step=step,
             time=step / self._profile.control_hz,

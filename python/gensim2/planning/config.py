@@ -60,26 +60,30 @@ def check_strategies(
     scene = _made_up(objects, profile)
     for number, step in enumerate(task.steps):
         if step.tool != HAND and not any(before.object == step.tool for before in task.steps[:number]):
-            raise InputError(f"no step before it takes up {step.tool!r}", field=f"steps.{step.name}.tool")
+            raise InputError(f"no earlier step grasps {step.tool!r}", field=f"steps.{step.name}.tool")
         for name in step.strategies:
             if name not in strategies:
                 raise InputError(f"there is no strategy {name!r}", field=f"steps.{step.name}.strategies")
             _check(planner, scene, step, strategies[name], (files or {}).get(name))
         if all(strategies[name].makes_room is not None for name in step.strategies):
             field = f"steps.{step.name}.strategies"
-            raise InputError("all of them make room, and none does the step", field=field, remedy="add one that does")
+            raise InputError(
+                "all of them only make room, and none does the step", field=field, remedy="add one that does"
+            )
 
 
 def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, file: Path | str | None) -> None:
     if isinstance(strategy, GraspStrategy | PullStrategy):
         is_rigid = scene.objects[step.object].is_rigid
         if isinstance(strategy, GraspStrategy) and not is_rigid:
-            remedy = "follow_joint_to: 1.0 beside it grasps what the joint moves"
+            remedy = "add follow_joint_to: 1.0 to grasp the moving part and move the joint"
             raise InputError(f"{step.object} has a joint", file=file, field="grasp", remedy=remedy)
         if isinstance(strategy, PullStrategy) and is_rigid:
             raise InputError(f"{step.object} has no joint", file=file, field="follow_joint_to", remedy="remove it")
         if step.tool != HAND:
-            raise InputError(f"the hand holds {step.tool}", file=file, field="grasp", remedy="a step without tool")
+            raise InputError(
+                f"the hand already holds {step.tool}", file=file, field="grasp", remedy="remove the step's tool"
+            )
         return
     held = None if step.tool == HAND else step.tool
     if strategy.makes_room is not None:

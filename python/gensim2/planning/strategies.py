@@ -133,7 +133,7 @@ class GraspStrategy(_FoundGrasp):
     def _leaves_a_tilt(cls, least: float, info: ValidationInfo) -> float:
         most = info.data.get("tilt", least)  # absent if it is invalid itself
         if least > most:
-            raise ValueError(f"must be at most tilt, {most} rad")
+            raise ValueError(f"must not exceed the field tilt ({most} rad)")
         return least
 
     @property
@@ -206,7 +206,7 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     except OverflowError as error:
         raise InputError("holds a number beyond 1e308", file=file) from error
     except UnicodeEncodeError as error:
-        raise InputError("holds half a character (a lone surrogate)", file=file) from error
+        raise InputError("contains half a character (an unpaired UTF-16 surrogate)", file=file) from error
     return strategy
 
 

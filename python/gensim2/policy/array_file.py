@@ -94,7 +94,7 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
             content.decode(f"utf-32-{sys.byteorder[0]}e")  # numpy does not check code points
         arrays[member.filename.removesuffix(".npy")] = values
     if len(arrays) < len(members):
-        raise ValueError("two arrays have one name")
+        raise ValueError("two arrays share a name")
     return arrays
 
 

@@ -85,15 +85,17 @@ class PolicyConfig(Settings):
         if self.denoise_steps > self.noise_levels:
             raise InputError(f"must be at most noise_levels, {self.noise_levels}", field="denoise_steps")
         if self.keyframes and self.head == "keypose":
-            raise InputError("is of heads of action chunks", field="keyframes")
+            raise InputError("applies to action-chunk policies only", field="keyframes")
         if self.encoder == "state":
             if self.head == "keypose":
-                raise InputError("state is of heads of action chunks", field="encoder", remedy="say another --head")
+                raise InputError(
+                    "state applies to action-chunk policies only", field="encoder", remedy="use another --head"
+                )
             if self.keyframes and self.points is not None and self.seen_points < self.points:
                 message = f"must be all points, at least {self.points}, of the encoder state"
                 raise InputError(message, field="seen_points")
         if self.blocks and self.encoder != "pointnext":
-            raise InputError(f"is of the encoder pointnext, is given to {self.encoder}", field="blocks")
+            raise InputError(f"applies to the encoder pointnext, not to {self.encoder}", field="blocks")
 
     @property
     def source(self) -> Source:

@@ -45,7 +45,7 @@ class Shuffled:
         """
         path, remedy = folder / CLOUDS, "train the policy again"
         if not path.exists():
-            raise InputError("holds no clouds of other scenes", file=folder, remedy=remedy)
+            raise InputError("has no point clouds of other scenes", file=folder, remedy=remedy)
         arrays = read_arrays(path, MAX_BYTES)
         shape = (None, None, 3)
         require_shapes(arrays, {"points": (np.float32, shape), "colours": (np.uint8, shape)}, path)

@@ -99,7 +99,7 @@ def train_rounds(
             purpose = f"{PURPOSE}/{number}/{place}"
             found.append(_relabel(one, path, folder, purpose, training.seed, episodes, workers, told))
         mixed = RelabelledSource(source, found)
-        progress.message(f"round {number}: {mixed.record.relabels} relabels in all")
+        progress.message(f"round {number}: {mixed.record.relabels} relabelled states in total")
     last = train_policy(mixed, policy, training, out, start=start, resume=resume, device=device, progress=progress)
     every = [*before, last]
     return replace(last, steps=sum(each.steps for each in every), cpu_s=sum(each.cpu_s for each in every))

@@ -100,7 +100,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         raise InputError("at least one is needed", field="--data")
     robots = {each.record.scene.robot for each in sets}
     if len(robots) > 1:
-        raise InputError(f"are of several robots: {', '.join(sorted(robots))}", field="--data")
+        raise InputError(f"were recorded with several robots: {', '.join(sorted(robots))}", field="--data")
     spec = sets[0].observation_spec()
     for each in sets[1:]:
         spec.require(each.observation_spec(), str(each.path), of=str(sets[0].path))
@@ -108,13 +108,13 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         raise InputError("holds no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
     found = list(_rows(sets, tasks))
     if not found:
-        raise InputError("hold no episode that held", field="--data")
+        raise InputError("have no successful episode", field="--data")
     held = _once(found)
     if len(held) < len(found):
-        progress.message(f"{len(found) - len(held)} of {len(found)} episodes are in several data sets and count once")
+        progress.message(f"{len(found) - len(held)} of {len(found)} episodes occur in several data sets and count once")
     rows = [each for each in held if each.rendered]
     if not rows:
-        raise InputError("hold no rendered episode", field="--data", remedy="run `gensim2 render` on them")
+        raise InputError("have no rendered episode", field="--data", remedy="run `gensim2 render` on them")
     if len(rows) < len(held):
         left_out = f"{len(held) - len(rows)} of {len(held)} episodes have no observations and are left out"
         progress.message(f"{left_out} (`gensim2 render` with --resume makes them)")
@@ -238,6 +238,6 @@ def _finite(seen: ObservedEpisode, name: str, path: Path) -> Array:
     values = seen.arrays[name]
     if not np.isfinite(values).all():
         step = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
-        message = f"is no finite number at frame {step}"
+        message = f"contains a number that is not finite at frame {step}"
         raise InputError(message, file=path, field=name, remedy="delete it and render with --resume")
     return values

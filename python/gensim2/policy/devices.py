@@ -32,7 +32,7 @@ def read_devices(names: str) -> tuple[torch.device, ...]:
             raise InputError(message, field="device", remedy="use cpu or auto") from error
         found.append(device)
     if len({device.type for device in found}) > 1:
-        raise InputError(f"{names!r} are of several kinds", field="device", remedy="give GPUs alone")
+        raise InputError(f"{names!r} are devices of several kinds", field="device", remedy="give GPUs only")
     return tuple(found)
 
 

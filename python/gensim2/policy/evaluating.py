@@ -177,7 +177,7 @@ def evaluate_policy(
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):
         if name in told:
-            raise InputError("is said by the checkpoint and the controls", field=f"arguments.{name}")
+            raise InputError("is determined by the checkpoint and the controls", field=f"arguments.{name}")
     embed, says = embeds(told.get("unknown_sentences", "refuse")), substitutes(told.get("says"))
     sentences = {one.spec.description for one in given}
     for sentence in says:
@@ -185,7 +185,7 @@ def evaluate_policy(
             message = f"no task has the sentence {sentence!r}"
             raise InputError(message, field="arguments.says", remedy=near(sentence, sorted(sentences)))
     if says and policy.config.text == "none":
-        raise InputError("this policy hears no sentence", field="arguments.says", remedy="leave it out")
+        raise InputError("this policy takes no instruction", field="arguments.says", remedy="leave it out")
     for one in given:
         sentence = says.get(one.spec.description, one.spec.description)
         sentence_row(policy, sentence, checkpoint, embed=embed, text_model=told.get("text_model"))

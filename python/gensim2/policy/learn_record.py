@@ -110,7 +110,7 @@ class LearnFolder(ResumableFolder[LearnRecord]):
         out = self.path
         folders = (out, *(out / name for name in settings.tasks))
         if not (out / LEARN_JSON).exists() and any(map(holds_training, folders)):
-            raise InputError("holds a policy of another training", file=out, remedy="choose another --out")
+            raise InputError("contains a policy from another training", file=out, remedy="choose another --out")
         return super()._opened(settings)
 
 
@@ -153,7 +153,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     there = read_record(other / LEARN_JSON, LearnRecord, REFUSED)
     found = other / key / DATA
     if not found.is_dir():
-        raise InputError("there are no demonstrations", file=found, remedy="leave --demonstrations out")
+        raise InputError("contains no demonstrations", file=found, remedy="leave --demonstrations out")
     record.data_cpu_s[key] = there.data_cpu_s.get(key, 0.0)
     if key in there.episodes:
         record.episodes[key] = there.episodes[key]

@@ -192,11 +192,16 @@ def learn(
         message = "is of a policy that goes on from no other, and --from has its own settings"
         raise InputError(message, file=file, field="--config", remedy="leave it out")
     if verify and policy != "keypose":
-        raise InputError("is of plans, and chunks are taught by episodes, which physics has judged", field="verify")
+        raise InputError(
+            "applies to plans, but action-chunk policies learn from episodes, which are always simulated",
+            field="verify",
+        )
     if generated is not None and policy != "keypose":
-        raise InputError("is of plans, and chunks are taught by episodes", field="generated", remedy="leave it out")
+        raise InputError(
+            "applies to plans, but action-chunk policies learn from episodes", field="generated", remedy="leave it out"
+        )
     if objects is not None and "instances" in scene:
-        raise InputError("says other objects than instances", field="objects", remedy="give either")
+        raise InputError("contradicts instances", field="objects", remedy="give either")
     train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}
     if not tasks:
         raise InputError("names no task", field="tasks")

@@ -27,9 +27,9 @@ def unseen_instances(given: Sequence[TaskInput]) -> str:
         if all(found) and not shared_objects(given, word):
             return word
     raise InputError(
-        "some class has neither a test split nor new objects apart from those that are taught on",
+        "a class has neither a test split nor new objects outside the training objects",
         field="test_instances",
-        remedy="say which: --test-instances all|ID",
+        remedy="choose with --test-instances all|ID",
     )
 
 

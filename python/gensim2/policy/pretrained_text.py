@@ -60,11 +60,11 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         raise MissingExtraError("transformers", "clip") from error
     remedy = "give a folder or a hub name with --text-model, or use --text small"
     if kind == "sentence" and model == CLIP:
-        raise InputError(f"is CLIP, and no encoder of sentences such as {SENTENCE}", field="text_model", remedy=remedy)
+        raise InputError(f"is CLIP, not a sentence encoder such as {SENTENCE}", field="text_model", remedy=remedy)
     transformers.utils.logging.disable_progress_bar()
     path = Path(model)
     if path.exists() and not (path / "config.json").is_file():
-        raise InputError("is no folder of weights: it has no config.json", file=path, remedy=remedy)
+        raise InputError("is not a folder of weights: it has no config.json", file=path, remedy=remedy)
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
     text: Any
     try:
@@ -75,7 +75,9 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         )
         missing = [name for name in told["missing_keys"] if "pooler" not in name]  # missing weights would stay random
         if missing:
-            raise ValueError(f"it is of another kind: {len(missing)} weights are missing, {min(missing)} among them")
+            raise ValueError(
+                f"the weights belong to another model: {len(missing)} weights are missing, {min(missing)} among them"
+            )
         text.eval()
         with torch.no_grad():
             tokens = tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")

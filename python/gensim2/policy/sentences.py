@@ -36,7 +36,7 @@ def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
     if says is None:
         return {}
     if not isinstance(says, Mapping) or not all(isinstance(each, str) for pair in says.items() for each in pair):
-        raise InputError("must give sentences by sentences", field="says")
+        raise InputError("must map sentences to sentences", field="says")
     return says
 
 

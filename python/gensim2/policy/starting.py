@@ -40,7 +40,7 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
         message = "goes on from a keypose policy of several tasks"
         raise InputError(message, file=start, field="from", remedy="chunks: gensim2 train --from")
     if found.config.text == "none":
-        message = "is a policy of one task, which hears no sentence"
+        message = "is a policy of one task, which takes no task sentence"
         remedy = "teach several tasks to one policy first: gensim2 learn --multi-task"
         raise InputError(message, file=start, field="from", remedy=remedy)
     for one in given:
@@ -86,7 +86,7 @@ def check_sentences(sentences: Sequence[str]) -> None:
     for sentence in sentences:
         if sentences.count(sentence) > 1:
             message = f"two tasks of one policy have the sentence {sentence!r}"
-            raise InputError(message, field="description", remedy="say each task otherwise")
+            raise InputError(message, field="description", remedy="give each task another sentence")
 
 
 def check_text(text: str | None, model: str | None, sentences: Sequence[str], begun: PolicyCheckpoint | None) -> None:
@@ -107,18 +107,20 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
         if text not in (None, had):
             raise InputError(f"must be {had}, as --from has it, is {text!r}", field="text")
         if model not in (None, begun.config.text_model):
-            raise InputError("is that of --from", field="text_model", remedy="leave it out")
+            raise InputError("is determined by --from", field="text_model", remedy="leave it out")
         begun.require_text_model(model, "--from")
         prepare([*begun.sentences, *sentences], begun.config)
         return
     if not sentences and (text is not None or model is not None):
         raise InputError(
-            "is of policies of several tasks", field="text", remedy="name several TASKS, with --multi-task"
+            "applies to multi-task policies only", field="text", remedy="name several TASKS, with --multi-task"
         )
     if model is not None and text in (None, "small", "none"):
-        raise InputError("is of pretrained encoders", field="text_model", remedy="give --text clip or sentence")
+        raise InputError(
+            "applies to pretrained encoders only", field="text_model", remedy="give --text clip or sentence"
+        )
     if text == "none":
-        raise InputError("tells tasks apart, and cannot be none", field="text")
+        raise InputError("distinguishes the tasks and cannot be none", field="text")
     if sentences:
         prepare(
             sentences, PolicyConfig.of({"text": text or "small", **({} if model is None else {"text_model": model})})

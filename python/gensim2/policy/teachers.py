@@ -237,7 +237,9 @@ def _decide_steps(
         each = seconds()
         record.steps[key] = max(LEAST_STEPS, min(int(left / each), MAX_STEPS * tasks))
         if left <= 0:
-            progress.message(f"the data took all of the {record.minutes:g} minutes: the fewest steps are trained")
+            progress.message(
+                f"the data took all of the {record.minutes:g} minutes: training uses the minimum number of steps"
+            )
         progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms")
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
 

@@ -176,7 +176,9 @@ def _train(
         raise InputError(message, field="arm_noise", remedy="render with --keep-robot none, or leave it out")
     if source.observation.cloud.source != config.source:
         message = f"is {config.encoder}, and the clouds are made of {source.observation.cloud.source}"
-        raise InputError(message, field="encoder", remedy="state is of clouds by gensim2 render --source keypoints")
+        raise InputError(
+            message, field="encoder", remedy="the encoder state needs clouds of gensim2 render --source keypoints"
+        )
     config = PolicyConfig.of({**config.to_dict(), "points": points})
     table = prepare(source.sentences, config)
     arm = source.action.arm
@@ -196,7 +198,7 @@ def _train(
         state.load(folder, identity)
     elif resume and (out / CONFIG_JSON).exists():
         raise InputError(
-            "is not there: there is nothing to go on from", file=folder / STATE_JSON, remedy="choose another --out"
+            "does not exist, so there is nothing to resume", file=folder / STATE_JSON, remedy="choose another --out"
         )
     elif holds_training(out):
         raise held_already(out, "a policy")

@@ -67,10 +67,12 @@ def train(
         policy, training = read_config(config, **given) if config is not None else configs(given)
     if policy.head == "keypose":
         raise InputError(
-            "keyposes are not learned from demonstrations", field="head", remedy="use `gensim2 learn --policy keypose`"
+            "a keypose policy cannot learn from demonstrations",
+            field="head",
+            remedy="use `gensim2 learn --policy keypose`",
         )
     if assets is not None and not dagger:
-        raise InputError("is of rounds with --dagger", field="assets", remedy="leave it out")
+        raise InputError("applies to --dagger only", field="assets", remedy="leave it out")
     folders = [Path(each) for each in ((data,) if isinstance(data, str | Path) else data)]
     source = Demonstrations.open(folders, policy, tasks, progress=progress)
     if dagger:

@@ -70,7 +70,7 @@ def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
             said = " and ".join(kinds) or "neither driven, mimicking nor passive"
             raise refuse("gripper.joints", f"{name!r} is {said}; it must be one of the three")
     if not gripper.widest > 0.0:
-        raise refuse("gripper.widest", "the pads must open")
+        raise refuse("gripper.widest", "the largest pad distance must be above 0 m")
     for name, mimic in gripper.mimics.items():
         if mimic.joint not in gripper.driven or mimic.multiplier == 0.0:
             raise refuse("gripper.mimics", f"{name!r} must follow a driven joint by a multiplier that is not 0")
@@ -133,7 +133,7 @@ def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
     remedy = "give the joint a <mimic> element with these numbers"
     for name, mimic in profile.gripper.mimics.items():
         if followed[name] != {"joint": mimic.joint, "multiplier": mimic.multiplier, "offset": mimic.offset}:
-            raise refuse("gripper.mimics", f"the URDF says otherwise of {name!r} than {mimic}", remedy)
+            raise refuse("gripper.mimics", f"the <mimic> element of {name!r} in the URDF differs from {mimic}", remedy)
     for name in profile.gripper.passive:
         if followed[name] is None or followed[name]["multiplier"] != 0.0:
             remedy = f'give it <mimic joint="{profile.gripper.driven[0]}" multiplier="0"/>'

@@ -68,9 +68,7 @@ def register_robot(make: _Made) -> _Made:
     """
     name = getattr(make, "__name__", "")
     if not callable(make) or not name.isidentifier() or make.__qualname__ != name:
-        raise InputError(
-            "must be a function of a module's own level that returns a RobotProfile", field="register_robot"
-        )
+        raise InputError("must be a function at module level that returns a RobotProfile", field="register_robot")
     place = _place_of(make)
     known = PACKAGED.get(name, _registered.get(name, place))
     if known != place:
@@ -165,7 +163,7 @@ def robot_key(name: object) -> str:
         return _granted(name)
     if ":" in name or name.endswith(".py"):
         raise InputError(
-            f"{name!r} is not loaded, and a name in a file loads nothing",
+            f"{name!r} is not loaded, and a name in a file may not load code",
             field="robot",
             remedy="if it is a robot of your own, give its file: gensim2 --load-robot FILE.py, or gensim2.load_robot",
         )
@@ -211,7 +209,9 @@ def _made(make: Maker, where: str) -> RobotProfile:
     """Return the profile that a factory function creates."""
     profile = _called(make, where)
     if not isinstance(profile, RobotProfile):
-        raise InputError(f"{make.__name__}() returns no RobotProfile but {profile!r:.80}", file=where, field="robot")
+        raise InputError(
+            f"{make.__name__}() must return a RobotProfile, but returned {profile!r:.80}", file=where, field="robot"
+        )
 
     def refused(error: BaseException) -> InputError:  # covers the profile's files, which are read here
         known = type(error).__module__.startswith("gensim2_kpam")
@@ -243,7 +243,7 @@ def _place_of(make: Maker) -> str:
         file = None
     if file is None or not Path(file).is_file():
         raise InputError(
-            f"{make.__name__} stands in no file, so no worker process could load it",
+            f"{make.__name__} is not defined in a file, so worker processes cannot load it",
             field="register_robot",
             remedy="put it into a Python file",
         )
@@ -314,7 +314,7 @@ def _from_module(module: str, function: str) -> Maker:
     with user_code(refused):
         found: Any = getattr(importlib.import_module(module), function)
     if not callable(found):
-        raise InputError(f"{module}:{function} is no function", field="robot")
+        raise InputError(f"{module}:{function} is not a function", field="robot")
     make: Maker = found
     return make
 

@@ -141,17 +141,19 @@ def close(controller: Controller) -> None:
 def _parts(target: str) -> tuple[str, str]:
     where, _, name = target.rpartition(":")
     if not where or not name.isidentifier():
-        raise ControllerError("names no controller", field=target, remedy=_REMEDY)
+        raise ControllerError("is not the name of a controller", field=target, remedy=_REMEDY)
     return where, name
 
 
 def _name_of(kind: type) -> str:
     if "<locals>" in kind.__qualname__:
-        raise ControllerError("is defined inside a function: no worker can import it", field=kind.__qualname__)
+        raise ControllerError(
+            "is defined inside a function: worker processes cannot import it", field=kind.__qualname__
+        )
     if kind.__module__ == "__main__":
         file = getattr(sys.modules["__main__"], "__file__", None)
         if file is None:
-            raise ControllerError("is not in a file: no worker can import it", field=kind.__qualname__)
+            raise ControllerError("is not in a file: worker processes cannot import it", field=kind.__qualname__)
         return f"{Path(file).resolve()}:{kind.__name__}"
     return f"{kind.__module__}:{kind.__name__}"
 

@@ -28,7 +28,7 @@ def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
         InputError: the objects are from a folder, or the task has no articulated object.
     """
     if not can_be_counted(given):
-        raise InputError(f"{given.spec.name}: can be counted for generated articulated objects", field="objects")
+        raise InputError(f"{given.spec.name}: is possible for generated articulated objects only", field="objects")
     chosen = frozenset((name, _drawn(given, kind, count, seed)) for name, kind in _articulated(given).items())
     scene = given.scene.options.with_task(given.spec, chosen)
     return replace(given, scene=scene, instances=f"{count}{_COUNTED}{seed}")

@@ -41,7 +41,7 @@ class EpisodeLog:
         done: finished episodes by index.
 
     Raises:
-        InputError: a line cannot be read, or is not of this run.
+        InputError: a line cannot be read, or belongs to another run.
     """
 
     def __init__(self, path: Path, seeds: Sequence[int]) -> None:
@@ -53,7 +53,7 @@ class EpisodeLog:
                 torn = True
                 break
             if entry.index >= len(seeds) or entry.seed != seeds[entry.index]:
-                raise InputError("is not of this run", file=path, field=f"line {number}: seed", remedy=_REMEDY)
+                raise InputError("belongs to another run", file=path, field=f"line {number}: seed", remedy=_REMEDY)
             self.done[entry.index] = entry
         if torn:
             self._rewrite(self.done.values())

@@ -71,7 +71,7 @@ class Guarded(WrappedController):
         """
         found = super().turn
         if found is not None and found not in self._steps:
-            raise self._error(f"{found!r} is no step of the task: {', '.join(self._steps)}", "turn")
+            raise self._error(f"{found!r} is not a step of the task; the steps are: {', '.join(self._steps)}", "turn")
         return found
 
     def _error(self, message: str, where: str) -> ControllerError:

@@ -234,7 +234,7 @@ def of_these_objects(
             given.
     """
     if tasks and origin is not None:
-        raise InputError("is of no use where tasks are named", field="origin", remedy="name either")
+        raise InputError("cannot be combined with named tasks", field="origin", remedy="give only one")
     library = open_library(assets)
     skipped: dict[str, InputError] = {}
     named = tuple(tasks) or task_names(origin or PAPER)

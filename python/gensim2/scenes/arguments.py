@@ -39,7 +39,7 @@ def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
 def check_names(task: TaskSpec, robot: RobotProfile) -> None:
     """Refuse an object with the robot's name, because states of a scene are stored by name."""
     if robot.agent in task.objects:
-        raise InputError(f"no object may be called {robot.agent!r}, as the robot is", field="objects")
+        raise InputError(f"no object may have the robot's name {robot.agent!r}", field="objects")
 
 
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
@@ -89,7 +89,7 @@ def _words(words: object) -> Sequence[str]:
         raise InputError(f"must be text or a list of it, is {words!r}", field="instances")
     if "random" in words:
         raise InputError(
-            "'random' is one object, drawn by a run's seed, and an environment has none before its first reset",
+            "'random' selects one object by a run's seed, which an environment does not have before its first reset",
             field="instances",
             remedy="use 'all': each reset draws one",
         )

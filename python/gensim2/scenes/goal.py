@@ -72,7 +72,7 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
         low, high = _openness_range(task.success, name)
         if low >= high:
             raise GoalError(
-                f"nothing can reach it: the openness of {name} would have to lie above {low:g} and below {high:g}",
+                f"the goal is unreachable: the openness of {name} would have to lie above {low:g} and below {high:g}",
                 field=field,
                 remedy="drop one of the criteria, or change its threshold",
             )
@@ -81,10 +81,10 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
             away = _beyond_reach(criterion, state.objects[criterion.rigid], robot)
             if away > 0.0:
                 raise GoalError(
-                    f"nothing can reach it: {criterion.type} asks for {criterion.rigid} {away:.2f} m beyond the "
+                    f"the goal is unreachable: {criterion.type} asks for {criterion.rigid} {away:.2f} m beyond the "
                     f"{robot.reach:g} m that the robot reaches",
                     field=field,
-                    remedy="ask for less, or place the object elsewhere",
+                    remedy="lower the criterion's values, or place the object elsewhere",
                 )
 
 
@@ -99,7 +99,7 @@ def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: 
     """
     if all(all_hold(task.success, measure_initial_state(state, robot)) for state in states):
         raise GoalError(
-            "holds already at the start of every episode, before the robot moves",
+            "is already met at the start of every episode, before the robot moves",
             field=_field(task),
             remedy="change the goal, or the openness or place at which objects start",
         )
@@ -128,7 +128,7 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
             for name in criterion.objects if isinstance(criterion, types) else ():
                 if not isinstance(state.objects[name].model, kind):
                     raise GoalError(
-                        f"nothing can reach it: {criterion.type} is about {name!r}, which is {other}",
+                        f"the goal is unreachable: {criterion.type} is about {name!r}, which is {other}",
                         field=field,
                         remedy="name another object, or another type of criterion (docs/reference/tasks.md lists them)",
                     )

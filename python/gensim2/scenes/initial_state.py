@@ -180,7 +180,7 @@ def sample_initial_state(
             draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
     names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())
     raise PlacementError(
-        f"{MAX_DRAWS} draws of seed {seed} found no room for {names}",
+        f"{MAX_DRAWS} random placements with seed {seed} left no room for {names}",
         field="objects",
         remedy="give place.at farther apart, or other instances",
     )

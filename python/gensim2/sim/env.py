@@ -131,7 +131,9 @@ class GenSim2Env(RaycastObservations):
         if sim_backend not in ("cpu", "physx_cpu", "auto"):
             raise InputError(f"must be physx_cpu, is {sim_backend!r}", field="sim_backend")
         if reconfiguration_freq not in (None, 1):
-            raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
+            raise InputError(
+                "must be 1, because episodes are reproducible only in a new scene", field="reconfiguration_freq"
+            )
         check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
         check_one_of(reward_mode, self.SUPPORTED_REWARD_MODES, "reward_mode")
         check_words(obs_mode=obs_mode, control_mode=control_mode, render_backend=render_backend)
@@ -153,7 +155,7 @@ class GenSim2Env(RaycastObservations):
         if observation is not None and self._seen is None:
             raise InputError(f"is for obs_mode {RAYCAST!r}", field="observation")
         if self._seen is not None and "rgb" in self._seen.modalities:
-            raise InputError("rgb is the renderer's", field="observation.modalities", remedy="use obs_mode='rgb'")
+            raise InputError("rgb requires the renderer", field="observation.modalities", remedy="use obs_mode='rgb'")
         self.reset_options: dict[str, Any] = {}
         self._closed = False
         spare_imports_from_collection()

@@ -51,10 +51,10 @@ def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[
     # ManiSkill prefixes joint names with the names of scene and robot.
     if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
         raise InputError(
-            f"SAPIEN has the joints {', '.join(joint.name for joint in built)}",
+            f"SAPIEN orders the joints as {', '.join(joint.name for joint in built)}",
             file=profile.urdf,
             field="arm_joints",
-            remedy="write the URDF's joints breadth first: those nearer to the base before those that hang on them",
+            remedy="write the URDF's joints breadth first: joints closer to the base first",
         )
     return dict(zip(names, built, strict=True))
 

@@ -103,13 +103,13 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
             if not cooking_is_fair(hull, lost, grown):
                 off = 1e3 * max(grown, lost)
                 raise InputError(
-                    f"the physics engine made something else of collision hull {index} ({off:.1f} mm off)",
+                    f"the physics engine changed collision hull {index} ({off:.1f} mm off)",
                     file=where,
                     field=name,
                     remedy="the hull may be flat or tiny: leave it out or thicken it",
                 )
             if lost > HULL_TOLERANCE:
-                warnings.append(f"{name}: hull {index} lost {1e3 * lost:.1f} mm when it was cooked")
+                warnings.append(f"{name}: hull {index} lost {1e3 * lost:.1f} mm when the physics engine processed it")
     unknown = set(instance.hulls) - {link_name(link) for link in articulation.links}
     if unknown:
         raise InputError(f"has no links {sorted(unknown)}", file=where)

@@ -96,7 +96,7 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
         lost_m, grown = cooking_misfit(hull, shape)
         if not cooking_is_fair(hull, lost_m, grown):
             raise InputError(
-                f"the physics engine made something else of it ({1e3 * max(lost_m, grown):.1f} mm off)",
+                f"the physics engine changed its shape ({1e3 * max(lost_m, grown):.1f} mm off)",
                 file=rigid.hull_file(index),
                 remedy="the hull may be flat or tiny: leave it out or thicken it",
             )

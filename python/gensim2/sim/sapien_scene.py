@@ -94,7 +94,7 @@ class SapienScene:
 
     def snapshot(self) -> tuple[Array, str]:
         """Refuse: PhysX keeps contacts and impulses between steps, and SAPIEN does not expose them."""
-        raise InputError("sapien cannot go on from a stored state bit for bit", field="engine", remedy="use mujoco")
+        raise InputError("sapien cannot resume exactly from a stored state", field="engine", remedy="use mujoco")
 
     def restore(self, state: Array, scene: str) -> None:
         """Refuse, as :meth:`snapshot`."""

@@ -29,7 +29,7 @@ def export(names: Sequence[str], out: Path) -> None:
     tasks = [(load_task(name), load_strategies(name)) for name in dict.fromkeys(names)]
     try:
         if out.exists() and (out.is_file() or any(out.iterdir())):
-            raise InputError("is there already", file=out, remedy="choose another --out")
+            raise InputError("already exists", file=out, remedy="choose another --out")
     except OSError as error:
         raise InputError(f"cannot read: {error.strerror}", file=out) from error
     if out.suffix == ".zip":

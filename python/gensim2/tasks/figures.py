@@ -153,9 +153,9 @@ class Figure(_Value):
     @model_validator(mode="after")
     def _counts_go_together(self) -> Self:
         if not self.strict <= self.held <= self.episodes or self.paper > self.episodes:
-            raise ValueError("more episodes count than there are, or strict ones that do not hold")
+            raise ValueError("a verdict counts more episodes than were run, or strict counts more than held")
         if self.held + sum(self.causes.values()) != self.episodes:
-            raise ValueError("held and causes are not all episodes")
+            raise ValueError("held and causes do not sum to the number of episodes")
         for name in ("episodes", "paper", "held", "strict") if self.instances else ():
             if sum(getattr(each, name) for each in self.instances.values()) != getattr(self, name):
                 raise ValueError(f"{name} of the instances are not those of the row")

@@ -110,7 +110,9 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
     found = tuple(name for name in task_names() if origin_of(load_task(name)) == origin)
     if not found:
         known = sorted({str(origin_of(load_task(name))) for name in task_names()})
-        raise InputError(f"no task of the library is of {origin!r}", field="origin", remedy=near(origin, known))
+        raise InputError(
+            f"no task of the library has the origin {origin!r}", field="origin", remedy=near(origin, known)
+        )
     return found
 
 

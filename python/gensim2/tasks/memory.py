@@ -83,9 +83,9 @@ class Memory:
             InputError: the user disabled the library, or it is an archive.
         """
         if self._folder is None:
-            raise InputError("there is no library of your own", field="library", remedy="give a folder, not none")
+            raise InputError("the user library is disabled", field="library", remedy="give a folder, not none")
         if self._folder.is_file():
-            raise InputError("is no folder: an archive is only read", file=self._folder, field="library")
+            raise InputError("is an archive, which is read-only", file=self._folder, field="library")
         return self._folder
 
     @property
@@ -242,7 +242,7 @@ def read_task(folder: Path) -> tuple[TaskSpec, dict[str, StrategyData]]:
 
 
 def _check_verified(task: TaskSpec, verification: Verified) -> None:
-    told = f"{task.name}: {verification.held} of {verification.episodes} fresh episodes held"
+    told = f"{task.name}: {verification.held} of {verification.episodes} fresh episodes succeeded"
     if verification.episodes < LEAST_EPISODES:
         raise UnverifiedTaskError(told, remedy=f"verify it with {LEAST_EPISODES} or more")
     if verification.share < LEAST_SHARE:
@@ -251,7 +251,7 @@ def _check_verified(task: TaskSpec, verification: Verified) -> None:
 
 def _with_verification(task: TaskSpec, verification: Verified) -> TaskSpec:
     if task.provenance is None or task.provenance.origin == PAPER:
-        raise InputError(f"{task.name}: does not say who proposed it", field="provenance.origin")
+        raise InputError(f"{task.name}: does not name its origin", field="provenance.origin")
     provenance = task.provenance.model_copy(update={"verification": verification})
     return task.model_copy(update={"provenance": provenance})
 

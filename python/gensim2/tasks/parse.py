@@ -34,7 +34,7 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
     except TypeError as error:  # the data has Python types that JSON lacks
         raise InputError(f"holds a value of an unusable type: {error}", file=file) from error
     except RecursionError as error:
-        raise InputError("holds itself, or too many values inside each other", file=file) from error
+        raise InputError("contains itself, or is nested too deeply", file=file) from error
     except ValidationError as error:
         first = error.errors()[0]
         location, model = _walk(first["loc"])

@@ -55,7 +55,7 @@ def _pair(value: Any) -> Any:
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] > pair[1]:
-        raise ValueError("the first number of a range must not be the greater")
+        raise ValueError("the first number of a range must not exceed the second")
     return pair
 
 
@@ -186,7 +186,7 @@ class Verified(_Value):
     def _figures_go_together(self) -> Self:
         low, high = self.interval
         if self.held > self.episodes or not low - 1e-6 <= self.share <= high + 1e-6:
-            raise ValueError("held, episodes and interval do not go together")
+            raise ValueError("held, episodes and interval contradict each other")
         return self
 
     @property
@@ -263,7 +263,7 @@ class TaskSpec(_Value):
         for criterion in (*self.success, *(c for step in self.steps for c in step.done)):
             for name in criterion.objects:
                 if name not in self.objects:
-                    raise ValueError(f"a criterion {criterion.type} names an object {name!r} that is not there")
+                    raise ValueError(f"a criterion {criterion.type} names an unknown object {name!r}")
         return self
 
     @property

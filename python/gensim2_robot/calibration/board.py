@@ -39,7 +39,7 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3 or not 0.0 < self.marker < self.square < 1.0:
-            raise InputError("is no ChArUco board", field="board", remedy="as 7x5:0.04:0.03")
+            raise InputError("is not a ChArUco board", field="board", remedy="as 7x5:0.04:0.03")
 
     @staticmethod
     def parse(text: str) -> Board:
@@ -53,7 +53,7 @@ class Board:
             columns, rows = size.split("x")
             return Board(int(columns), int(rows), float(square), float(marker))
         except ValueError as error:
-            raise InputError(f"{text!r} is no board", field="--board", remedy="as 7x5:0.04:0.03") from error
+            raise InputError(f"{text!r} is not a board", field="--board", remedy="as 7x5:0.04:0.03") from error
 
     def charuco(self) -> Any:
         import cv2
@@ -145,7 +145,7 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
     # vec(A X B) = (B^T kron A) vec(X) = vec(Z)
     U, values, Vt = np.linalg.svd(K)
     if len(A) - values[1] < 1e-3 * len(A):
-        raise InputError("the hand was not turned about two axes between the pictures", field="views")
+        raise InputError("the hand was not rotated about two axes between the images", field="views")
     rotations = []
     for vector in (Vt[0], U[:, 0]):
         M = vector.reshape(3, 3, order="F")
@@ -167,7 +167,7 @@ def _board_pose(camera: Camera, view: Corners) -> Array:
 
     there, turn, shift = cv2.solvePnP(view.points, view.pixels, camera.intrinsic, None, flags=cv2.SOLVEPNP_ITERATIVE)
     if not there:
-        raise InputError("the board's pose cannot be told from its corners", field="views")
+        raise InputError("the board's pose cannot be determined from its corners", field="views")
     return _matrix(np.concatenate([turn.reshape(3), shift.reshape(3)]))
 
 

@@ -80,9 +80,9 @@ class Calibration(BaseModel):
     @model_validator(mode="after")
     def _is_dated(self) -> Calibration:
         if self.made.tzinfo is None:
-            raise ValueError("made says no time zone")
+            raise ValueError("made has no time zone")
         if not 2000 <= self.made.year < 9999:  # other years cannot be converted to every time zone
-            raise ValueError("made is no date of a calibration")
+            raise ValueError("made is not a plausible date")
         return self
 
     def write(self, path: Path) -> None:
@@ -111,7 +111,7 @@ def read_calibration(
     """
     found = read_record(path, Calibration, REMEDY)
     if found.robot != robot:
-        raise InputError(f"is of {found.robot}, not of {robot}", file=path, field="robot", remedy=REMEDY)
+        raise InputError(f"belongs to the robot {found.robot}, not to {robot}", file=path, field="robot", remedy=REMEDY)
     age = (now or datetime.now(UTC)) - found.made
     if age > timedelta(days=days):
         said = f"is stale: {age.total_seconds() / 86400:.1f} days old, {days:g} at most"
@@ -142,7 +142,7 @@ def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path
             said = f"was made with {one.width}x{one.height} pixels, the camera gives {camera.width}x{camera.height}"
             raise InputError(said, file=path, field=field, remedy=REMEDY)
         if one.link != camera.link:
-            raise InputError(f"hangs on {one.link}, not on {camera.link}", file=path, field=field, remedy=REMEDY)
+            raise InputError(f"is mounted on {one.link}, not on {camera.link}", file=path, field=field, remedy=REMEDY)
 
 
 def calibrated(cameras: Sequence[Camera], calibration: Calibration) -> tuple[Camera, ...]:

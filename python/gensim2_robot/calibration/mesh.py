@@ -372,7 +372,9 @@ def calibrate(
         InputError: there are too few or too many images, they have another size, or the camera is mounted on a link.
     """
     if camera.link is not None:
-        raise InputError(f"is carried by {camera.link}", field=camera.name, remedy="calibrate it by a board")
+        raise InputError(
+            f"is mounted on the robot's link {camera.link}", field=camera.name, remedy="calibrate it by a board"
+        )
     if not LEAST_VIEWS <= len(views) <= MAX_VIEWS or not held_out:
         raise InputError(
             f"takes {LEAST_VIEWS} to {MAX_VIEWS} and one held out, there are {len(views)} and {len(held_out)}",

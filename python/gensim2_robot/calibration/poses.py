@@ -100,7 +100,7 @@ def take(
             found.append(walk.look())
             progress.message(f"pose {number + 1} of {len(poses)}")
         else:
-            progress.message(f"pose {number + 1} of {len(poses)} is out of reach: left out")
+            progress.message(f"pose {number + 1} of {len(poses)} is out of reach and is skipped")
     return found
 
 
@@ -203,7 +203,7 @@ def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
                 said = f"the arm stands in {len(found)} poses or more, {size >> 20} MiB of pictures"
                 raise InputError(f"{said}: too many", file=folder, remedy="make a shorter log")
     if not found:
-        raise InputError("the arm stands nowhere while all cameras look", file=folder)
+        raise InputError("the arm is never at rest while all cameras record", file=folder)
     pictures_only = (message for _, message in messages(folder) if isinstance(message, PictureMessage))
     frames = {number: message.frame() for number, message in enumerate(pictures_only) if number in wanted}
     return [

@@ -89,9 +89,9 @@ def calibrate(
 
     size, read = pixels_of(pixels), None if board is None else Board.parse(board)
     if log is None and (read is not None or carried):
-        raise click.UsageError("A board is in the pictures of a log: give --from DIR.")
+        raise click.UsageError("--board reads images of a log: give --from DIR.")
     if carried and read is None:
-        raise click.UsageError("Cameras on the arm see little of it: give --board.")
+        raise click.UsageError("Cameras on the arm see too little of it for this calibration: give --board.")
     if log is not None:
         found = calibrate_log(log, out, board=read, carried=carried, seed=given["seed"])
     else:
@@ -167,7 +167,9 @@ def trial(
 
     asked, arguments = read_protocol(protocol), line_of(given)
     if not moves(arguments, move):
-        raise InputError("a trial moves the arm", field="--move", remedy="gensim2 robot dry-run looks without moving")
+        raise InputError(
+            "a trial moves the arm", field="--move", remedy="use gensim2 robot dry-run to test without moving"
+        )
     where = out or Path("runs") / time.strftime("trials-%Y%m%d-%H%M%S")
     with contextlib.ExitStack() as stack:
         watching = []

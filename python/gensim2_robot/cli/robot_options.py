@@ -154,7 +154,9 @@ def moves(given: dict[str, Any], move: bool) -> bool:
         click.echo("a dry run: nothing is sent to the arm; --move moves it", err=True)
         return False
     if not sys.stdin.isatty():
-        raise InputError("a person at a terminal says so", field="--move", remedy="leave it out: a dry run")
+        raise InputError(
+            "must be confirmed by a person at a terminal", field="--move", remedy="leave it out for a dry run"
+        )
     click.echo(
         "This is a software stop, not safety-rated. Is the emergency stop within reach, was it tried today, and is "
         "nobody within the arm's reach?",
@@ -162,5 +164,5 @@ def moves(given: dict[str, Any], move: bool) -> bool:
     )
     word = click.prompt(f"Write the arm's name, {given['arm']}, to move it", default="", show_default=False, err=True)
     if word.strip() != given["arm"]:
-        raise InputError("was not confirmed; nothing has moved", field="--move")
+        raise InputError("was not confirmed, so the arm has not moved", field="--move")
     return True

@@ -186,7 +186,7 @@ class PandaPyArm(_FrankaHand):
         if self._controller is None:
             if self._panda.get_state().robot_mode in self._stopped:
                 # The library would recover by itself, but a person must do that.
-                raise DriverError("it has stopped by itself: recover it by hand")
+                raise DriverError("the arm has stopped by itself; recover it by hand")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
             self._panda.start_controller(controller)  # starts at the current position
             self._controller = controller

@@ -106,4 +106,4 @@ def _pictures(path: Path, name: str) -> Iterator[CameraFrame]:
             empty = False
             yield message.frame()
     if empty:
-        raise InputError("has no picture of it", file=path, field=f"cameras.{name}")
+        raise InputError("the log has no picture of this camera", file=path, field=f"cameras.{name}")

@@ -248,5 +248,5 @@ def finite(values: Any, size: int, what: str) -> npt.NDArray[np.float64]:
     """
     found = np.asarray(values, dtype=np.float64).reshape(-1)[:size]
     if found.shape != (size,) or not np.isfinite(found).all():
-        raise DriverError(f"the arm says {what} in no numbers")
+        raise DriverError(f"the arm reported a non-finite {what}")
     return found

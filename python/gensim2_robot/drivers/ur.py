@@ -62,7 +62,7 @@ class URArm(StreamedArm):
 
     def _write(self, q: Array, v: Array) -> None:
         if not self._control.servoJ(q.tolist(), 0.0, 0.0, self._period, LOOKAHEAD, GAIN):
-            raise DriverError("servoJ was not taken: is the arm in remote control, its program running?")
+            raise DriverError("servoJ was refused: check that the arm is in remote control and its program is running")
 
     def _halt(self) -> None:
         self._control.servoStop(DECELERATION)

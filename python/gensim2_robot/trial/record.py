@@ -111,7 +111,7 @@ class TrialProtocol(BaseModel):
     @model_validator(mode="after")
     def _places_every_object(self) -> TrialProtocol:
         if set(self.objects) != set(self.placements):
-            raise ValueError("objects and placements must name the same")
+            raise ValueError("objects and placements must have the same names")
         return self
 
     def require(self, task: TaskSpec) -> None:

@@ -161,9 +161,9 @@ def trial(
     """
     config, scene = LineConfig.split(line)
     if verdict == "simulator" and not config.is_simulated:
-        raise InputError("there is no simulator to judge a real arm", field="--verdict", remedy="person")
+        raise InputError("no simulator can judge a real arm", field="--verdict", remedy="person")
     if person is None and verdict == "person":
-        raise InputError("a person judges, and there is none", field="person")
+        raise InputError("the verdict requires a person", field="person")
     given = read_task_input(protocol.task, seed=config.seed, **scene)
     protocol.require(given.spec)
     told = given.spec.model_copy(update={"description": protocol.sentence})
@@ -208,7 +208,9 @@ def trial(
                 raise TrialsEndedError(f"trial {course.current.number} was not begun: {watch.reason}")
             course.halted(str(watch.state), watch.reason)
             if not config.is_simulated:
-                raise TrialsEndedError(f"the watch has {watch.state} the arm: see to it, then go on with --resume")
+                raise TrialsEndedError(
+                    f"the watch has {watch.state} the arm: check the arm, then continue with --resume"
+                )
     finally:
         kept.release()
         if course.unwritten is None:

@@ -180,11 +180,11 @@ def test_addresses_are_checked_before_anything_starts(tmp_path: Path, capfd: pyt
         about = ["OpenDrawer", "--controller", f"{CONTROLLERS}:Rest"] if command == "evaluate" else []
         assert run([command, *about, *words]) == BAD_INPUT
         assert capfd.readouterr().err == (
-            "gensim2: --ray: 'nowhere' is no address of Ray (local, auto, or HOST:PORT of the head node)\n"
+            "gensim2: --ray: 'nowhere' is not a Ray address (local, auto, or HOST:PORT of the head node)\n"
         )
     assert not (tmp_path / "out").exists()
     for address in ("", "nowhere", "host", "host:port", "ray://host:1", "a b:1"):
-        with pytest.raises(InputError, match=r"--ray: .* is no address of Ray"):
+        with pytest.raises(InputError, match=r"--ray: .* is not a Ray address"):
             check_address(address)
     for address in ("local", "auto", "10.0.0.1:6379", "head.example:6379"):
         check_address(address)

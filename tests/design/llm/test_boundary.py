@@ -162,7 +162,7 @@ def test_other_parameters_are_another_question(serve: Serve, tmp_path: Path, giv
 def test_a_folder_holds_the_answers_of_one_endpoint(serve: Serve, tmp_path: Path) -> None:
     first, second = serve(reply(completion())), serve(reply(completion()))
     LanguageModel(options(first)).open(tmp_path / "run")
-    with pytest.raises(InputError, match=r"endpoint: holds answers of .*, not "):
+    with pytest.raises(InputError, match=r"endpoint: contains answers of the endpoint .*, not "):
         LanguageModel(options(second)).open(tmp_path / "run")
 
 
@@ -496,7 +496,7 @@ def test_no_redirect_is_followed(serve: Serve, status: str, where: str) -> None:
         where
     ]
     server = serve(reply(b"", status, f"Location: {target}\r\n".encode()))
-    with pytest.raises(InputError, match=r"sends on to another address .*--base-url"):
+    with pytest.raises(InputError, match=r"redirects to another address .*--base-url"):
         ask(server)
     assert other.requests == 0
     assert server.requests == 1

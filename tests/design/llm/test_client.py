@@ -71,7 +71,7 @@ def test_what_passes_is_tried_again(server: ModelServer, fault: Fault) -> None:
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        (RATE_LIMIT, "asks to be left alone, tried 3 times"),
+        (RATE_LIMIT, "limits the request rate, tried 3 times"),
         (SERVER_ERROR, "tried 3 times"),
         (CUT, "cannot be reached, tried 3 times"),
     ],
@@ -154,7 +154,7 @@ def test_a_model_with_another_name_for_the_limit_is_asked_by_it(server: ModelSer
 
 def test_any_other_refusal_is_one_error(server: ModelServer) -> None:
     server.faults = deque([Fault(400, body=b'{"error": {"message": "content policy"}}')])
-    with pytest.raises(InputError, match=r"refuses the question.*content policy"):
+    with pytest.raises(InputError, match=r"refuses the request.*content policy"):
         Client(options(server)).ask(question())
     assert server.requests == 1
 
@@ -244,7 +244,7 @@ def test_the_budget_ends_asking_before_it_is_overdrawn(server: ModelServer, tmp_
     [
         ({"base_url": "ftp://x"}, "no http or https address"),
         ({"base_url": "http://user:pass@host/v1"}, "the key comes from the environment"),
-        ({"budget": 1.0}, "means nothing without price_in and price_out"),
+        ({"budget": 1.0}, "requires price_in and price_out"),
         ({"temperature": 5.0}, "temperature: input should be less than or equal to 2"),
         ({"temprature": 1.0}, "temprature: unknown field"),
     ],

@@ -69,7 +69,7 @@ def test_it_is_verified_and_added_or_refused(
         assert json.loads((added / "added.json").read_text())
         assert run(words) == 0, "the very same again changes nothing"
     else:
-        assert "11 of 20 fresh episodes held" in err
+        assert "11 of 20 fresh episodes succeeded" in err
         assert not added.exists()
 
 

@@ -148,7 +148,7 @@ def _hash(config: Any) -> str:
 
 def test_a_film_that_does_not_end_in_the_goal_is_none(tmp_path: Path, camera: Camera) -> None:
     camera.success = False
-    with pytest.raises(GenSim2Error, match=r"OpenDrawer: the replay of seed \d+ does not end in the goal"):
+    with pytest.raises(GenSim2Error, match=r"OpenDrawer: the replay of seed \d+ does not reach the goal"):
         made(tmp_path / "out", tasks=("OpenDrawer",))
 
 

@@ -231,9 +231,9 @@ def test_the_commands_and_the_program_of_the_page_run(
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("--visual",), "--visual: means nothing to the offline designer"),
+        (("--visual",), "--visual: does not apply to the offline designer"),
         (("--mode", "topdown"), "needs a language model"),
-        (("--designer", "m", "--budget", "1"), "means nothing without price_in and price_out"),
+        (("--designer", "m", "--budget", "1"), "requires price_in and price_out"),
         (("--replay", "nowhere"), "nowhere/model.json: cannot be read"),
         (("--designer", "m", "--prompts", "nowhere"), "nowhere: prompts: is no folder"),
         (("--designer", "m", "--single", "2", "--long", "2"), "--long: a model proposes tasks of one step"),

@@ -81,10 +81,10 @@ def test_what_verifies_a_task_anew_can_be_pasted_and_takes_the_run_s_objects(tmp
 def test_without_a_library_nothing_is_kept(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GENSIM2_LIBRARY", "none")
     assert remember(run).library is None
-    with pytest.raises(InputError, match="there is no library of your own"):
+    with pytest.raises(InputError, match="the user library is disabled"):
         Memory().remove(NEW)
     monkeypatch.setenv("GENSIM2_LIBRARY", "somewhere")
-    with pytest.raises(InputError, match="holds no run"):
+    with pytest.raises(InputError, match="contains no run"):
         remember(run / "tasks")
 
 
@@ -101,7 +101,7 @@ def test_by_command(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert command(["tasks", "show", NEW]) == 0
     text = capsys.readouterr().out
     assert "proposed by offline" in text
-    assert "verified: 18 of 20 fresh episodes held (0.70 to 0.97), seed 0, new objects: 4 box_rotate" in text
+    assert "verified: 18 of 20 fresh episodes succeeded (0.70 to 0.97), seed 0, new objects: 4 box_rotate" in text
     archive = str(tmp_path / "mine.zip")
     assert command(["tasks", "export", NEW, "--out", archive]) == 0
     assert command(["tasks", "remove", NEW]) == 0
@@ -113,5 +113,5 @@ def test_by_command(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert command(["tasks", "export", "--out", archive]) == 2
     errors = capsys.readouterr().err.splitlines()
     assert "unknown task" in errors[0]
-    assert "is no folder: an archive is only read" in errors[1]
+    assert "is an archive, which is read-only" in errors[1]
     assert "part of the package" in errors[2]

@@ -39,7 +39,7 @@ def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path, record: Reco
     record()
     lock = FolderLock(tmp_path / "run")
     before = (tmp_path / "run/run.json").read_bytes()
-    with pytest.raises(InputError, match=rf"another run is at work in it \(process {os.getpid()}\)"):
+    with pytest.raises(InputError, match=rf"another run is using this folder \(process {os.getpid()}\)"):
         record(resume=True)
     assert (tmp_path / "run/run.json").read_bytes() == before
     lock.release()
@@ -139,7 +139,7 @@ def test_an_episode_with_another_object_is_refused(tmp_path: Path, record: Recor
     stored = store.read(row)
     other = {name: dataclasses.replace(each, content_hash="0" * 64) for name, each in row.objects.items()}
     store.add(row.index, dataclasses.replace(row, objects=other), stored.recording)
-    with pytest.raises(InputError, match="was run with another drawer/"):
+    with pytest.raises(InputError, match="was run with another version of drawer/"):
         record(resume=True)
 
 

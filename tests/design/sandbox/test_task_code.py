@@ -128,13 +128,13 @@ ODD = {
     "a deep expression": (HEAD + STEP.replace("0.5", "-" * 5000 + "1"), 6, "it is nested too deeply"),
     "a deep sum": (HEAD + STEP.replace("0.5", "(" + "1 + " * 950 + "1) * 0"), 6, ""),
     "deep attributes": (HEAD + "        x = self" + ".a" * 5000 + "\n", 6, "it is nested too deeply"),
-    "a null byte": (HEAD + "        x = 'a\0b'\n", 6, r"a character that no text has ('\x00')"),
-    "a null byte in disguise": (HEAD + r"        x = 'a\0b'" + "\n", 6, r"a character that no text has ('\x00')"),
-    "half a character": (HEAD + "        x = '\ud800'\n", 6, r"a character that no text has ('\ud800')"),
+    "a null byte": (HEAD + "        x = 'a\0b'\n", 6, r"a control character ('\x00')"),
+    "a null byte in disguise": (HEAD + r"        x = 'a\0b'" + "\n", 6, r"a control character ('\x00')"),
+    "half a character": (HEAD + "        x = '\ud800'\n", 6, r"a control character ('\ud800')"),
     "half a character in disguise": (
         HEAD + r"        x = '\udc00'" + "\n",
         6,
-        r"a character that no text has ('\udc00')",
+        r"a control character ('\udc00')",
     ),
     "a byte order mark": ("\ufeff" + HEAD, 1, "invalid non-printable character"),
 }

@@ -73,13 +73,13 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert run([*words, "--resume", "--seed", "1"]) == 2
     assert "seed" in capfd.readouterr().err
     told_otherwise = ["evaluate", "CloseBox", "--assets", "builtin", "--checkpoint", str(out), "--controller-args"]
-    for sentence, said in (("Close the box.", "did you mean close the box"), ("close the box", "hears no sentence")):
+    for sentence, said in (("Close the box.", "did you mean close the box"), ("close the box", "takes no instruction")):
         assert run([*told_otherwise, json.dumps({"says": {sentence: "close the box"}})]) == 2
         assert said in capfd.readouterr().err
     # A policy of another command is not overwritten.
     (out / "learn.json").unlink()
     assert run(words) == 2
-    assert "holds a policy of another training" in capfd.readouterr().err
+    assert "contains a policy from another training" in capfd.readouterr().err
 
 
 def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
@@ -196,7 +196,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
         (["OpenBox", "--from", str(tmp_path / "none")], "config.json"),
         (["OpenBox", "--from", str(second), "--noise", "d435"], "noise"),
         (["OpenBox", "--from", str(second), "--text", "clip"], f"text: must be {policy.config.text}, as --from has it"),
-        (["OpenBox", "--from", str(second), "--text-model", "other"], "text_model: is that of --from"),
+        (["OpenBox", "--from", str(second), "--text-model", "other"], "text_model: is determined by --from"),
         (["OpenBox", "--from", str(second), "--robot", "fetch"], "is for the robot 'panda'"),
         ([str(other), "--from", str(second)], "have the sentence 'close the box'"),
     ):
@@ -206,7 +206,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     shutil.rmtree(second / "data" / "CloseBox")
     words = ["learn", "OpenBox", "--from", str(second), *common, *own, "--out", str(tmp_path / "refused-too")]
     assert run(words) == 2
-    assert "the plans that taught it are not beside it" in capfd.readouterr().err
+    assert "the plans of its training are missing" in capfd.readouterr().err
 
 
 def test_generated_objects_teach_beside_those_of_a_folder(
@@ -245,7 +245,7 @@ def test_generated_objects_teach_beside_those_of_a_folder(
     capfd.readouterr()
     words[2] = "HandCanOfTunaAcross"
     assert run([*words, "--out", str(tmp_path / "half")]) == 0
-    assert "HandCanOfTunaAcross: taught without generated objects, " in capfd.readouterr().err
+    assert "HandCanOfTunaAcross: trained without generated objects, " in capfd.readouterr().err
     assert not (tmp_path / "half" / "data" / f"HandCanOfTunaAcross{BESIDE}").exists()
     assert run([*words[:1], *words[2:3], "--generated", "3", *rest, "--out", str(tmp_path / "none")]) == 2
     assert "generated: none of these tasks can be taught on generated objects" in capfd.readouterr().err
@@ -277,12 +277,12 @@ def test_what_cannot_be_done_is_said_before_anything_is_planned(
 ) -> None:
     for words, said in (
         (["--test-instances", "tset"], "test_instances: no"),
-        (["--objects", "5", "--instances", "train"], "says other objects than instances"),
-        (["--policy", "chunk", "--verify"], "is of plans"),
-        (["--policy", "chunk", "--generated", "5"], "generated: is of plans"),
+        (["--objects", "5", "--instances", "train"], "contradicts instances"),
+        (["--policy", "chunk", "--verify"], "applies to plans"),
+        (["--policy", "chunk", "--generated", "5"], "generated: applies to plans"),
         (["--generated", "5"], "generated: are beside the objects of a folder"),
-        (["OpenBox", "--text", "clip"], "is of policies of several tasks"),
-        (["OpenBox", "--multi-task", "--text-model", "one"], "is of pretrained encoders"),
+        (["OpenBox", "--text", "clip"], "applies to multi-task policies only"),
+        (["OpenBox", "--multi-task", "--text-model", "one"], "applies to pretrained encoders only"),
         (["OpenBox", "--multi-task", "--text", "sentence", "--text-model", str(tmp_path)], "it has no config.json"),
     ):
         assert run(["learn", "CloseBox", "--assets", "builtin", *words, "--out", str(tmp_path / "out")]) == 2
@@ -309,8 +309,8 @@ def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], s
     [
         ("steps: 5", [], "steps: is not a setting of gensim2 learn (say how long with --minutes)"),
         ("head: flow", [], "head: is not a setting of gensim2 learn (say it with --policy)"),
-        ("encodr: mlp", [], "encodr: policy settings have no such field"),
-        ("encoder: state", [], "encoder: state is of heads of action chunks"),
+        ("encodr: mlp", [], "encodr: policy settings has no such field"),
+        ("encoder: state", [], "encoder: state applies to action-chunk policies only"),
         ("history: 2", [], "history: is of policies of action chunks"),
         ("arm_noise: 0.1", [], "arm_noise: is of policies of action chunks"),
         ("ways: 3", ["--policy", "chunk"], "ways: is not a setting of gensim2 learn"),

@@ -34,7 +34,7 @@ def group_in(parent: h5py.Group, name: str) -> h5py.Group:
     """
     item = _member(parent, name)
     if not isinstance(item, h5py.Group):
-        raise ForeignHdf5Error(f"{_path(parent, name)} is no group")
+        raise ForeignHdf5Error(f"{_path(parent, name)} is not a group")
     return item
 
 
@@ -69,7 +69,7 @@ def dataset_in(
     """
     item, path = _member(parent, name), _path(parent, name)
     if not isinstance(item, h5py.Dataset):
-        raise ForeignHdf5Error(f"{path} is no array")
+        raise ForeignHdf5Error(f"{path} is not an array")
     found, size = item.dtype, item.shape
     if size is None or (found.kind not in "biuf" if dtype is None else found != np.dtype(dtype)):
         raise ForeignHdf5Error(f"{path} holds {_shown(found)}, not {'numbers' if dtype is None else np.dtype(dtype)}")
@@ -79,7 +79,7 @@ def dataset_in(
     if any(_bytes(each, found) > max_bytes for each in (size, chunk)):
         raise ForeignHdf5Error(f"{path} has the shape {size}: more than {max_bytes // 2**20} MiB")
     if item.external is not None or item.is_virtual:
-        raise ForeignHdf5Error(f"{path} keeps its numbers in another file")
+        raise ForeignHdf5Error(f"{path} stores its data in another file")
     plist = item.id.get_create_plist()
     if any(plist.get_filter(number)[0] not in _FILTERS for number in range(plist.get_nfilters())):
         raise ForeignHdf5Error(f"{path} is compressed in an unknown way")

@@ -128,7 +128,7 @@ def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[s
 
     content = read_input(path, max_bytes, remedy)
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise InputError("is damaged: its digest is another", file=path, remedy=remedy)
+        raise InputError("is damaged: its digest does not match", file=path, remedy=remedy)
     with read_by_library(path, remedy, "is damaged"):
         tensors: dict[str, torch.Tensor] = load(content)
     for name, tensor in tensors.items():

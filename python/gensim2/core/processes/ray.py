@@ -55,7 +55,7 @@ def check_address(address: str) -> None:
     """
     if not _ADDRESS.fullmatch(address):
         raise InputError(
-            f"{address!r} is no address of Ray", field="--ray", remedy="local, auto, or HOST:PORT of the head node"
+            f"{address!r} is not a Ray address", field="--ray", remedy="local, auto, or HOST:PORT of the head node"
         )
     if importlib.util.find_spec("ray") is None:
         raise MissingExtraError("ray", "ray")
@@ -306,7 +306,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
                 ray.shutdown()
                 if address != "local" or number == TRIES - 1:
                     words = " ".join(str(error).split())
-                    raise InputError(f"no Ray cluster can be used there: {words}", field="--ray") from error
+                    raise InputError(f"the Ray cluster cannot be used: {words}", field="--ray") from error
     finally:
         with contextlib.suppress(ValueError):  # outside the main thread there is no handler
             for number, handler in handlers.items():

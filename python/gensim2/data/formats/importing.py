@@ -77,10 +77,10 @@ def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
     sizes = tree.sizes()
     check_format(path, sizes, of)
     if of != "maniskill" and not (path / NATIVE).is_dir():
-        raise InputError(f"holds no {NATIVE}/: the states are not there", file=path, remedy=REMEDY)
+        raise InputError(f"has no folder {NATIVE}/ with the states", file=path, remedy=REMEDY)
     manifest = check_manifest(path, sizes)
     if manifest is None:
-        progress.message(f"{path} was exported by an older gensim2: its clouds and pictures cannot be compared")
+        progress.message(f"{path} was exported by an older gensim2: its point clouds and images cannot be compared")
     if any(formerly_nested(name.split("/")[1]) for name in sizes if name.startswith("data/")):
         progress.message(f"{path} has the former names of cameras (image_cameras/left): read as image_left")
     if of == "maniskill":

@@ -76,7 +76,7 @@ def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
                 rows = columns["episode_index"] == number
                 task = int(columns["task_index"][rows][0])
                 if task not in sentences:
-                    raise InputError(f"names a task {task} that is not there", file=path, field="task_index")
+                    raise InputError(f"names a task {task} that does not exist", file=path, field="task_index")
                 yield sentences[task], {each: values[rows] for each, values in columns.items()}
 
 
@@ -89,7 +89,7 @@ def _read_info(tree: ForeignTree) -> _Info:
         content = tree.read(_INFO, MAX_INFO)
         version = parse_record(content, TypeAdapter(_Version), path, remedy).codebase_version
     except InputError as error:
-        raise InputError(f"is no LeRobot data set: {error.message}", file=path, remedy=remedy) from error
+        raise InputError(f"is not a LeRobot data set: {error.message}", file=path, remedy=remedy) from error
     if version != VERSION:
         remedy = "convert it with LeRobot's own script"
         raise InputError(f"is {version}, not {VERSION}", file=path, field="codebase_version", remedy=remedy)
@@ -100,11 +100,11 @@ def _sentences(parquet: Any, path: Path) -> dict[int, str]:
     with read_by_library(path, REMEDY, "is no list of tasks that can be read"):
         file = parquet.ParquetFile(path)
         if file.metadata.num_rows > MAX_TASKS:
-            raise InputError(f"has over {MAX_TASKS} tasks", file=path, remedy=REMEDY)
+            raise InputError(f"has more than {MAX_TASKS} tasks", file=path, remedy=REMEDY)
         tasks = file.read().to_pydict()
         numbers, sentences = tasks["task_index"], tasks[INDEX_NAME]
         if not all(isinstance(each, str) for each in sentences):
-            raise InputError("holds a task that is no sentence", file=path, remedy=REMEDY)
+            raise InputError("has a task that is not a sentence", file=path, remedy=REMEDY)
         return dict(zip(map(int, numbers), sentences, strict=True))
 
 

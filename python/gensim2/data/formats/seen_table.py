@@ -39,9 +39,9 @@ class SeenTable:
         spec = {name: description.get(name) for name in _SPEC}
         if self._spec not in (None, spec):
             raise InputError(
-                "was rendered in another way than the tasks before it",
+                "was rendered with other settings than the tasks before it",
                 field=f"tasks.{task}",
-                remedy="export the tasks apart with --task, or render them in one way",
+                remedy="export each task with --task, or render them with the same settings",
             )
         self._spec = spec
         for name in arrays:

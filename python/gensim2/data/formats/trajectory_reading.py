@@ -92,16 +92,16 @@ def take_apart(tree: ForeignTree, sizes: Mapping[str, int], out: Path, progress:
     assert record is not None
     if set(names) != set(record.tasks):
         missing = sorted(set(record.tasks) ^ set(names))[0]
-        raise InputError(f"does not hold the tasks that it tells: {missing}", file=tree.path, remedy=REMEDY)
+        raise InputError(f"lacks tasks that it lists: {missing}", file=tree.path, remedy=REMEDY)
     DataSet(out, record).save()
 
 
 def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) -> None:
     origin = document.gensim2
     if record != origin.dataset:
-        raise InputError("is of another data set than the tasks before it", file=file, field="gensim2.dataset")
+        raise InputError("belongs to another data set than the tasks before it", file=file, field="gensim2.dataset")
     if len(origin.indices) != len(document.episodes):
-        raise InputError("is not as long as episodes", file=file, field="gensim2.indices", remedy=REMEDY)
+        raise InputError("differs in length from episodes", file=file, field="gensim2.indices", remedy=REMEDY)
     if any(later <= earlier for earlier, later in zip(origin.indices, origin.indices[1:], strict=False)):
         raise InputError("must rise from episode to episode", file=file, field="gensim2.indices", remedy=REMEDY)
     spec = parse_task(origin.task, str(file))

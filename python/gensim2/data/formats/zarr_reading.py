@@ -69,13 +69,13 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
         sentences = parse_record(tree.read(".zattrs", MAX_DESCRIPTION), TypeAdapter(_Attributes), root, REMEDY).tasks
         ends, tasks = (_whole(tree, f"meta/{name}") for name in ("episode_ends", "task"))
     except InputError as error:
-        raise InputError(f"is no zarr data set of gensim2: {error}", file=root, remedy=REMEDY) from error
+        raise InputError(f"is not a zarr data set of gensim2: {error}", file=root, remedy=REMEDY) from error
     lengths = np.diff(ends, prepend=0)
     if len(ends) != len(tasks) or not len(ends) or (lengths < 1).any():
         wrong = f"meta/episode_ends ({len(ends)}) and meta/task ({len(tasks)}) are not those of episodes one by one"
         raise InputError(wrong, file=root, field="meta", remedy=REMEDY)
     if not ((tasks >= 0) & (tasks < len(sentences))).all():
-        raise InputError("names a task that is not there", file=root, field="meta/task", remedy=REMEDY)
+        raise InputError("names a task that does not exist", file=root, field="meta/task", remedy=REMEDY)
     arrays = {column: _opened(tree, name, int(ends[-1]), int(lengths.max())) for column, name in names.items()}
     begin = 0
     for end, task in zip(ends.tolist(), tasks.tolist(), strict=True):
@@ -98,7 +98,7 @@ def array_names(tree: ForeignTree) -> dict[str, str]:
         prefix = formerly_nested(parts[1]) if len(parts) == 4 else None
         column = parts[1] if len(parts) == 3 else None if prefix is None else prefix + current(parts[2])
         if column is None or not is_name(column):
-            raise InputError("is no array of frames", file=tree.path / folder, remedy=REMEDY)
+            raise InputError("is not an array of frames", file=tree.path / folder, remedy=REMEDY)
         found[column] = folder
     return found
 
@@ -107,7 +107,7 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
     file = f"{name}/.zarray"
     found = parse_record(tree.read(file, MAX_DESCRIPTION), TypeAdapter(_ArrayDescription), tree.path / file, REMEDY)
     if len(found.shape) != len(found.chunks):
-        raise InputError("has another length than shape", file=tree.path / file, field="chunks", remedy=REMEDY)
+        raise InputError("differs in length from shape", file=tree.path / file, field="chunks", remedy=REMEDY)
     if _bytes(found.chunks, found.dtype) > MAX_CHUNK:
         wrong = f"has {shown(found.chunks)}: more than {MAX_CHUNK // 2**20} MiB"
         raise InputError(wrong, file=tree.path / file, field="chunks", remedy=REMEDY)

@@ -51,7 +51,10 @@ class Client:
             logging.getLogger(name).setLevel(logging.WARNING)
         self._key = options.key
         if self._key is not None and not self._key.can_be_sent:
-            raise InputError("holds no key: spaces, line breaks or odd characters", field=f"${options.key_variable}")
+            raise InputError(
+                "is not a valid key: it contains spaces, line breaks or unusual characters",
+                field=f"${options.key_variable}",
+            )
         self._url = options.address
         if self._key is None and self._url is None:
             remedy = f"set it, or name the endpoint of {options.model!r} with --base-url or $OPENAI_BASE_URL"
@@ -99,7 +102,7 @@ class Client:
         except self._openai.OpenAIError as error:
             raise self._in_words(error) from error
         except (ValueError, TypeError, AttributeError) as error:
-            raise ModelError(f"{self.endpoint}: lists its models in no way that can be read") from error
+            raise ModelError(f"{self.endpoint}: the list of models is unreadable") from error
 
     def ask(self, question: ModelQuestion) -> ModelAnswer:
         """Return the model's answer to a question.
@@ -187,12 +190,12 @@ class Client:
             cause = one_line(str(error.__cause__ or error))
             return ModelError(f"{self.endpoint}: cannot be reached, {self._tries()}: {cause}")
         if isinstance(error, library.RateLimitError):
-            return ModelError(f"{self.endpoint}: asks to be left alone, {self._tries()}: {said}")
+            return ModelError(f"{self.endpoint}: limits the request rate, {self._tries()}: {said}")
         if isinstance(error, library.APIStatusError) and 300 <= error.status_code < 400:
             remedy = "give the address itself with --base-url"
-            return InputError(f"{self.endpoint} sends on to another address", field="designer", remedy=remedy)
+            return InputError(f"{self.endpoint} redirects to another address", field="designer", remedy=remedy)
         if isinstance(error, library.APIStatusError) and error.status_code < 500:
-            return InputError(f"{self.endpoint} refuses the question: {said}", field="designer")
+            return InputError(f"{self.endpoint} refuses the request: {said}", field="designer")
         return ModelError(f"{self.endpoint}: {said}, {self._tries()}")
 
     def _tries(self) -> str:

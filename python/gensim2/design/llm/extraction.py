@@ -130,7 +130,7 @@ def _read(piece: str) -> Data:
             where = f"{error.field}: " if error.field else ""
             raise InputError(f"the answer {where}{error.message}") from error
     if _brackets(stripped) > MAX_BRACKETS:
-        raise InputError("the answer has too many values inside each other")
+        raise InputError("the values in the answer are nested too deeply")
     try:
         import json_repair
     except ImportError as error:
@@ -138,11 +138,11 @@ def _read(piece: str) -> Data:
     try:
         value = json_repair.loads(stripped)
     except (ValueError, RecursionError, IndexError, TypeError) as error:
-        raise InputError("the answer is no valid JSON") from error
+        raise InputError("the answer is not valid JSON") from error
     if isinstance(value, list):
         value = {ITEMS: value}
     if not isinstance(value, dict) or not value:
-        raise InputError("the answer is no valid JSON")
+        raise InputError("the answer is not valid JSON")
     _check_depth(value)
     check_finite(value, None)
     _check_characters(value)
@@ -159,7 +159,7 @@ def _brackets(text: str) -> int:
 
 def _check_depth(value: Any, depth: int = 0) -> None:
     if depth > MAX_DEPTH:
-        raise InputError("the answer has too many values inside each other")
+        raise InputError("the values in the answer are nested too deeply")
     for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
         _check_depth(inner, depth + 1)
 
@@ -167,7 +167,7 @@ def _check_depth(value: Any, depth: int = 0) -> None:
 def _check_characters(value: Any) -> None:
     """Refuse lone surrogates, which JSON escapes can create; :func:`parse_yaml` does the same."""
     if isinstance(value, str) and whole_characters(value) != value:
-        raise InputError("the answer holds half a character (a lone surrogate)")
+        raise InputError("the answer contains half a character (a lone surrogate)")
     if isinstance(value, dict):
         for inner in (*value, *value.values()):
             _check_characters(inner)

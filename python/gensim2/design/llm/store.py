@@ -139,8 +139,10 @@ class AnswerStore:
                     raise InputError(f"was begun with {was!r}, not {now!r}", file=path, field=name, remedy=remedy)
             was, now = before.endpoint, record.endpoint
             if was is not None and now is not None and was != now:
-                remedy = "ask there, or choose another folder"
-                raise InputError(f"holds answers of {was}, not {now}", file=path, field="endpoint", remedy=remedy)
+                remedy = "use the same endpoint, or choose another folder"
+                raise InputError(
+                    f"contains answers of the endpoint {was}, not {now}", file=path, field="endpoint", remedy=remedy
+                )
         write_json(path, record.model_dump())
 
     def copy(self, source: Path) -> None:

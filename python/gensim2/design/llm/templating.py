@@ -142,7 +142,7 @@ def _own(folder: Path, known: set[str]) -> dict[str, str]:
         if path.name.startswith(".") or path.name == "README.md":
             continue
         if path.name not in known:
-            raise InputError("is no prompt", file=path, remedy=near(path.name, sorted(known)))
+            raise InputError("is not the name of a prompt", file=path, remedy=near(path.name, sorted(known)))
         try:
             if is_special(path):
                 raise InputError("is not a regular file", file=path)

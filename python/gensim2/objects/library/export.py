@@ -58,7 +58,7 @@ def write_folder(target: Path, write: Callable[[Path], object], replace: bool) -
     """
     try:
         if os.path.lexists(target) and not replace:
-            raise InputError("is there already", file=target, remedy=OCCUPIED)
+            raise InputError("already exists", file=target, remedy=OCCUPIED)
         target.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=".new."))
         try:

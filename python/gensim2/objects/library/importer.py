@@ -142,7 +142,7 @@ def import_object(
         raise InputError(f"must be a positive number, is {scale}", field="scale")
     if not (license.strip() and license.isprintable() and len(license) <= LONGEST_TEXT):
         remedy = f"1 to {LONGEST_TEXT} printable characters, such as CC BY 4.0"
-        raise InputError(f"{reprlib.repr(license)} states no terms", field="license", remedy=remedy)
+        raise InputError(f"{reprlib.repr(license)} is not a licence text", field="license", remedy=remedy)
     given = {_full_name(key): _checked(key, value) for key, value in (keypoints or {}).items()}
     model = _Source(source, asset_class, joint, up)
     size = model.scale() if scale == "auto" else scale
@@ -261,7 +261,9 @@ class _Source:
         if len(movable) == 1:
             return next(iter(movable.values()))
         if len(fitting) == 1:
-            self.notes.append(f"{fitting[0].name} stays: the only {known} joint, as {self.asset_class} has")
+            self.notes.append(
+                f"{fitting[0].name} stays movable: it is the only {known} joint, the type of {self.asset_class}"
+            )
             return fitting[0]
         raise AssetError(
             f"{len(movable)} movable joints",
@@ -297,7 +299,7 @@ class _Source:
             limits = CONTINUOUS_RANGE
             self.notes.append(f"{joint.name} is continuous: its range is 0 to 90 degrees")
         if joint.mimics is not None:
-            self.notes.append(f"{joint.name} follows {joint.mimics} no more, which is fixed")
+            self.notes.append(f"{joint.name} no longer follows {joint.mimics}, which is fixed")
             for mimic in element.findall("mimic"):
                 element.remove(mimic)
         if limits is None:
@@ -308,7 +310,7 @@ class _Source:
         if lower < 0 and upper <= 1e-6:
             lower, upper = -upper + 0.0, -lower
             _replace(element, "axis", ET.Element("axis", xyz=numbers(-joint.axis)))
-            self.notes.append(f"{joint.name} rests at its upper limit: its axis is turned around")
+            self.notes.append(f"{joint.name} rests at its upper limit: its axis is reversed")
         limit = ET.Element(
             "limit",
             lower=f"{lower:.9g}",

@@ -57,7 +57,7 @@ def read_materials(text: str, file: str) -> dict[str, Look]:
         elif word == "Ks" and rest:
             specular = float(rest[0])
         if not np.isfinite([*colour, alpha, specular]).all():
-            raise ValueError(f"{file}: material {name[:40]} has a colour that is no number")
+            raise ValueError(f"{file}: material {name[:40]} has a colour that is not a number")
     keep()
     return looks
 
@@ -90,7 +90,7 @@ def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None)
 
 def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], looks: dict[str, Look]) -> list[Mesh]:
     if not groups:
-        raise ValueError("holds no triangle")
+        raise ValueError("has no triangle")
     if len(groups) > MAX_LOOKS:
         raise ValueError(f"{len(groups)} materials, at most {MAX_LOOKS}")
     if not np.isfinite(points).all():

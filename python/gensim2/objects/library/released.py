@@ -174,7 +174,9 @@ def read_model(
     joint = movable_joint(urdf)
     axis = unit_axis(joint, urdf.file)
     if joint.child == ROOT_LINK:
-        raise AssetError("a moving link cannot be named so", file=urdf.file, field=f"link {ROOT_LINK}", remedy="rename")
+        raise AssetError(
+            "a moving link cannot have this name", file=urdf.file, field=f"link {ROOT_LINK}", remedy="rename"
+        )
     kind: Literal["revolute", "prismatic"] = "revolute" if joint.type == "revolute" else "prismatic"
     if expected_type and expected_type != kind:
         warnings.append(f"joint is {kind}, the class is known as {expected_type}")
@@ -269,7 +271,8 @@ def _read_geometry(
                 solid[group] += read
     if flat:
         warnings.append(
-            f"{len(flat)} collision files are one slanted triangle, which PhysX drops, made a plate: {listed(flat)}"
+            f"{len(flat)} collision files consist of one slanted triangle, which PhysX drops, and became "
+            f"plates: {listed(flat)}"
         )
     warnings += reader.warnings()
     return _Geometry(seen, solid, T_object, tuple(reader.warnings()))
@@ -283,7 +286,7 @@ def within(what: str, value: float, file: Path, field: str) -> None:
     """
     if not value <= FARTHEST:
         raise AssetError(
-            f"its {what} reaches to {value:.3g}, which nothing on a table does",
+            f"its {what} reaches to {value:.3g}, which is implausible for a table-top object",
             file=file,
             field=field,
             remedy=f"stay within {FARTHEST:g} m or rad: see the scale, the range and the joint's origin",
@@ -304,5 +307,7 @@ def _limits(info: Info, urdf: Urdf, joint: UrdfJoint, scale: float, warnings: li
         return own
     low, high = info.joint_range
     if own is not None and (low > own[1] or high < own[0]):
-        warnings.append(f"range {low:g}..{high:g} is disjoint from the limits {own[0]:g}..{own[1]:g}: the range holds")
+        warnings.append(
+            f"range {low:g}..{high:g} does not overlap the limits {own[0]:g}..{own[1]:g}; the range is used"
+        )
     return low, high

@@ -120,7 +120,7 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
                     if high - low > THINNEST_GRIP and (best is None or cost < best[0] - 1e-6):
                         best = (cost, high - low, point, np.array([*u, 0.0]))
     if best is None:
-        raise AssetError("has no matter that fingers could hold", field="collision")
+        raise AssetError("has no part that fingers can grasp", field="collision")
     _, width, point, axis = best
     return Grip(R.T @ (point - resting.position), R.T @ axis, width)
 
@@ -281,10 +281,10 @@ def load_from_meshes(
         if missing:
             warnings.append(f"{len(missing)} material files missing: {listed(missing)}")
     except (ValueError, MissingFileError) as error:
-        warnings.append(f"{SEEN} cannot be read, nothing to look at: {shortened(str(error))}")
+        warnings.append(f"{SEEN} cannot be read, so there is no visual mesh: {shortened(str(error))}")
     hulls, counts = cached_hulls(f"rigid-{entry}", lambda: _hulls(pieces, rule))
     if not hulls:
-        raise AssetError("holds no part that can collide", file=file, remedy="see its size and the scale")
+        raise AssetError("has no collision part", file=file, remedy="check its size and scale")
     if counts["dropped"]:
         warnings.append(f"{counts['dropped']} parts of {collision} under 1 mm are left out")
     model = RigidModel(

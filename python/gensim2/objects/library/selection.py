@@ -112,7 +112,7 @@ def taken_instances(
     found = tuple(i for i in wanted if i in takes)
     if not found:
         raise InputError(
-            f"the task takes {', '.join(takes)} of {asset_class}, none of which is in {', '.join(asked)}",
+            f"the task takes {', '.join(takes)} of {asset_class}, but none of these is in {', '.join(asked)}",
             field="instances",
         )
     return found

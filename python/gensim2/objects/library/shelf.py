@@ -66,7 +66,7 @@ class Shelf(ABC):
             InputError: there are none.
         """
         raise InputError(
-            f"{asset_class} is {self.source}: there are no new ones beside those that are listed",
+            f"{asset_class} is {self.source}: there are no instances beyond the listed ones",
             field="instances",
             remedy="all, train, test or an id; new objects are generated (--assets builtin)",
         )

@@ -127,7 +127,7 @@ def state_rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> n
     try:
         rows = np.asarray(states[kind][name], dtype=np.float32)
     except KeyError as error:
-        raise InputError("there are no states of it", field=f"env_states/{kind}/{name}") from error
+        raise InputError("its states are missing", field=f"env_states/{kind}/{name}") from error
     if rows.ndim != 2 or rows.shape[1] != width:
         raise InputError(f"must be (T, {width}), is {rows.shape}", field=f"env_states/{kind}/{name}")
     if not np.isfinite(rows).all():
@@ -142,5 +142,5 @@ def _coordinate(joint: UrdfJoint | None, active: Sequence[str], file: Path) -> i
     if joint.type not in ("revolute", "continuous", "prismatic"):
         raise InputError(f"joint type {joint.type!r}", file=file, field=field)
     if joint.name not in active:
-        raise InputError("moves, and no recorded coordinate says how far", file=file, field=field)
+        raise InputError("moves, but its position was not recorded", file=file, field=field)
     return list(active).index(joint.name)

@@ -57,7 +57,7 @@ class RaycastScene:
                 seen = bool(self.cameras) and model.visual is not None
                 self._add(name, name, read_mesh(model.visual) if seen else None, still=False)
             else:
-                raise TypeError(f"no object of {type(model).__name__}")
+                raise TypeError(f"cannot cast rays at a {type(model).__name__}")
         # Cameras on a link have a caster of their own in that link's frame, in which they do not move.
         self._casters: dict[str | None, Caster] = {
             link: Caster(self._solids, [camera for camera in self.cameras if camera.link == link])

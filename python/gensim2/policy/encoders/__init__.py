@@ -33,7 +33,7 @@ def make_encoder(config: PolicyConfig) -> PointEncoder:
     more: dict[str, Any] = {"blocks": config.blocks} if config.encoder == "pointnext" else {}
     if config.encoder == "state":
         if config.points is None:
-            raise InputError("is as many as the data have, and the encoder state must know it", field="points")
+            raise InputError("must equal the number of points in the data for the encoder state", field="points")
         more = {"points": config.points}
     encoder: PointEncoder = _KINDS[config.encoder](cloud_size(config), **more)
     return encoder

@@ -101,10 +101,10 @@ class ExperimentConfig(BaseModel):
     @model_validator(mode="after")
     def _names_differ(self) -> ExperimentConfig:
         if len({arm.name for arm in self.arms}) < len(self.arms):
-            raise ValueError("two arms have one name")
+            raise ValueError("two arms share a name")
         for name in self.untaught:
             if any(name in arm.tasks for arm in self.arms):
-                raise ValueError(f"{name} is untaught, and an arm has it")
+                raise ValueError(f"{name} is listed as untaught, but an arm trains on it")
         return self
 
     @model_validator(mode="after")
@@ -114,11 +114,13 @@ class ExperimentConfig(BaseModel):
                 continue
             start = next((each for each in self.arms[:number] if each.name == arm.start), None)
             if start is None:
-                raise ValueError(f"{arm.name} starts from {arm.start}, which is no arm before it")
+                raise ValueError(f"{arm.name} starts from {arm.start}, which is not an earlier arm")
             if (start.objects, start.count) != (arm.objects, arm.count):
                 raise ValueError(f"{arm.name} and {arm.start}, which it starts from, have different objects")
             if len(start.tasks) < 2 or not set(start.tasks) < set(arm.tasks):
-                raise ValueError(f"{arm.name} has to have all tasks of {arm.start}, which are several, and others")
+                raise ValueError(
+                    f"{arm.name} must have all tasks of {arm.start}, of which there must be several, and further tasks"
+                )
         return self
 
     def words(self, arm: Arm, number: int) -> tuple[str, str]:

@@ -185,7 +185,7 @@ def inputs_beside(
         try:
             found.append(generated_input(task, count, seed=seed, **scene))
         except InputError as error:
-            progress.message(f"{one.spec.name}: taught without generated objects, {error.message}")
+            progress.message(f"{one.spec.name}: trained without generated objects, {error.message}")
     if not found:
         message = "none of these tasks can be taught on generated objects"
         raise InputError(message, field="generated", remedy="leave it out")
@@ -211,6 +211,6 @@ def _plans(start: Path, name: str) -> list[Path]:
     """Return the folders of a task's plans, the one for generated objects last."""
     folder = start / DATA / name
     if not folder.is_dir():
-        raise InputError("the plans that taught it are not beside it", file=folder, remedy=REMEDY)
+        raise InputError("the plans of its training are missing", file=folder, remedy=REMEDY)
     beside = start / DATA / f"{name}{BESIDE}"
     return [folder, *([beside] if beside.is_dir() else [])]

@@ -248,7 +248,7 @@ def read_planned(folder: Path) -> Planned:
     Raises:
         InputError: the folder has no planned scenes, or a file is damaged.
     """
-    record = read_record(folder / RECORD, PlannedRecord, "make the data again, in a new folder")
+    record = read_record(folder / RECORD, PlannedRecord, "create the data again, in a new folder")
     found, scenes, failed, cpu_s = [], 0, Counter[str](), 0.0
     for path in sorted(folder.glob("shard_*.npz")):
         about, arrays = _read(path)
@@ -261,7 +261,11 @@ def read_planned(folder: Path) -> Planned:
         raise InputError(message, file=folder, remedy="leave the task out")
     sizes = {(each["points"].shape[1], each["joints"].shape[1]) for each in found}
     if len(sizes) > 1:
-        raise InputError("two shards have clouds or robots of other sizes", file=folder, remedy="make the data again")
+        raise InputError(
+            "two shards differ in the size of point clouds or joint vectors",
+            file=folder,
+            remedy="create the data again",
+        )
     joined = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
     _check_classes(record, joined, folder)
     return Planned(record, joined, scenes, dict(failed), cpu_s)
@@ -273,7 +277,7 @@ def _check_classes(record: PlannedRecord, arrays: Mapping[str, npt.NDArray[Any]]
     for step, way in set(zip(arrays["step"].tolist(), arrays["way"].tolist(), strict=True)):
         if way != -1 and not (step in range(len(ways)) and way in range(ways[step])):
             message = f"has an example of strategy {way} of step {step}, and the record has none such"
-            raise InputError(message, file=folder / RECORD, field="ways", remedy="make the data again")
+            raise InputError(message, file=folder / RECORD, field="ways", remedy="create the data again")
 
 
 def _shard(folder: Path, number: int) -> Path:
@@ -291,5 +295,5 @@ def _read(path: Path) -> tuple[_About, dict[str, npt.NDArray[Any]]]:
     about = parse_record(told.encode(errors="surrogateescape"), TypeAdapter(_About), path, remedy, "about")
     require_shapes(arrays, _SHAPES if arrays else {}, path)
     if arrays.keys() - _SHAPES:
-        raise InputError(f"is damaged: has {min(arrays.keys() - _SHAPES)}", file=path, remedy=remedy)
+        raise InputError(f"is damaged: has the unknown array {min(arrays.keys() - _SHAPES)}", file=path, remedy=remedy)
     return about, arrays

@@ -95,7 +95,7 @@ def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
     trajectory, rows = planned.plan.trajectory, planned.schedule
     reached = {frame["label"]: frame["time"] for frame in planned.plan.keyframes if frame["time"] is not None}
     if "actuation" not in reached:
-        raise ValueError("the motion does not get to its actuation pose")
+        raise ValueError("the motion does not reach its actuation pose")
     acting = reached["actuation"]
     first = min((time for label, time in reached.items() if label.startswith("pre_")), default=acting)
     lets_go = reached.get("let_go")

@@ -76,7 +76,7 @@ class RemoteController:
 
     def __init__(self, url: str, robot: str | None = None, deadline: float = DEADLINE) -> None:
         if not is_url(url):
-            raise InputError(f"{url!r} is no websocket", field="policy", remedy="as ws://127.0.0.1:8321")
+            raise InputError(f"{url!r} is not a websocket address", field="policy", remedy="as ws://127.0.0.1:8321")
         if not 0.0 < deadline < 1e4:
             raise InputError(f"must be positive seconds, is {deadline}", field="deadline")
         self._url, self._robot, self._deadline = url, robot, deadline
@@ -127,7 +127,7 @@ class RemoteController:
         except ImportError as error:
             raise MissingExtraError("websockets", "remote") from error
         if not self._token:
-            raise InputError("is not set", field=TOKEN, remedy="export what gensim2 policy serve says")
+            raise InputError("is not set", field=TOKEN, remedy="set it to the token that gensim2 policy serve prints")
         hello = {"kind": "hello", "protocol": VERSION, "token": self._token, "robot": self._robot}
         try:
             connection = connect(
@@ -154,7 +154,7 @@ class RemoteController:
             if isinstance(answer, Refusal):
                 raise RemoteError(f"{self._url} refuses: {answer.why}")
             if self._robot not in (None, answer.robot):
-                raise RemoteError(f"{self._url} drives {answer.robot}, this robot is {self._robot}")
+                raise RemoteError(f"{self._url} serves the robot {answer.robot}, but this robot is {self._robot}")
             self._action_size = answer.action_size
             self._look(answer.observation)
         except (OSError, WebSocketException) as error:
@@ -174,7 +174,7 @@ class RemoteController:
         if self._connection is None:
             self._connect()
             if message["kind"] != "reset":
-                raise RemoteError(f"{self._url} was away: the episode is begun anew")
+                raise RemoteError(f"{self._url} was unreachable: the episode restarts")
         self._number += 1
         until = time.monotonic() + deadline
         data = encode({**message, "number": self._number})
@@ -187,7 +187,7 @@ class RemoteController:
             raise RemoteError(f"{self._url} gave no answer within {1e3 * deadline:.0f} ms") from error
         except (OSError, WebSocketException) as error:
             self._drop()
-            raise RemoteError(f"{self._url} is gone: {error}") from error
+            raise RemoteError(f"{self._url} is no longer reachable: {error}") from error
         if isinstance(answer, Failure):
             raise RemoteError(f"{self._url}: {answer.why}")
         self._look(answer.observation)

@@ -135,7 +135,7 @@ def _plain(value: Any) -> Any:
         return {_ARRAY: [value.dtype.name, list(value.shape), np.ascontiguousarray(value).tobytes()]}
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"{type(value).__name__} is no plain value")
+    raise TypeError(f"{type(value).__name__} is not a plain value")
 
 
 def _array(value: Any) -> npt.NDArray[Any]:

@@ -86,7 +86,7 @@ class PolicyServer:
             raise InputError(f"must have {TOKEN_LENGTH} characters at least", field="token")
         kind = controller.load()
         if is_privileged(kind):
-            raise InputError("is shown the truth of a simulated world, which does not travel", field=controller.target)
+            raise InputError("requires the true state of a simulation, which cannot be sent", field=controller.target)
         try:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
