@@ -44,7 +44,7 @@ impl Convex {
         }
         let hull = Self::measured(extreme_points(points), radius);
         if !hull.bound.is_finite() {
-            return Err(ShapeError::new("points", "are too far apart to measure"));
+            return Err(ShapeError::new("points", "are too far apart for distance computations"));
         }
         Ok(hull)
     }

@@ -70,9 +70,9 @@ pub struct ShapeDescription {
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Geometry {
-    /// Its three side lengths.
+    /// Box with its three side lengths.
     Box([f64; 3]),
-    /// Its radius.
+    /// Sphere with its radius.
     Sphere(f64),
     /// Radius, and length along z.
     Cylinder([f64; 2]),
@@ -80,7 +80,7 @@ pub enum Geometry {
     Capsule([f64; 2]),
     /// A mesh file.
     Mesh {
-        /// Its name in the URDF.
+        /// Mesh file as written in the URDF.
         filename: String,
         /// Candidate paths relative to the URDF's folder, the likeliest first.
         paths: Vec<String>,

@@ -23,7 +23,7 @@ impl Inertia {
         let fail = |message: &str| Err(RobotError::new(format!("link {link}: inertial"), message));
         let finite = self.center.iter().chain(self.tensor.iter()).all(|v| v.is_finite());
         if !(finite && self.mass.is_finite() && self.mass >= 0.0) {
-            return fail("must hold finite numbers, and a mass of 0 kg at the least");
+            return fail("must contain finite numbers and a mass of at least 0 kg");
         }
         if (self.tensor - self.tensor.transpose()).amax() > 1e-9 * self.tensor.amax() {
             return fail("its tensor must be symmetric");

@@ -146,7 +146,7 @@ impl Joint {
         if let Some(m) = self.mimic
             && !(m.multiplier.is_finite() && m.offset.is_finite())
         {
-            return fail("mimic", "comes to a factor that is not finite".to_owned());
+            return fail("mimic", "gives a multiplier that is not finite".to_owned());
         }
         Ok(())
     }

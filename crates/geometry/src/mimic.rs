@@ -19,7 +19,7 @@ fn root(joints: &[Joint], from: usize) -> Result<Option<Mimic>, RobotError> {
         let Some(next) = joints[out.source].mimic else {
             if !(out.multiplier.is_finite() && out.offset.is_finite()) {
                 let field = format!("joint {}: mimic", joints[from].name);
-                return Err(RobotError::new(field, "comes to a factor that is not finite"));
+                return Err(RobotError::new(field, "gives a multiplier that is not finite"));
             }
             return Ok(Some(out));
         };

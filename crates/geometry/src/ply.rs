@@ -54,7 +54,7 @@ impl Body<'_> {
         match self {
             Self::Text(words) => {
                 let word = words.next().ok_or(SHORT)?;
-                word.parse().map_err(|_| format!("PLY holds {word:?} where a number belongs"))
+                word.parse().map_err(|_| format!("PLY has {word:?} in place of a number"))
             }
             Self::Binary { bytes, big } => {
                 let (Kind::Int { bytes: size, .. } | Kind::Float { bytes: size }) = kind;

@@ -155,10 +155,10 @@ impl Robot {
             names.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0].to_owned())
         };
         if let Some(name) = unique(&mut self.links.iter().map(Link::name).collect()) {
-            return fail(&format!("link {name}"), "stands twice; names are unique".to_owned());
+            return fail(&format!("link {name}"), "is used twice; names must be unique".to_owned());
         }
         if let Some(name) = unique(&mut self.joints.iter().map(Joint::name).collect()) {
-            return fail(&format!("joint {name}"), "stands twice; names are unique".to_owned());
+            return fail(&format!("joint {name}"), "is used twice; names must be unique".to_owned());
         }
         let mut moved = vec![false; self.joints.len()];
         for (l, link) in self.links.iter().enumerate() {
@@ -170,14 +170,14 @@ impl Robot {
             if let Some(j) = link.joint
                 && (l == 0 || j >= moved.len() || std::mem::replace(&mut moved[j], true))
             {
-                return fail(&field, "must be moved by a joint of its own".to_owned());
+                return fail(&field, "must have its own parent joint".to_owned());
             }
         }
         for (joint, moves) in self.joints.iter().zip(moved) {
             joint.check()?;
             let follows_one = |m: Mimic| self.joints.get(m.source).is_some_and(|source| source.mimic.is_none());
             if !moves || joint.mimic.is_some_and(|m| !follows_one(m)) {
-                let message = "must move a link, and follow a joint that follows none, if any".to_owned();
+                let message = "must move a link; a joint that it mimics must not itself mimic another".to_owned();
                 return fail(&format!("joint {}", joint.name), message);
             }
         }
@@ -195,7 +195,7 @@ impl Robot {
             return fail("chain", "is not that of the links");
         }
         if self.unchecked.iter().any(|pair| self.allowed.binary_search(pair).is_err()) {
-            return fail("unchecked pairs", "must be among the allowed ones");
+            return fail("unchecked pairs", "must be among the allowed pairs");
         }
         let in_order = self.allowed.windows(2).all(|pair| pair[0] < pair[1]);
         if !in_order || self.allowed.iter().any(|(a, b)| a > b || *b >= self.links.len()) {

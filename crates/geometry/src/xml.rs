@@ -74,10 +74,10 @@ fn check_size(text: &str) -> Result<(), String> {
             depth += usize::from(!tag.ends_with('/'));
         }
         if depth > DEEPEST {
-            return Err(format!("has elements over {DEEPEST} levels deep"));
+            return Err(format!("has elements nested more than {DEEPEST} levels deep"));
         }
         if count > MAX_ELEMENTS {
-            return Err(format!("has over {MAX_ELEMENTS} elements"));
+            return Err(format!("has more than {MAX_ELEMENTS} elements"));
         }
     }
     Ok(())

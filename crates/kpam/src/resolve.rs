@@ -41,7 +41,7 @@ impl KeypointProblem {
             }
             ObjectJointKind::Revolute => {
                 let name = self.config.target_keypoint().ok_or_else(|| {
-                    ProblemError::new(field, "uses the joint frame, which needs a point2point_constraint to stand at")
+                    ProblemError::new(field, "uses the joint frame, whose origin needs a point2point_constraint")
                 })?;
                 let arm = self.target(name)? - joint.origin;
                 let y = joint.axis.cross(&arm);

@@ -80,7 +80,7 @@ pub enum Other {
 pub struct Suspect {
     /// The group; for a pair, the first one.
     pub group: usize,
-    /// The other body, cloud or pair.
+    /// Body, point cloud or pair that the distance refers to.
     pub other: Other,
     /// Lower bound, for each lane, of the distance minus the required distance (m).
     pub gap: [f32; LANES],

@@ -186,7 +186,7 @@ impl SolverConfig {
             constraint.check(&format!("constraint_list[{i}]"))?;
         }
         if !self.constraints.iter().any(|c| matches!(c, Constraint::Point { .. } | Constraint::Axis { .. })) {
-            return Err(ConfigError::new("constraint_list", "holds no constraint; add a point2point_constraint"));
+            return Err(ConfigError::new("constraint_list", "has no constraint; add a point2point_constraint"));
         }
         for (i, motion) in self.pre.iter().enumerate() {
             motion.check(&format!("pre_actuation_motions[{i}]"))?;
@@ -254,7 +254,7 @@ fn apart(from: &str, to: &str, at: &str, fields: [&str; 2]) -> Result<()> {
     named(to, at, fields[1])?;
     if from == to {
         let field = format!("{at}.{}", fields[1]);
-        return Err(ConfigError::new(field, "is where the axis begins; name another keypoint"));
+        return Err(ConfigError::new(field, "is also the start of the axis; choose another keypoint"));
     }
     Ok(())
 }

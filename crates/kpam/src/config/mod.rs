@@ -33,7 +33,7 @@ pub enum TargetAxis {
     Fixed {
         /// The direction.
         axis: Vector3<f64>,
-        /// Its frame.
+        /// Frame of the axis.
         frame: Frame,
     },
     /// From one keypoint of the object to another.

@@ -140,7 +140,7 @@ impl ParallelGripper {
             joints.push(FingerJoint { index: joint, closed: q[joint], slope: 0.5 * outwards.signum() });
             range = range.min(slide.upper() - slide.lower());
             if sides[side].replace(index).is_some() {
-                return Err(ProblemError::new("robot", "has two fingers on one side of tool_head"));
+                return Err(ProblemError::new("robot", "has both fingers on the same side of tool_head"));
             }
         }
         let [Some(left), Some(right)] = sides else {

@@ -168,7 +168,7 @@ impl GraspOptions {
         }
         let [least, most] = self.tilt;
         if !(0.0 <= least && least <= most && most <= std::f64::consts::PI) {
-            return fail("tilt", format!("must be two angles in 0 to pi, the lesser first, not {:?}", self.tilt));
+            return fail("tilt", format!("must be two angles from 0 to pi, the smaller first, not {:?}", self.tilt));
         }
         Ok(())
     }

@@ -109,7 +109,7 @@ impl Surface {
             *weight = sum;
         }
         if sum.is_nan() || sum <= 0.0 {
-            return Err(ProblemError::new("body.shapes", "have no surface; give hulls with a volume or a closed mesh"));
+            return Err(ProblemError::new("body.shapes", "have no surface; use hulls with a volume or a closed mesh"));
         }
         let center = if volume > 0.0 {
             Point3::from(moment / volume)

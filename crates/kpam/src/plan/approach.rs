@@ -21,7 +21,7 @@ const BOXED_IN: usize = 3;
 pub(super) struct Approach {
     /// Segments end at rest, and begin at rest except the first one of a moving start.
     pub pieces: Vec<Vec<Row>>,
-    /// The same motion with a stop at every corner.
+    /// Waypoints of the motion with a stop at every corner.
     pub corners: Vec<Vec<Row>>,
     /// Margins that it keeps.
     pub kept: Margins,

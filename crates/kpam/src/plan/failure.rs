@@ -73,7 +73,7 @@ impl Failure {
             Self::Unreachable { keyframe, fraction, end } => {
                 let told = end.told();
                 format!(
-                    "{} is out of reach: the hand gets {:.0} % of the way; {told}",
+                    "{} is out of reach: the hand covers {:.0} % of the way; {told}",
                     label(*keyframe),
                     100.0 * fraction
                 )
@@ -83,7 +83,7 @@ impl Failure {
                 format!("{} on the way to {}, {}", meeting(hit), label(*keyframe), place(hit))
             }
             Self::NotFound { keyframe, hit } => format!(
-                "no free motion to {} was found; straight to it {}, {}",
+                "no collision-free motion to {} was found; on the straight motion to it {}, {}",
                 label(*keyframe),
                 meeting(hit),
                 place(hit)
@@ -92,7 +92,7 @@ impl Failure {
                 format!("the clock gives {allowed:.2} s to {}, the joints need {needed:.2} s", label(*keyframe))
             }
             Self::Untimed { keyframe } => {
-                format!("no motion to {} keeps the joints' limits from the velocity at the start on", label(*keyframe))
+                format!("no motion to {} from the start velocity keeps the joint limits", label(*keyframe))
             }
         }
     }

@@ -117,7 +117,7 @@ pub struct Guess {
 pub struct TriedPose {
     /// Joint vector (rad or m), one entry for each joint.
     pub q: Vec<f64>,
-    /// Its index in the order of trial.
+    /// Index of the pose in the order of trial.
     pub rank: usize,
     /// Status of its motion.
     pub status: Status,
@@ -149,7 +149,7 @@ pub struct Plan {
     pub warnings: Vec<String>,
     /// The cheapest pose that meets the constraints, ignoring obstacles.
     pub q_actuation: Option<Vec<f64>>,
-    /// Its cost.
+    /// Cost of the pose.
     pub cost: Option<f64>,
     /// The pose with the smallest constraint error, if no pose meets the constraints.
     pub q_best_effort: Option<Vec<f64>>,
@@ -159,7 +159,7 @@ pub struct Plan {
     pub rank: Option<usize>,
     /// Number of poses whose motion was tried.
     pub tried: usize,
-    /// Outcome of each of them, if [`Request::explain`] is set.
+    /// Outcome of each tried pose, if [`Request::explain`] is set.
     pub tried_poses: Vec<TriedPose>,
     /// Constraints at `q_plan`, else at `q_actuation`, else at `q_best_effort`.
     pub residuals: Vec<Residual>,
@@ -292,7 +292,9 @@ fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, Prob
         .ok_or_else(|| ProblemError::new("resume", format!("{label:?} is not a keyframe of the motion: {schedule}")))?;
     let posed = request.warm_start.is_some_and(|f| f.q_plan.as_ref().is_some_and(|q| q.len() == problem.q_start.len()));
     if entry > schedule.actuation() && !posed {
-        let message = format!("{label:?} lies past the actuation pose; pass the earlier plan that has one");
+        let message = format!(
+            "{label:?} comes after the actuation pose; pass the earlier plan, which contains the actuation pose"
+        );
         return Err(ProblemError::new("warm_start", message));
     }
     Ok(entry)
@@ -323,7 +325,7 @@ pub fn ik(problem: &KeypointProblem, max_solutions: usize) -> Result<Vec<IkSolut
 pub struct IkSolution {
     /// Joint values, one entry for each joint.
     pub q: Vec<f64>,
-    /// Its cost.
+    /// Cost of the pose.
     pub cost: f64,
 }
 

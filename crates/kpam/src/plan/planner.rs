@@ -161,7 +161,7 @@ impl<'p> Planner<'p> {
         if self.world.is_cancelled() {
             return refused(Lack::Cancelled, "planning was cancelled".to_owned());
         }
-        let spent = if self.world.is_spent() { "the collision checks are spent" } else { "the time is up" };
+        let spent = if self.world.is_spent() { "the limit of collision checks is used up" } else { "the time is up" };
         refused(Lack::NotFound, format!("{spent}; so far {so_far}"))
     }
 
@@ -197,7 +197,7 @@ impl<'p> Planner<'p> {
                 out.reason
                     .push_str(&format!("; it begins {:.4} m inside: {} and {}", -hit.distance, hit.first, hit.second));
             }
-            out.warnings.push(format!("the robot overlaps something by {:.4} m at the start", out.start_overlap));
+            out.warnings.push(format!("the robot overlaps a body by {:.4} m at the start", out.start_overlap));
         }
         out
     }

@@ -57,7 +57,7 @@ impl Planner<'_> {
             };
             if let Some(outside) = outside {
                 out.reason = format!(
-                    "options.workspace is the reason: the constraints are met only with the hand outside it, by {outside:.4} m at the least"
+                    "the constraints can be met only with the hand outside options.workspace, by at least {outside:.4} m"
                 );
             }
             let hand = self.follower.hand(&x);
@@ -74,7 +74,7 @@ impl Planner<'_> {
             None if self.problem.options.avoid_collisions => {
                 (None, format!("the whole motion is reachable and keeps {} m clear", self.margin))
             }
-            None => (None, "the whole motion is reachable; collisions were only looked for".to_owned()),
+            None => (None, "the whole motion is reachable; collisions were reported but not avoided".to_owned()),
         };
         let mut out = refused(Lack::Untimed, reason);
         out.margin = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
@@ -155,7 +155,7 @@ impl Planner<'_> {
             }
         }
         if !out.tight.is_empty() && attempt.failure.is_none() {
-            out.reason.push_str(", but for what is nearer at the start or a keyframe");
+            out.reason.push_str(", except for pairs that are closer at the start or at a keyframe");
         }
         if let Some(least) = out.tight.iter().min_by(|a, b| a.distance.total_cmp(&b.distance)) {
             out.warnings.push(format!(

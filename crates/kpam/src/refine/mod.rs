@@ -59,7 +59,7 @@ pub struct Refined {
     pub keyframes: Vec<usize>,
     /// Weighted squared joint steps of the original waypoints.
     pub cost_before: f64,
-    /// The same for the result; never larger.
+    /// Cost of the refined trajectory; never larger than before.
     pub cost_after: f64,
     /// Number of solved programs.
     pub rounds: usize,

@@ -27,9 +27,9 @@ impl Course<'_> {
         let refused = |refusal: Refusal| match refusal {
             Refusal::Cancelled => ProblemError::new("retime", "was cancelled"),
             _ if limits.envelope.is_some() => {
-                ProblemError::new("waypoints", "lead past a place where a joint may not move on")
+                ProblemError::new("waypoints", "lead through a position where a joint limit allows no further motion")
             }
-            _ => ProblemError::new("waypoints", "cannot be driven within the limits"),
+            _ => ProblemError::new("waypoints", "cannot be traversed within the limits"),
         };
         let mut times = vec![builder.now()];
         let mut from = 0;
@@ -64,7 +64,7 @@ impl Course<'_> {
             back[v] -= rest[v] - start[0][v];
         }
         let least = self.slowest.first().copied().unwrap_or(0.0);
-        let mut refused = ProblemError::new("waypoints", "cannot be driven from the state at the start");
+        let mut refused = ProblemError::new("waypoints", "cannot be traversed from the start state");
         let mut soonest: Option<(f64, Vec<Node>, f64, Retimed)> = None;
         for first in [start[0], back, rest] {
             let along = match self.driven_from_rest(builder.clone(), first) {

@@ -59,7 +59,7 @@ impl Envelope {
         let mut out = [None; MAX_JOINTS];
         for (j, braking) in list.iter().enumerate() {
             if braking.is_some_and(|b| !b.is_sound()) {
-                let message = "needs finite numbers, a gain above 0, an offset of 0 at the least and lower below upper";
+                let message = "needs finite numbers, a gain above 0, an offset of at least 0, and lower below upper";
                 return Err(ProblemError::new(format!("braking[{j}]"), message));
             }
             out[j] = *braking;

@@ -138,17 +138,17 @@ pub(crate) fn can_stop(
         if !Limits::keeps(speed, limits.velocity[v]) {
             return fail(
                 v,
-                format!("its velocity comes to {speed:.4} rad/s (or m/s), past its limit {:.4}", limits.velocity[v]),
+                format!("its velocity will reach {speed:.4} rad/s (or m/s), above its limit {:.4}", limits.velocity[v]),
             );
         }
         if let Some(most) = limits.envelope.and_then(|e| e.exceeded(v, position[v], velocity[v])) {
             let reason =
-                format!("its velocity {:.4} rad/s (or m/s) is past {most:.4}, its limit where it is", velocity[v]);
+                format!("its velocity {:.4} rad/s (or m/s) is above {most:.4}, the limit at its position", velocity[v]);
             return fail(v, reason);
         }
         if !Limits::keeps(gain, limits.acceleration[v]) {
             let reason = format!(
-                "its acceleration {gain:.4} rad/s^2 (or m/s^2) is past its limit {:.4}",
+                "its acceleration {gain:.4} rad/s^2 (or m/s^2) is above its limit {:.4}",
                 limits.acceleration[v]
             );
             return fail(v, reason);
@@ -172,7 +172,7 @@ pub(crate) fn can_stop(
                 let (past, end, limit) =
                     if least < low - TOLERANCE { (least, "lower", low) } else { (most, "upper", high) };
                 let reason = format!(
-                    "braking as hard as it can takes it to {past:.4} rad (or m), past its {end} limit {limit:.4}"
+                    "even with maximum braking it reaches {past:.4} rad (or m), beyond its {end} limit {limit:.4}"
                 );
                 return fail(v, reason);
             }

@@ -24,7 +24,7 @@ impl Trajectory {
             [("position", position.len()), ("velocity", velocity.len()), ("acceleration", acceleration.len())]
         {
             if length != n {
-                return Err(ProblemError::new(field, format!("has room for {length} numbers; there are {n} joints")));
+                return Err(ProblemError::new(field, format!("has length {length}; the robot has {n} joints")));
             }
         }
         self.map().fill(&self.moving_with_rates(t), position, velocity, acceleration);
@@ -63,7 +63,7 @@ impl Trajectory {
         for joint in (0..self.joints()).filter(|joint| stands(*joint)) {
             let (was, is) = (self.map().rest()[joint], next.map().rest()[joint]);
             if (was - is).abs() > TOLERANCE {
-                let message = format!("its joint {joint}, which does not move, stands at {is:.6} and not at {was:.6}");
+                let message = format!("its joint {joint}, which does not move, is at {is:.6} instead of {was:.6}");
                 return Err(ProblemError::new("next", message));
             }
         }

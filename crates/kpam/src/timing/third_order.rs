@@ -31,7 +31,7 @@ pub(crate) struct PathProblem<'a> {
     pub stations: &'a [Station],
     /// Maximum ds/dt at each station, in addition to the limits.
     pub pace: &'a [f64],
-    /// The same in the middle of each cell.
+    /// Maximum ds/dt in the middle of each cell.
     pub pace_inside: &'a [f64],
     /// Shares of the limits on velocity, acceleration and jerk to use in each cell.
     pub shares: &'a [[f64; 3]],

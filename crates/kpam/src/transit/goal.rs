@@ -52,7 +52,7 @@ impl Goal {
         match self {
             Self::Joints(list) => {
                 if list.is_empty() {
-                    return Err(ProblemError::new("goal", "must hold at least one joint vector"));
+                    return Err(ProblemError::new("goal", "must contain at least one joint vector"));
                 }
                 list.iter()
                     .enumerate()
@@ -89,7 +89,7 @@ fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<
     let Some(j) = (0..q.len()).find(|j| (reached[*j] - q[*j]).abs() > SLACK) else { return Ok(()) };
     let why = match joints[j].mimic() {
         Some(mimic) => format!("follows {}", joints[mimic.source].name()),
-        None => "does not move the hand and stays as in q_start".to_owned(),
+        None => "does not move the hand and keeps its value in q_start".to_owned(),
     };
     let message = format!("{} is not reached: joint {} {why}, give {}", q[j], joints[j].name(), reached[j]);
     Err(ProblemError::new(format!("{field}[{j}]"), message))

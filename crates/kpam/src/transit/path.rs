@@ -56,7 +56,7 @@ impl Along {
         for (i, constraint) in config.constraints().iter().enumerate() {
             let fail = |message: String| Err(ProblemError::new(format!("path.constraint_list[{i}]"), message));
             let Constraint::Axis { from, to, target, inner, tolerance, .. } = constraint else {
-                return fail(format!("{} does not hold along a path: only axis constraints do", constraint.name()));
+                return fail(format!("{} cannot be kept along a path: only axis constraints can", constraint.name()));
             };
             let TargetAxis::Fixed { axis, frame: Frame::World } = target else {
                 return fail("needs a target axis in the frame \"world\", which is the robot's base here".to_owned());
@@ -72,7 +72,7 @@ impl Along {
                 }
             }
             let Some(tool) = (ends[1] - ends[0]).try_normalize(1e-9) else {
-                return fail(format!("{from:?} and {to:?} are one point"));
+                return fail(format!("{from:?} and {to:?} are the same point"));
             };
             let (target, angle) = (axis.normalize(), inner.clamp(-1.0, 1.0).acos());
             axes.push(Axis { name: constraint.name(), tool, target, angle, tolerance: *tolerance });

@@ -127,7 +127,7 @@ impl Motion {
         if self.corners.iter().all(fits) && self.nearer.iter().all(|a| a.distance.is_finite()) {
             return Ok(());
         }
-        Err(ProblemError::new("corners", "must have a finite number a joint"))
+        Err(ProblemError::new("corners", "must have one finite number per joint"))
     }
 }
 
@@ -158,15 +158,23 @@ impl std::fmt::Display for NoMotion {
         let told = |a: &Approached| format!("{} and {} ({:.1} mm)", a.bodies[0], a.bodies[1], 1e3 * a.distance);
         match self {
             Self::StartBlocked(a) => write!(f, "at the start, {} overlap", told(a)),
-            Self::GoalsBlocked(a) => write!(f, "at every goal something overlaps: {}", told(a)),
+            Self::GoalsBlocked(a) => write!(f, "the robot is in collision at every goal: {}", told(a)),
             Self::Unreachable => write!(f, "no joint values within the limits bring the link to the goal"),
-            Self::NotFound(None) => write!(f, "the search was spent without a free motion; there may be one"),
-            Self::NotFound(Some(a)) => {
-                write!(f, "the search was spent without a free motion; the last came too near at {}", told(a))
+            Self::NotFound(None) => {
+                write!(f, "the search used up its samples without finding a collision-free motion; one may exist")
             }
-            Self::Untimed => write!(f, "a free way was found, and no motion along it keeps the joints' limits"),
+            Self::NotFound(Some(a)) => {
+                write!(
+                    f,
+                    "the search used up its samples without finding a collision-free motion; the last one tried came too close at {}",
+                    told(a)
+                )
+            }
+            Self::Untimed => {
+                write!(f, "a collision-free path was found, but no motion along it keeps the joint limits")
+            }
             Self::CannotStop(joint, e) => write!(f, "{joint} cannot be stopped in time: {}", e.reason),
-            Self::Late => write!(f, "the time was up before a free motion was found"),
+            Self::Late => write!(f, "the deadline passed before a collision-free motion was found"),
             Self::Cancelled => write!(f, "planning was cancelled"),
         }
     }

@@ -33,7 +33,9 @@ impl Bodies {
     pub(crate) fn check_names(&self, robot: &Robot) -> Result<(), ProblemError> {
         for (i, Body { name, .. }) in self.iter().enumerate() {
             let message = match () {
-                () if self[..i].iter().any(|b| b.name == *name) => format!("{name:?} is taken; names are unique"),
+                () if self[..i].iter().any(|b| b.name == *name) => {
+                    format!("{name:?} is used already; names must be unique")
+                }
                 () if robot.link_index(name).is_some() => format!("{name:?} is a link of the robot; rename the body"),
                 () => continue,
             };

@@ -7,7 +7,7 @@ use crate::model::{MAX_JOINTS, Row};
 pub(crate) struct Near {
     pub gap: f64,
     pub group: usize,
-    /// The other group, or `None` for a fixed body.
+    /// Second group of the pair, or `None` for a fixed body.
     pub other: Option<usize>,
 }
 

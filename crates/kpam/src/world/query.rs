@@ -15,7 +15,7 @@ pub(crate) struct Clearances {
     pub object: f64,
 }
 
-/// The other body or pair of a visit.
+/// Body or pair that a visit compares a group with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Seen {
     Body(usize),

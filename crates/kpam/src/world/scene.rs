@@ -112,7 +112,7 @@ impl Scene {
         bodies.check_names(&self.robot)?;
         for (i, joint) in joints.iter().enumerate() {
             if joints[..i].iter().any(|j| j.name == joint.name) {
-                let message = format!("{:?} is taken; names are unique", joint.name);
+                let message = format!("{:?} is used already; names must be unique", joint.name);
                 return Err(ProblemError::new(format!("joints[{i}].name"), message));
             }
             for name in &joint.moves {
@@ -120,7 +120,7 @@ impl Scene {
                     return Err(ProblemError::new(format!("joints[{i}].moves"), format!("{name:?} is not a body")));
                 }
                 if joints[..i].iter().any(|j| j.moves.contains(name)) {
-                    let message = format!("{name:?} is moved by another joint already");
+                    let message = format!("{name:?} is already moved by another joint");
                     return Err(ProblemError::new(format!("joints[{i}].moves"), message));
                 }
             }
@@ -281,7 +281,7 @@ impl Scene {
     /// The body does not exist, or is attached already.
     pub fn attached(&self, name: &str, hand: &Pose) -> Result<Self, ProblemError> {
         if self.body(name)?.role == Role::Attached {
-            return Err(ProblemError::new("body", format!("{name:?} is attached already")));
+            return Err(ProblemError::new("body", format!("{name:?} is already attached")));
         }
         let bodies = self.with_bodies(|body| body.name == name, Role::Attached, |pose| hand.inverse() * pose)?;
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, self.carrying(name, None)))
