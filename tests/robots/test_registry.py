@@ -161,7 +161,7 @@ def changed(profile: RobotProfile, **gripper: object) -> RobotProfile:
         (lambda p: changed(p, passive=()), "neither driven, mimicking nor passive"),
         (
             lambda p: changed(p, mimics={**p.gripper.mimics, "left_rack_joint": Mimic("pinion_joint", 0.03)}),
-            "otherwise",
+            "differs from",
         ),
         (lambda p: replace(p, simulation=replace(p.simulation, arm=(p.simulation.arm,) * 3)), "3 drives for 7"),
     ],
