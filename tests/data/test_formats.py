@@ -254,7 +254,7 @@ def test_where_there_is_no_room_nothing_is_left_and_nothing_lost(
     dataset: DataSet, to: Format, tmp_path: Path, small_disk: SmallDisk
 ) -> None:
     before = contents(dataset.path)
-    with pytest.raises(WriteError, match=r"out: cannot write: File too large \(make room"), small_disk():
+    with pytest.raises(WriteError, match=r"out: cannot write: File too large \(free disk space"), small_disk():
         export(dataset.path, tmp_path / "out", to)
     (tmp_path / "file").touch()
     with pytest.raises(WriteError, match="cannot write: Not a directory"):

@@ -93,7 +93,9 @@ def test_a_full_disk_ends_a_training_and_a_resumed_one_ends_as_an_undisturbed_on
     train_policy(made_up.MadeUpSource(config), config, training, whole)
     full = Broken(lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1])))
     try:
-        with pytest.raises(WriteError, match=r"cannot write: File too large \(make room, and go on with --resume\)"):
+        with pytest.raises(
+            WriteError, match=r"cannot write: File too large \(free disk space, and resume with --resume\)"
+        ):
             train_policy(made_up.MadeUpSource(config), config, training, parts, progress=full)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
