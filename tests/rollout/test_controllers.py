@@ -276,7 +276,7 @@ def test_a_command_whose_controller_leaves_says_so(tmp_path: Path, capsys: pytes
 def test_a_turn_that_is_no_step_of_the_task_is_one_line_that_names_the_steps() -> None:
     made = ScriptedController(5, [("open", 0), ("shut", 3)])
     guarded = Guarded(made, ControllerSpec("mine:Doer"), OPEN_DRAWER, robot("panda"), "ScriptedOpen, seed 3")
-    with pytest.raises(ControllerError, match=r"mine:Doer: ScriptedOpen, seed 3: turn: 'shut' is no step .*: open$"):
+    with pytest.raises(ControllerError, match=r"mine:Doer: ScriptedOpen, seed 3: turn: 'shut' is not a step .*: open$"):
         run(ScriptedWorld(OPEN_DRAWER, OPENED), guarded, seed=3)
     with pytest.raises(ControllerError, match="turn: 'shut' is not a step of the task; the steps are: open"):
         run(ScriptedWorld(OPEN_DRAWER, OPENED), made, seed=3)

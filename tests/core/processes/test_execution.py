@@ -21,7 +21,7 @@ pytestmark = pytest.mark.fast
         ({"time_limit": float("nan")}, "time_limit: must lie in"),
         ({"time_limit": float("inf")}, "time_limit: must lie in"),
         ({"jobs_per_worker": 0}, "jobs_per_worker: must be at least 1"),
-        ({"ray": "nowhere"}, "--ray: 'nowhere' is no address"),
+        ({"ray": "nowhere"}, "--ray: 'nowhere' is not a Ray address"),
     ],
 )
 def test_values_that_mean_nothing_are_refused(given: dict[str, Any], message: str) -> None:

@@ -71,7 +71,7 @@ def test_reference_code_of_every_stored_task_makes_the_same_task() -> None:
         (("done=[near]", "until=[near]"), "failed", "line 15: TypeError: Task.step() got an unexpected keyword"),
         (("(self.safe, 0.6 + 0.1)", "(self.safe, level=1)"), "failed", "takes object, threshold; not 'level'"),
         (("0.6 + 0.1", "1.5"), "invalid", "steps.0.done.0.threshold: input should be less than 1"),
-        (('object="safe"', 'object="sofa"'), "invalid", "names an object 'sofa' that is not there"),
+        (('object="safe"', 'object="sofa"'), "invalid", "names an unknown object 'sofa'"),
         (("-pi / 2", "1 / 0"), "refused", "line 12: a division by zero"),
         (('"golf_ball"', "1e99"), "invalid", "objects.ball.class"),
         (
@@ -91,7 +91,7 @@ def test_what_is_wrong_is_said_in_words_for_whoever_wrote_it(change: tuple[str, 
 
 def test_an_object_that_is_called_as_a_part_of_the_language_is_refused() -> None:
     task = json.loads(load_task("OpenBox").model_dump_json().replace('"box"', '"goal"'))
-    with pytest.raises(InputError, match="no room for an object called 'goal'"):
+    with pytest.raises(InputError, match="cannot contain an object called 'goal'"):
         task_code(parse_task(task))
 
 
