@@ -257,7 +257,7 @@ def test_a_server_that_comes_back_with_another_token_ends_the_episode(serving: C
     server.close()
     with contextlib.suppress(RemoteError):  # sent messages may still arrive
         controller.act(observation(0))
-    with pytest.raises(RemoteError, match=r"is gone|cannot be reached"):
+    with pytest.raises(RemoteError, match=r"is no longer reachable|cannot be reached"):
         controller.act(observation(0))
     serving(port=server.port, token="some other token of no worth")
     with pytest.raises(RemoteError, match="wrong token"):

@@ -99,7 +99,7 @@ class RunFolder(ResumableFolder[RunRecord]):
                 self.add_object(model)
                 if record.content_hash != model.content_hash:
                     raise InputError(
-                        f"was run with another {record.asset_class}/{record.id} than there is now",
+                        f"was run with another version of {record.asset_class}/{record.id}",
                         file=source,
                         field=f"seed {episode.seed}",
                         remedy="restore the object, or delete the file and resume",
