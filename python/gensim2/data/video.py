@@ -25,10 +25,8 @@ from gensim2.core.foreign.hdf5 import ForeignHdf5Error, array_in, group_in
 from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.tree import open_regular
 from gensim2.core.record_files import read_record
-from gensim2.data.close_up import CloseUp
 from gensim2.data.episode_file import STATES_DEPTH, read_tree
 from gensim2.data.trajectory import JSON_NAME, env_kwargs
-from gensim2.perception.raycast.state_drawing import StateDrawing
 from gensim2.robots import robot
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
@@ -227,6 +225,7 @@ class _Shown:
 def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     import gymnasium as gym
 
+    from gensim2.data.close_up import CloseUp  # brings the ray caster
     from gensim2.sim import rendering
 
     kwargs = {name: value for name, value in replay.env_kwargs.items() if name != "engine"}
@@ -266,7 +265,8 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
 
 def _drawn(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     """Draw the recorded states with the ray caster."""
-    from gensim2.data.observing import objects_of  # needs the ray caster, which SAPIEN's renderer does not
+    from gensim2.data.observing import objects_of  # brings the ray caster
+    from gensim2.perception.raycast.state_drawing import StateDrawing
 
     states = replay.states
     assert states is not None
