@@ -169,7 +169,7 @@ LATE = 0.3
 JUMP = 5.0
 """Jump of a clock under a fault, s."""
 PASSING = 0.02
-"""Time limit for images to pass through the maker's library, s."""
+"""Time limit for images to pass through the camera manufacturer's library, s."""
 
 
 def simulated_serials(cameras: tuple[Camera, ...]) -> dict[str, str]:

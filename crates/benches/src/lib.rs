@@ -1,1 +1,1 @@
-//! Nothing: the benchmarks lie in `benches/`.
+//! This library is empty. The benchmarks are in the folder `benches/` of this crate.

@@ -32,7 +32,8 @@ pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
 /// Longest line of an error; the middle of longer ones is left out.
 const LONGEST_LINE: usize = 1500;
 
-/// A text that may quote names of callers, as one line: characters that do not print are escaped.
+/// Returns a message as one line of at most `LONGEST_LINE` characters. Non-printing characters are escaped, because the
+/// message may contain names from files or from the caller.
 fn one_line(text: &str) -> String {
     let printed = |c: char| c.escape_debug().len() == 1 || matches!(c, '"' | '\'' | '\\');
     let shown: String =

@@ -180,7 +180,7 @@ def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evid
 
 
 class _Likeness:
-    """Similarity of alignments, from 0 to 1, for each part."""
+    """Similarity of the alignments in a pool to other alignments, from 0 to 1."""
 
     def __init__(self, pool: Sequence[Manipulation]) -> None:
         self._vectors = np.array([each.approach.vector for each in pool])
@@ -192,7 +192,10 @@ class _Likeness:
         }
 
     def of(self, one: Manipulation, parts: Sequence[Part]) -> Array:
-        """Return the similarity, (N,), of the pool to one alignment in all of ``parts``."""
+        """Return the similarity (N,) of every alignment in the pool to the alignment ``one``.
+
+        It is the product of the similarities in ``parts``, such as the approach direction and the keypoint.
+        """
         found = np.ones(len(self._vectors))
         for part in parts:
             found = found * self._in(part, one)

@@ -26,7 +26,9 @@ Sees = Literal["all", "nothing", "other"]
 
 @dataclass(frozen=True)
 class Shuffled:
-    """Clouds of other scenes.
+    """Point clouds of scenes in the training data, for the control ``shuffled``.
+
+    In this control the policy gets a random one of these clouds instead of the cloud of its own scene.
 
     Attributes:
         points: (S, N, 3), m, base frame.

@@ -183,7 +183,10 @@ class TrainState:
         )
 
     def _shapes(self, found: Mapping[str, Shape]) -> dict[str, Shape]:
-        """Return the expected shapes of a state's tensors; a parameter that was never updated has no moments."""
+        """Return the expected shapes of the tensors of a saved training state: weights, averaged weights and Adam moments.
+
+        Adam has no moments for a parameter that was never updated.
+        """
         modules = {"network": self.network, "average": self.average}
         shapes = {
             f"{part}.{name}": Shape.of(value)

@@ -129,8 +129,9 @@ class StepRecord:
     Attributes:
         name: name of the step.
         plans: plans in order; more than one after a deviation or a failed strategy.
-        paper: its criterion held at some control step of its turn (True without a criterion).
-        done: its criterion held at the end of its turn.
+        paper: whether the step's criterion held at any control step while the step was executed, as the verdict
+            ``paper`` requires (True without a criterion).
+        done: whether the step's criterion held when the step ended.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -181,14 +182,14 @@ class Episode:
         placement_draws: number of draws until all objects were apart and within reach.
         steps: steps that were started.
         control_steps: number of executed control steps, including settling.
-        paper: each step's criterion held at some control step of its turn.
-        held: the episode succeeded: the goal holds at the end, at rest, and does not hold in the no-op baseline.
+        paper: verdict ``paper``: each step's criterion held at some control step while the step was executed.
+        held: verdict ``held``, success: the goal holds at the end, at rest, and does not hold in the no-op baseline.
         strict: the strict criterion of docs/reference/episodes.md; ``strict_misses`` has the reasons if it is not met.
         still: whether the goal holds in the no-op baseline; None if the baseline was not needed.
         settled: whether the scene was at rest at the evaluation; required for ``held``.
         truncated: the episode was longer than the task allows.
         cause: why the episode is not ``held``; None if it is.
-        diagnosis: figures about the cause and about each unmet strict condition.
+        diagnosis: measured values about the cause and about each unmet strict condition.
         randomization: name of the scene's randomization preset.
         start: (n,) all active joints of the robot at the start.
         attempts: all attempts from this start in order, if several were allowed; everything else describes one of them

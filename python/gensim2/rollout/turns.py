@@ -14,13 +14,13 @@ from gensim2.tasks.spec import Step, TaskSpec
 
 @dataclass(frozen=True)
 class Turn:
-    """One step's turn.
+    """Interval of an episode in which one step of the task was executed.
 
     Attributes:
         step: the step.
-        first, last: indices of its first and last measurement, which may be equal.
-        paper: ``step.done`` held at one of them.
-        done: ``step.done`` held at the last.
+        first, last: indices of the first and last measurement in the interval, which may be equal.
+        paper: whether ``step.done`` held at any measurement in the interval, as the verdict ``paper`` requires.
+        done: whether ``step.done`` held at the last measurement.
     """
 
     step: Step

@@ -116,7 +116,7 @@ def physics_switches(word: str) -> PhysicsSwitches:
 
 
 def physics_name(word: object, redraw: str | None = None) -> str:
-    """Return the canonical name of the physics that a user gave on the command line or in Python.
+    """Return the normalized name of the physics settings that a user gave on the command line or in Python.
 
     Args:
         word: as for :func:`physics_word`, or the path of a YAML or JSON file of settings, in which ``base`` names the
@@ -133,7 +133,10 @@ def physics_name(word: object, redraw: str | None = None) -> str:
 
 
 def physics_word(word: object) -> str:
-    """Return the canonical name of a physics name from a file; ``"ours"`` of earlier files is ``"default"``.
+    """Check and normalize the name of a combination of physics settings, as stored in files.
+
+    ``"ours"``, the name of the default in older files, becomes ``"default"``.
+
 
     Args:
         word: as for :func:`physics_switches`.

@@ -335,7 +335,7 @@ class SoftwareDevice:
 
 
 class SoftwareCameras:
-    """Cameras whose images are passed through the maker's library.
+    """Cameras whose images are passed through the manufacturer's library.
 
     Args:
         cameras: the cameras.

@@ -107,7 +107,7 @@ class StreamedArm(ABC):
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
-        """Call the maker's library in a thread, so that it delays the loop no longer than ``seconds``."""
+        """Call the arm manufacturer's library in a thread, so that it delays the control loop by at most ``seconds``."""
         thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
         thread.start()
         thread.join(timeout=seconds)
@@ -214,7 +214,7 @@ class StreamedArm(ABC):
             self._attempt(lambda wanted=wanted: self._grip(wanted))
 
     def _attempt(self, what: Any) -> Any:
-        """Call the maker's library and return its result; None if it failed, which the next state reports."""
+        """Call the arm manufacturer's library and return the result; None if the call failed, which the next state reports."""
         try:
             return what()
         except Exception as error:  # noqa: BLE001 - libraries raise any exception; the watchdog reacts to the state

@@ -25,7 +25,7 @@ class XArm(StreamedArm):
 
     Args:
         host: address of the arm.
-        gripper: whether it has the maker's gripper.
+        gripper: whether the arm has the manufacturer's gripper.
         sensor: whether it has a force sensor; without one the force is reported as 0, and only the arm's own collision
             detection stops it.
 

@@ -100,7 +100,8 @@ impl<'g> HandSweep<'g> {
         kept(&self.palm, &hand, around, &mut self.corners, least)
     }
 
-    /// Returns the minimum distance of the fingers, which approach at `opening` and then close to `width`.
+    /// Returns the minimum distance between the fingers, which approach at `opening` and then close to `width`, and the
+    /// surrounding bodies.
     ///
     /// While they close, only the pads may touch the object, and other bodies must keep the distance `least`.
     pub fn fingers(&mut self, around: &Surroundings, grip: &Pose, opening: f64, width: f64, least: f64) -> Option<f64> {
@@ -133,7 +134,8 @@ impl<'g> HandSweep<'g> {
     }
 }
 
-/// Returns the minimum distance of shapes at a pose, at most `FAR`; `None` if it is below `least`.
+/// Returns the minimum distance between the shapes of a hand part, placed at `pose`, and the surrounding bodies, at most
+/// `FAR`; `None` if the distance is below `least`.
 fn kept(shapes: &[Convex], pose: &Pose, around: &Surroundings, corners: &mut Corners, least: f64) -> Option<f64> {
     let mut most = FAR;
     for shape in shapes {

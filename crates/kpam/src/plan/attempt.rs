@@ -20,7 +20,7 @@ pub(super) enum Stage {
     Swept,
 }
 
-/// Motion of a candidate as far as it goes: joint waypoints of each path, and the reason for its end.
+/// Motion of a candidate up to its first failure: joint waypoints of each path, and the reason of the failure.
 #[derive(Clone)]
 pub(super) struct Attempt {
     pub x: Row,
@@ -32,9 +32,10 @@ pub(super) struct Attempt {
     pub motions: Motions,
     /// Free motions to the first keyframe, each from rest to rest; empty if there is none.
     pub approach: Vec<Vec<Row>>,
-    /// Waypoints of the path to keyframe i + 1, as far as it goes.
+    /// Joint waypoints of each hand path: entry `i` leads to keyframe `i + 1`. Paths after a failure are missing, and the
+    /// failed path ends at its last valid waypoint.
     pub paths: Vec<Vec<Row>>,
-    /// Travel of the object's joint at these waypoints; empty before the actuation.
+    /// Travel of the object's joint at the waypoints of each path; empty before the actuation.
     pub travel: Vec<Vec<f64>>,
     /// Free motions with a stop at every corner, as a fallback if those of `approach` collide once they are timed.
     pub corners: Vec<Vec<Row>>,

@@ -122,8 +122,8 @@ impl Planner<'_> {
         (whole && self.builder.bears(&trajectory)).then_some(Timed { trajectory, times, spans })
     }
 
-    /// Returns the earliest motion from a moving start: to a position on the approach, and along the segments from
-    /// there.
+    /// Returns the earliest motion from a moving start. It goes to a position on the approach and follows the segments
+    /// from that position.
     fn taken_up(
         &mut self,
         segments: &[Stretch<'_>],
@@ -229,7 +229,7 @@ impl Planner<'_> {
         Ok(Timed { trajectory, times, spans })
     }
 
-    /// Returns the segments of an attempt as far as it goes.
+    /// Returns the planned segments of an attempt.
     pub(super) fn segments<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
         let n = self.model.n();
         let act = attempt.motions.actuation;

@@ -19,9 +19,9 @@ pub struct RetimeOptions {
     pub stops: Vec<usize>,
     /// Minimum time (s) of each interval between waypoints; empty for none.
     pub slowest: Vec<f64>,
-    /// Velocity at the first waypoint (rad/s or m/s); at rest where `None`.
+    /// Velocity at the first waypoint (rad/s or m/s); zero if `None`.
     pub start_velocity: Option<Vec<f64>>,
-    /// Acceleration there (rad/s^2 or m/s^2); zero if `None`.
+    /// Acceleration at the first waypoint (rad/s^2 or m/s^2); zero if `None`.
     pub start_acceleration: Option<Vec<f64>>,
     /// Time of the first waypoint (s).
     pub start_time: f64,

@@ -29,8 +29,8 @@ const MOST_CELLS: f64 = 3000.0;
 const AIM: f64 = 0.998;
 /// Factors on the shares of velocity, acceleration and jerk limits for a cell that exceeded one.
 const LESS: [f64; 3] = [0.9999, 0.999, 0.999];
-/// Number of rounds in which cells that exceed a limit get a smaller share, and the factor by which the whole motion
-/// may be slowed instead.
+/// Number of rounds in which cells that exceed a limit are computed again with a smaller share of that limit, and the
+/// factor by which the whole motion may be slowed instead.
 const ROUNDS: usize = 5;
 const NEGLIGIBLE: f64 = 1.004;
 /// A path whose curve is this close to a line (rad or m) counts as straight.

@@ -53,7 +53,7 @@ fn accelerating(gain: f64, time: f64, [_, acceleration, jerk]: Most) -> [Phase; 
     [(ramp, jerk), (time - ramp, 0.0)]
 }
 
-/// Returns the maximum such time before the velocity limit is exceeded.
+/// Returns the longest time for which a joint can accelerate upwards before it exceeds its velocity limit.
 fn longest([_, velocity, gain]: State, [most, acceleration, jerk]: Most) -> f64 {
     let peak = (jerk * (most - velocity) + 0.5 * gain * gain).max(0.0).sqrt();
     if peak <= acceleration {
@@ -162,7 +162,8 @@ fn lasting_up(state: State, most: Most, time: f64) -> Phases {
     fastest
 }
 
-/// Returns the phases of a joint to rest at `goal` in the minimum time, or in `time` if that is longer.
+/// Returns the constant-jerk phases of the motion of one joint from `state` to rest at `goal`. The motion takes the
+/// minimum time, or `time` if that is longer.
 fn phases(state: State, goal: f64, most: Most, time: Option<f64>) -> Phases {
     let (seen, side) = seen_from_goal(state, goal, most);
     let out = match time {

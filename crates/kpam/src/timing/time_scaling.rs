@@ -21,7 +21,7 @@ pub enum Method {
     Conic,
 }
 
-/// Number of rounds in which cells that exceed a limit get a smaller share.
+/// Number of rounds in which cells that exceed a limit are computed again with a smaller share of that limit.
 const ROUNDS: usize = 6;
 /// Share of the acceleration limit to aim for, so that most cells need no second round.
 const AIM: f64 = 0.998;

@@ -38,11 +38,11 @@ pub struct Sample {
     pub acceleration: Vec<f64>,
 }
 
-/// Approximate distance of waypoint times (s); larger if the nodes are further apart.
+/// Approximate interval between the times of waypoints (s); larger if the nodes are further apart.
 const WAYPOINT_STEP: f64 = 0.1;
 
-/// Maximum number of rounds in which a motion that exceeds torque limits between stations gets a smaller share, until
-/// the share is just small enough.
+/// Maximum number of rounds in which a motion that exceeds torque limits between stations is computed again with a
+/// smaller share of the limits.
 const ROUNDS: usize = 8;
 const AIM: f64 = 0.999;
 
@@ -148,8 +148,8 @@ impl Builder {
         self.averaged.as_ref().map_or(0.0, |(width, _)| *width)
     }
 
-    /// Appends a motion along a path that also keeps the torque limits: if they are exceeded between stations, the
-    /// whole motion gets a smaller share.
+    /// Appends a motion along a path that also keeps the torque limits. If it exceeds them between stations, it is
+    /// computed again with a smaller share of the torque limits.
     pub fn push(
         &mut self,
         path: &Spline,

@@ -1,5 +1,5 @@
-//! Motions from a moving start: the fastest one to each goal, the rest of the current motion, and paths around
-//! obstacles.
+//! Motions of an arm that is already moving: the fastest motion to each goal, the rest of the current motion, and paths
+//! around obstacles.
 
 use gensim2_geometry::Needs;
 

@@ -301,7 +301,7 @@ impl Scene {
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, self.carrying(name, on)))
     }
 
-    /// Returns the joints, with a body moved by `joint` only.
+    /// Returns a copy of the scene's joints in which only `joint` moves the body; no joint does if it is `None`.
     fn carrying(&self, body: &str, joint: Option<&str>) -> Arc<[SceneJoint]> {
         let joints = self.joints.iter().map(|j| {
             let mut out = j.clone();

@@ -56,7 +56,7 @@ impl Schedule {
         self.lets_go.then_some(self.before + self.after)
     }
 
-    /// Label of keyframe `keyframe` in time order.
+    /// Label of keyframe `keyframe`; keyframes are numbered in time order from 0.
     pub fn label(&self, keyframe: usize) -> String {
         match self.toward(keyframe) {
             _ if keyframe < self.before => format!("pre_{}", self.before - 1 - keyframe),
@@ -80,7 +80,7 @@ impl Schedule {
         }
     }
 
-    /// Returns the segment that ends at keyframe `keyframe` in time order.
+    /// Returns the segment that ends at keyframe `keyframe`; keyframes are numbered in time order from 0.
     pub fn toward(&self, keyframe: usize) -> MotionSegment {
         if keyframe == 0 {
             MotionSegment::Approach
@@ -95,7 +95,7 @@ impl Schedule {
         }
     }
 
-    /// Returns the segment along hand path `path` in time order.
+    /// Returns the segment along hand path `path`; paths are numbered in time order from 0.
     pub fn along(&self, path: usize) -> MotionSegment {
         self.toward(path + 1)
     }

@@ -183,7 +183,7 @@ class _Source:
     Args:
         source: URDF file, or a folder with ``mobility.urdf``.
         asset_class: class of the object.
-        joint: that stays movable; None: the only one that can be meant.
+        joint: name of the joint that stays movable; None: the only candidate.
         up: axis of the root frame that points up.
     """
 
@@ -425,7 +425,14 @@ def _replace(element: ET.Element, tag: str, new: ET.Element) -> None:
 
 
 def _near_axis(points: Array, axis: Array) -> Array:
-    """Return the middle (3,) of the points (N, 3) that lie nearest to the unit axis through the origin."""
+    """Return the centre (3,) of the bounding box of the points that lie nearest to an axis.
+
+    All points within 5 % of the range of distances above the smallest distance count as nearest.
+
+    Args:
+        points: (N, 3) points.
+        axis: (3,) unit vector of an axis through the origin.
+    """
     distance = np.linalg.norm(points - np.outer(points @ axis, axis), axis=1)
     near = points[distance <= distance.min() + 0.05 * max(float(np.ptp(distance)), 1e-6)]
     return np.asarray((near.min(axis=0) + near.max(axis=0)) / 2)

@@ -117,8 +117,10 @@ def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str,
 
 
 def _engines_drop(meshes: list[Mesh]) -> bool:
-    """Return whether PhysX would drop a collision file: fewer than four vertices, and not flat along an axis, which
-    PhysX would treat as a box.
+    """Return whether PhysX would ignore the meshes of a collision file.
+
+    PhysX ignores meshes with fewer than four distinct vertices, unless they are flat along an axis; it replaces flat
+    meshes by a box.
     """
     if not meshes:
         return False

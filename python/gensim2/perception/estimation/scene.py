@@ -33,11 +33,11 @@ def planning_scene(
     """Return the scene that the planner plans in.
 
     Args:
-        objects: estimates by the name of the task's object.
-        cloud: (N, 3) m in the base frame, of which the estimates were made.
-        others: rows of the cloud that lie on other things; they become obstacles.
-        q: (n,) joints of the robot.
-        profile: of the robot.
+        objects: estimated objects by their name in the task.
+        cloud: (N, 3) point cloud from which the objects were estimated, base frame, m.
+        others: row indices of cloud points on other bodies; these points become obstacles.
+        q: (n,) joint values of the robot.
+        profile: robot profile.
     """
     table = np.eye(4)
     table[2, 3] = -HALF_SIZE[2]
@@ -58,9 +58,9 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points) -> SceneObject
     """Return an estimate as an object of the planner's scene.
 
     Args:
-        name: of the object in the task.
+        name: name of the object in the task.
         found: the estimate.
-        cloud: (N, 3) m in the base frame, of which the estimate was made.
+        cloud: (N, 3) point cloud from which the object was estimated, base frame, m.
     """
     bodies = []
     for link, rows in (("base", found.points[~found.moving]), ("moving", found.points[found.moving])):

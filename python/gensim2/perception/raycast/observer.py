@@ -157,7 +157,10 @@ class Observer:
 
     @property
     def scene(self) -> RaycastScene:
-        """Scene of the rays; only for specs that cast rays."""
+        """Triangles of robot and objects, at which the rays of the simulated cameras are cast.
+
+        Only observation specs with cameras have such a scene.
+        """
         assert self._scene is not None, "the spec casts no rays"
         return self._scene
 

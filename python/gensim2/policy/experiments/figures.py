@@ -1,4 +1,4 @@
-"""Figures of an experiment, computed from the evaluation episodes of its arms."""
+"""Success rates of an experiment, computed from the evaluation episodes of its policies."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def difference(one: Rate, other: Rate) -> tuple[float, tuple[float, float]]:
 
 @dataclass(frozen=True)
 class TaskFigures:
-    """Figures of one task of an arm over all seeds.
+    """Success rates of one policy of an experiment on one task, over all training seeds.
 
     Attributes:
         name: name of the task.
@@ -81,7 +81,7 @@ class TaskFigures:
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:
-        """Return the figures with all episodes counted as seen, for a task whose objects were all trained on."""
+        """Return the success rates with all episodes counted as seen, for a task whose objects were all trained on."""
         rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
         return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
