@@ -50,11 +50,11 @@ SAMPLE_SECONDS = 0.5
 
 @dataclass
 class Watched:
-    """A run, and what it took.
+    """Exit code, time and memory of a run.
 
     Attributes:
-        code: with which it ended.
-        seconds: of wall time.
+        code: exit code.
+        seconds: wall time, s.
         samples: (seconds, MB of the driver, MB of the largest worker).
     """
 

@@ -114,7 +114,7 @@ def checked_pairs(
     Args:
         arm: the robot.
         obstacles: the scene.
-        clock: of the contact rules.
+        clock: clock of the contact rules.
         times: (M,) seconds.
         q: (M, n) joint vectors at those times.
     """

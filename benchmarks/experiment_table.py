@@ -32,7 +32,7 @@ Arm = dict[str, Any]
 
 
 def arms_of(found: Mapping[str, Any], commit: str) -> list[Arm]:
-    """Return the arms of one run, without folders of the machine that it ran on."""
+    """Return the policies of one run, without folders of the machine that it ran on."""
     return [
         {
             **{name: arm[name] for name in KEPT},
@@ -46,7 +46,7 @@ def arms_of(found: Mapping[str, Any], commit: str) -> list[Arm]:
 
 
 def table(arms: Sequence[Arm]) -> str:
-    """Return the table of success rates with one row per arm."""
+    """Return the table of success rates with one row per policy."""
     return _table("arm", [(arm["name"], _about(arm), list(arm["tasks"].values())) for arm in arms], ABOUT)
 
 
@@ -97,7 +97,7 @@ def _cell(rate: Rate) -> str:
 
 
 def draw(arms: Sequence[Arm], file: Path) -> None:
-    """Draw success on unseen and on real objects by the number of objects, of the arms of ``scaling``."""
+    """Plot the success rates of the policies of ``scaling`` against the number of training objects."""
     from matplotlib.figure import Figure
 
     counted = sorted((arm for arm in arms if arm["name"] == f"objects-{arm['count']}"), key=lambda arm: arm["count"])

@@ -196,7 +196,7 @@ def leap(options: argparse.Namespace, unlimited: bool) -> dict[str, Any]:
     """Return the report of the driver after a step that bypasses the limits.
 
     Args:
-        options: of the command line.
+        options: options of the command line.
         unlimited: whether the client's limit of a torque's change is gone, too.
     """
     with chain(options) as ours:

@@ -96,12 +96,12 @@ class Server(FrankaRobotServer):  # type: ignore[misc]
     """The FCI of one arm.
 
     Args:
-        arm: that it moves.
+        arm: simulated arm to move.
         patience: seconds by the wall that a state waits for its answer.
 
     Attributes:
-        lost: packets that were.
-        cycles: of motions.
+        lost: number of lost packets.
+        cycles: number of control cycles in motions.
     """
 
     def __init__(self, arm: TorqueArm, patience: float) -> None:
@@ -188,7 +188,7 @@ def serve(pipe: Connection, patience: float, pace: float, core: int | None) -> N
         pipe: to who started this process.
         patience: seconds by the wall that a state waits for its answer.
         pace: seconds by the wall that a cycle of a motion takes at least.
-        core: of the machine that this process keeps to; None: any.
+        core: CPU core to which this process is bound; None: any.
     """
     if core is not None:
         os.sched_setaffinity(0, {core})

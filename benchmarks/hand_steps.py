@@ -53,7 +53,7 @@ class HandStepsController:
     Args:
         task: one of one step.
         profile: the robot.
-        config: of the keypoint solver, with the times of its keyframes.
+        config: config of the keypoint solver, with the times of its keyframes.
         object_yaw: rad by which list-type motions are turned; None: what the scene drew.
     """
 

@@ -145,9 +145,9 @@ def judge(
     """Shares of the limits that commands used at most, and how many passed each.
 
     Args:
-        q: (N, 7) positions, one cycle apart; before the first the arm stood there.
-        speed, margin, tool_speed, clearance: what was asked to be kept.
-        name: of the arm; all have the same links.
+        q: (N, 7) joint positions, one cycle apart; the arm is at rest at the first position before the start.
+        speed, margin, tool_speed, clearance: configured limits.
+        name: name of the arm; all arms have the same links.
     """
     arm, published = Arm(), PUBLISHED[name]
     rest = np.repeat(q[:1], 3, axis=0)

@@ -90,9 +90,9 @@ class ConfigEpisode:
     """Inputs of one episode beside its scenes' configuration and its seed: plain values that pickle.
 
     Attributes:
-        config: of the keypoint solver, with the times of its keyframes.
-        object_yaw: rad, of the record; None: what the seed draws.
-        options: of the reset; none: what the seed draws.
+        config: config of the keypoint solver, with the times of its keyframes.
+        object_yaw: yaw of the object in the record, rad; None: sampled with the seed.
+        options: reset options; empty: sampled with the seed.
         source: id of the record.
     """
 
@@ -107,10 +107,10 @@ class ConfigRow:
     """One task with the original's config.
 
     Attributes:
-        name: of the task, or ``<long task>-<its first step>``.
-        episodes: in order.
-        sources: id of each episode's record; None of a drawn scene.
-        release: what the original's release reached; None where that is not known.
+        name: name of the task, or ``<long task>-<its first step>``.
+        episodes: episodes in order.
+        sources: id of each episode's record; None for a sampled scene.
+        release: success rate of the original's release; None if unknown.
     """
 
     name: str
@@ -140,15 +140,15 @@ class ConfigRow:
 
 @dataclass(frozen=True)
 class ConfigBenchmark:
-    """The table.
+    """Result table of the benchmark.
 
     Attributes:
         run_dir: the run folder.
-        arguments: what was asked for.
-        versions: of the packages that decide the outcome.
-        rows: one a task.
+        arguments: arguments of the call.
+        versions: versions of the packages that affect the outcome.
+        rows: one row for each task.
         left_out: records and tasks of the file that were not run, each with the reason.
-        warnings: what could not be loaded of objects that were run, by object.
+        warnings: parts of objects that could not be loaded, by object.
         cpu_s: CPU of all processes in this call, their start apart.
         provenance: commit, date and command.
     """
@@ -216,10 +216,10 @@ def benchmark_configs(
         tasks: names of tasks of one step; none: all of the file.
         configs: planning problems with the original's configs, one JSON object a line (docs/reference/benchmarks.md).
         scenes: ``"recorded"``: every scene of the file once. ``"drawn"``: ``episodes`` of each task, drawn by ``seed``.
-        episodes: of each task, where scenes are drawn.
-        seed: of the scenes that are drawn.
+        episodes: number of episodes of each task with sampled scenes.
+        seed: seed of the sampled scenes.
         assets: folder of the original's objects.
-        physics: of the scenes.
+        physics: physics settings of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
         workers, resume, progress: as for the benchmark.
 

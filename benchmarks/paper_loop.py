@@ -80,11 +80,11 @@ class Cost:
 
 
 class Judge:
-    """Tries the candidates of one task, for one draw; nothing twice, though both ways come to the same candidate.
+    """Tests the candidates of one task with one seed. A candidate that both searches propose is tested once.
 
     Args:
-        task: of one step and one joint.
-        seed: of its scenes.
+        task: task with one step and one joint.
+        seed: seed of its scenes.
     """
 
     def __init__(self, task: TaskSpec, seed: int) -> None:

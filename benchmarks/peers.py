@@ -71,7 +71,7 @@ def object_obstacles(
 
     Args:
         folder: holds ``mobility.urdf`` and its meshes.
-        scale: of meshes and link offsets.
+        scale: scale of meshes and link offsets.
         value: joint value, rad or (scaled) m.
         T_base_root: pose of the root link.
 

@@ -35,7 +35,7 @@ class Braking:
     offset: Array
 
     def scaled(self, share: float) -> Braking:
-        """Return limits that are a given share of these everywhere."""
+        """Return limits that allow ``share`` of the velocity of these limits at every position."""
         return replace(self, gain=share**2 * self.gain, offset=share * self.offset)
 
     def fastest(self, q: Array) -> tuple[Array, Array]:
@@ -114,7 +114,7 @@ class ArmLimits:
     as it can.
 
     Attributes:
-        profile: the robot.
+        profile: robot profile.
         lower, upper: (m,) limits of the arm's joints, rad or m, including the margin.
         range_lower, range_upper: (m,) ends of the joints' ranges.
         velocity, acceleration, jerk: (m,) in rad or m, per s, s^2 and s^3.

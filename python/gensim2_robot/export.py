@@ -48,7 +48,7 @@ def export(folder: Path, out: Path) -> dict[str, Any]:
     """Write a log's film, a picture of three moments, and a file for Foxglove with its layout.
 
     Args:
-        folder: of the log.
+        folder: folder of the log.
         out: folder to write to.
 
     Returns:

@@ -107,7 +107,7 @@ class About(LogMessage):
         pixels: smallest number of pixels of an image that the policy used; None: all, as in version 0.1.
         observation: the policy's observation spec, as of :meth:`ObservationSpec.to_dict`.
         cameras: cameras with images in the log; those on a link have their pose in the link's frame.
-        task, controller, arm, speed, margin, seed: of the run, for information.
+        task, controller, arm, speed, margin, seed: settings of the run, for information only.
     """
 
     schema_version: Literal[1] = 1

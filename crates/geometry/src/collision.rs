@@ -37,7 +37,7 @@ pub struct MovingShapes<'a> {
     ranges: Vec<(usize, usize)>,
 }
 
-/// Memory reused between queries.
+/// Buffers of collision queries, reused to avoid allocations.
 #[derive(Default)]
 pub struct Scratch {
     poses: Vec<Pose>,

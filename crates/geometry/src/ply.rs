@@ -42,7 +42,7 @@ struct Section {
     properties: Vec<Property>,
 }
 
-/// Values after the header, in order.
+/// Content of a PLY file after its header, read value by value.
 enum Body<'b> {
     Text(std::str::SplitWhitespace<'b>),
     Binary { bytes: &'b [u8], big: bool },

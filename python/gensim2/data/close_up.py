@@ -31,9 +31,9 @@ class CloseUp:
     """Draws the fingertips into the corner of a film's frames, from the side of the hand where they are visible.
 
     Args:
-        profile: the robot.
-        objects: of the scene, by name.
-        height: of the film's pictures, pixels.
+        profile: robot profile.
+        objects: objects of the scene by name.
+        height: height of the film's pictures, pixels.
     """
 
     def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel], height: int) -> None:
@@ -46,8 +46,8 @@ class CloseUp:
         """Return a copy of a picture (H, W, 3) with the close-up in its lower right corner.
 
         Args:
-            picture: of the instant.
-            states: ManiSkill's states of the instant, (1, ...) each.
+            picture: frame of the film.
+            states: ManiSkill's states at the time of the frame, (1, ...) each.
         """
         link = self._profile.hand_link
         pose = self._scene.link_poses(states, self._profile.agent, link)[0]

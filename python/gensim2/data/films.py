@@ -41,16 +41,16 @@ DOT = 2
 
 
 PICTURE_ALONE = ObservationSpec(modalities=())
-"""Of a film without a point cloud beside it."""
+"""Observation spec of a film without a point cloud beside it."""
 
 
 def film_again(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
     """Run an episode again and film it, however it ends; called in a worker.
 
     Args:
-        config: of the episode.
-        strategies: of its task by name, as plain data.
-        seed: of the episode.
+        config: configuration of the episode.
+        strategies: strategies of its task by name, as plain data.
+        seed: seed of the episode.
         video: file to write, atomically; not written if the arm never moves.
 
     Returns:

@@ -28,7 +28,7 @@ SAME_PLACE, SAME_YAW, SAME_OPENNESS = 1e-3, 0.02, 0.01
 
 @dataclass
 class TaskQuality:
-    """Quality figures of one task.
+    """Quality measures of the demonstrations of one task.
 
     Attributes:
         name, sentence: name and instruction of the task.
@@ -64,7 +64,7 @@ class TaskQuality:
     same_actions: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures as plain data, with summary statistics in place of lists."""
+        """Return the quality measures as plain data, with summary statistics in place of lists."""
         found = asdict(self)
         for name in ("openness", "lengths", "jerks", "clearances"):
             found[name] = _spread(found[name])
@@ -75,7 +75,7 @@ class TaskQuality:
 
 
 def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[TaskQuality]:
-    """Yield the figures of each task; one episode is in memory at a time.
+    """Yield the quality measures of each task; one episode is in memory at a time.
 
     Raises:
         InputError: the collection is incomplete, a file of an episode or an object is damaged, or an object is missing

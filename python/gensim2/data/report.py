@@ -28,7 +28,7 @@ class _Section:
     """Section of the report about one task.
 
     Attributes:
-        quality: its figures.
+        quality: its quality measures.
         interval: 95 % interval of the success rate.
         charts: SVG charts.
         films: file names of videos beside the page, each with its still picture.
@@ -45,7 +45,7 @@ class _Section:
 def report(
     path: Path, *, videos: int = 1, assets: Path | str | None = None, progress: Progress = NULL_PROGRESS
 ) -> dict[str, Any]:
-    """Analyse every episode of a data set, and write page and figures into its folder.
+    """Analyse every episode of a data set, and write an HTML page and the quality measures into its folder.
 
     Args:
         path: folder of the data set.
@@ -53,7 +53,7 @@ def report(
         assets: present folder of its objects; None: the recorded folder.
 
     Returns:
-        The figures.
+        The quality measures of the data set.
 
     Raises:
         InputError: the data set cannot be read, its collection is incomplete, or an object is missing or has changed.

@@ -287,7 +287,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
     Args:
         path: file to write.
         frames: (H, W, 3), all of the same size, at least one.
-        frames_per_second: of the video.
+        frames_per_second: frame rate of the video.
         exact: keep the size (see :func:`pixel_format`), with every second frame a key frame for fast random access.
             Otherwise sides are scaled to multiples of 16, which all browsers play.
 

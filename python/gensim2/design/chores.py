@@ -73,7 +73,7 @@ FAMILIES: dict[str, Family] = {"pairs": pairs, "to and fro": again, "errands": e
 
 
 def wanted_ends() -> set[tuple[str, str]]:
-    """Return the joint goals (class and end state) that these long tasks are made of."""
+    """Return the joint goals, each a class and an end state, that occur as steps in the proposed long tasks."""
     goals = {goal for purpose in purposes() for goal in (*purpose.goals, *(goal for goal, _ in purpose.errands))}
     return goals | {(each.asset_class, end) for each in to_and_fro() for end in ENDS}
 

@@ -56,7 +56,7 @@ def _provenance(task: TaskSpec) -> dict[str, Any]:
 
 
 def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
-    """Return whether the task and its strategies equal those of the packaged library, so that its figures apply."""
+    """Return whether task and strategies equal those of the packaged library, so that its measured results apply."""
     if task.name not in packaged_names():
         return False
     return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)

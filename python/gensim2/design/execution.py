@@ -180,11 +180,12 @@ SEARCHED = "search"
 
 
 class _Kept:
-    """Hands a search to the simulator and keeps its results, so that a resumed search repeats none of the work.
+    """Runs the trials of a search and stores their results, so that a resumed search does not repeat them.
 
     Args:
-        runner: that plans and runs episodes.
-        folder: of the results, apart for each call. A resumed search makes the same calls; other calls find nothing.
+        runner: runner that plans and runs episodes.
+        folder: folder of the results, with one entry for each call. Stored results are reused only by a search that
+            makes the same calls.
     """
 
     def __init__(self, runner: EpisodeRunner, folder: Path) -> None:

@@ -30,7 +30,7 @@ class TaskDesign:
 
     Attributes:
         run: the run, with one task that was verified or rejected.
-        folder: that holds task.yaml and the strategies that were found; None: no strategy was kept.
+        folder: folder with task.yaml and the found strategies; None: no strategy was kept.
         strategies: names of the strategies, in order of preference.
     """
 

@@ -173,7 +173,7 @@ def _verification(verification: Verification | None, spec: TaskSpec | None) -> d
 
 
 def _second(verification: Verification) -> dict[str, Any] | None:
-    """Return the figures of the other engine, and the scenes on which the engines differ."""
+    """Return the success rates in the other engine, and the scenes in which the engines disagree."""
     if (second := verification.second) is None:
         return None
     pairs = list(zip(verification.episodes, second.episodes, strict=True))
@@ -189,7 +189,7 @@ def _second(verification: Verification) -> dict[str, Any] | None:
 
 
 def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
-    """Return the figures of episodes for a page: verdicts with confidence intervals, causes, objects, steps."""
+    """Return the statistics of episodes for a page: verdicts with confidence intervals, causes, objects, steps."""
     tally = Tally.of(episodes)
     names = [step.name for step in spec.steps] if spec is not None else []
     return {

@@ -93,7 +93,7 @@ def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
 
 
 def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
-    """Return the means over the tasks of each type, all tasks weighted equally, with the paper's figures for the same
+    """Return the means over the tasks of each type, all tasks weighted equally, with the paper's results for the same
     tasks.
     """
     found = []

@@ -44,9 +44,9 @@ def plan_picture(
     orange and the tool's green. Keyframes that the arm does not reach are small.
 
     Args:
-        scene: that the step was planned in.
-        plan: of the step; None: the arm stands where it starts, and there are no keyframes.
-        profile: of the robot.
+        scene: scene in which the step was planned.
+        plan: plan of the step; None: the arm is drawn at its start, without keyframes.
+        profile: robot profile.
         title: first line under the views.
         reason: why there is no motion.
 

@@ -55,7 +55,7 @@ class DataRecord(BaseModel):
     """Record of a policy's training data.
 
     Attributes:
-        digest: of all episodes and their observations.
+        digest: digest of all episodes and their observations.
         tasks: names of the tasks.
         episodes, frames: how many were used; a scene that was planned but not simulated counts as one frame.
         folders: names of the data sets.

@@ -142,7 +142,7 @@ def _label(
 def _from_fingers_on(
     actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
 ) -> npt.NDArray[np.float32]:
-    """Return a plan's actions without the initial wait for the fingers if these have already reached their command."""
+    """Return the actions of a plan. If the fingers have reached their command, omit the initial wait for them."""
     arm = profile.arm_size
     fingers = observation.joint_velocities[list(profile.gripper_columns)]
     if abs(observation.gripper_command - float(actions[0, arm])) > STILL or np.abs(fingers).max() > SLOW:

@@ -257,11 +257,11 @@ def take_steps(
     """Take all remaining steps and return the mean loss of the last logged interval.
 
     Args:
-        state: of the training; it is written to ``folder`` now and then, and at the end.
-        gradients: leaves the gradients of a step with the network's parameters, and returns the loss.
+        state: state of the training, which is saved to ``folder`` at intervals and at the end.
+        gradients: function that stores the gradients of one step in the network's parameters and returns the loss.
         training: settings.
-        folder: of the state and the curves.
-        identity: everything that the training follows from.
+        folder: folder for the state and the loss curves.
+        identity: all settings and data that determine the result of the training.
         progress: listener.
         more_cpu_s: CPU seconds that other processes have spent since the call.
 

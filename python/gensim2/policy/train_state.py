@@ -183,7 +183,7 @@ class TrainState:
         )
 
     def _shapes(self, found: Mapping[str, Shape]) -> dict[str, Shape]:
-        """Return the expected shapes of the tensors of a saved training state: weights, averaged weights and Adam moments.
+        """Return the expected shapes of the tensors in a saved state: weights, averaged weights and Adam moments.
 
         Adam has no moments for a parameter that was never updated.
         """

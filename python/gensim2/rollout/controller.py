@@ -77,7 +77,7 @@ class Event:
         at_step: control steps since the reset.
         step: name of the task step.
         what: ``ACTUATION`` if the hand has reached the end of the motions before contact; otherwise the deviation.
-        detail: figures, as plain data.
+        detail: measured values, as plain data.
     """
 
     at_step: int

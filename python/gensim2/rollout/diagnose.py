@@ -1,4 +1,4 @@
-"""Find why an episode failed: the first fault that was not corrected, with figures.
+"""Find why an episode failed: the first fault that was not corrected, with measured values.
 
 Steps are checked in order. The first step that was not done is blamed: for its controller's last reported deviation, or
 else for a fault of its last plan, or else for a fault visible in the measurements of its turn.
@@ -68,7 +68,7 @@ def diagnose(
     events: Sequence[Event],
     outcome: Outcome,
 ) -> Fault:
-    """Return the cause of a failure, with figures as plain data.
+    """Return the cause of a failure, with measured values as plain data.
 
     Args:
         trace: measurements before the first control step and after each one.

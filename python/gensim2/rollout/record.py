@@ -107,8 +107,8 @@ class PlanRecord:
         at_step: control step at which it was made.
         trigger: ``"start"``, or the deviation that caused replanning.
         ran: number of control steps executed.
-        detail: figures for a designer: unmet residuals, the unreached keyframe, colliding bodies, distances (m or rad);
-            empty if solved.
+        detail: measured values for a designer: unmet residuals, the unreached keyframe, colliding bodies, distances
+            (m or rad); empty if solved.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)

@@ -126,13 +126,13 @@ class EpisodeRunner:
         seeds: Sequence[int],
         log: Path | None = None,
     ) -> list[list[worker.Screened]]:
-        """Plan each candidate on each seed's scene; one list a candidate, one result a seed.
+        """Plan each candidate in the scene of each seed, and return for each candidate a list with one result per seed.
 
         Args:
-            config: of the scenes.
+            config: configuration of the scenes.
             candidates: strategies of each step.
-            seeds: of the scenes.
-            log: folder that keeps the results of each seed as JSON; what it holds is not planned again.
+            seeds: seeds of the scenes.
+            log: folder that stores the results of each seed as JSON; seeds with stored results are not planned again.
         """
         files = {seed: log / f"{seed}.json" for seed in seeds} if log is not None else {}
         by_seed: dict[int, list[worker.Screened]] = {}

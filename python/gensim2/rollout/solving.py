@@ -27,7 +27,7 @@ FOUND = ("solved", "partial")
 
 @dataclass(frozen=True)
 class SolvedStep:
-    """One step, planned in the scene that the earlier plans predict."""
+    """One step of a task with its plan, made in the scene that the plans of the earlier steps predict."""
 
     name: str
     strategy: str
@@ -153,16 +153,16 @@ def solve(
 
 
 def plan_steps(task: TaskSpec, profile: RobotProfile, given: Strategies, scene: Scene) -> list[SolvedStep]:
-    """Plan the steps of a task one after the other, as far as there are plans.
+    """Plan the steps of a task in order, until a step has no plan.
 
     Args:
         task: the task.
-        profile: of the robot.
+        profile: robot profile.
         given: strategies of the task by name, as plain data.
-        scene: where the first step begins.
+        scene: scene at the start of the first step.
 
     Returns:
-        One a step, in order; the last has no motion where steps are missing.
+        One entry for each planned step, in order. If a step has no plan, the list ends with the failed step.
     """
     from gensim2.planning.steps import StepPlanner
     from gensim2.rollout.worker import parsed
@@ -191,7 +191,7 @@ def draw_plan(solved: SolvedStep, task: str, profile: RobotProfile, file: Path) 
     Args:
         solved: the step.
         task: name of its task.
-        profile: of the robot.
+        profile: robot profile.
         file: to write, atomically.
 
     Returns:

@@ -19,7 +19,7 @@ from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
 StrictMisses = dict[StrictMiss, dict[str, Any]]
-"""Figures for each unmet condition, as plain data."""
+"""Measured values for each unmet condition, as plain data."""
 
 RETREAT = 0.05
 """Smallest distance (m) between keypoints of the gripper and of its objects at the end."""

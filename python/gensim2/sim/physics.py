@@ -156,7 +156,7 @@ class Physics:
             _drive_fingers(robot, profile, **self._constants.fingers)
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
-        """Set the density of an articulated object's links before its URDF is parsed."""
+        """Make a URDF loader compute link masses from the density of the object's class, if the setting demands it."""
         if self.switches.densities == "default":
             return
         loader.set_density(self._constants.density(asset_class))

@@ -31,7 +31,7 @@ class ThreadVectorEnv(SyncVectorEnv):
 
     Args:
         makers: function that makes each environment.
-        kwargs: of gymnasium's ``SyncVectorEnv``.
+        kwargs: further arguments of gymnasium's ``SyncVectorEnv``.
     """
 
     def __init__(self, makers: Sequence[Callable[[], gym.Env[Any, Any]]], **kwargs: Any) -> None:

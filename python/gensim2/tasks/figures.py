@@ -131,7 +131,7 @@ class Figure(_Value):
         strict_misses: conditions of ``strict`` that failed, most frequent first.
         objects: number of different objects by class.
         instances: verdicts by object, as ``class/id``, joined with ``" + "`` for several objects; empty in old rows.
-        source: origin of the row; None in old rows.
+        source: commit, date and command of the measurement; None in old rows.
     """
 
     task: str
@@ -163,7 +163,7 @@ class Figure(_Value):
 
 
 class Figures(_Value):
-    """Content of the file: at most one row for each task and condition."""
+    """Content of a file of measured results: at most one row for each task and condition."""
 
     schema_version: Literal[1]
     rows: tuple[Figure, ...]
@@ -188,12 +188,12 @@ def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
 
 @cache
 def figures() -> Figures:
-    """Return the figures shipped with the package."""
+    """Return the measured results that are shipped with the package."""
     return _parsed((files("gensim2.tasks") / FIGURES).read_bytes(), FIGURES)
 
 
 def read_figures(path: Path) -> Figures:
-    """Read the figures in a file.
+    """Read the measured results in a file.
 
     Raises:
         InputError: the file cannot be read or is invalid; names the field.

@@ -28,10 +28,10 @@ class CameraCalibration(BaseModel):
 
     Attributes:
         serial: serial number of the device; empty if unknown.
-        method: against the robot's meshes, or a board.
-        link: link that carries it; None for a camera fixed in the base frame.
+        method: calibration against the robot's meshes or against a board.
+        link: link that carries the camera; None for a camera fixed in the base frame.
         pose: (4, 4) pose of the camera in that frame, m.
-        width, height, intrinsic: of the images used.
+        width, height, intrinsic: size (pixels) and intrinsic matrix of the images used.
         scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
         residual_mm, held_out_mm: median errors in fitted and held-out images.
         links_mm: median error on each link of the robot.

@@ -107,7 +107,7 @@ class StreamedArm(ABC):
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
-        """Call the arm manufacturer's library in a thread, so that it delays the control loop by at most ``seconds``."""
+        """Call the manufacturer's library in a thread, so that it delays the control loop by at most ``seconds``."""
         thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
         thread.start()
         thread.join(timeout=seconds)
@@ -214,7 +214,7 @@ class StreamedArm(ABC):
             self._attempt(lambda wanted=wanted: self._grip(wanted))
 
     def _attempt(self, what: Any) -> Any:
-        """Call the arm manufacturer's library and return the result; None if the call failed, which the next state reports."""
+        """Call the manufacturer's library and return the result; None after a failure, which the next state reports."""
         try:
             return what()
         except Exception as error:  # noqa: BLE001 - libraries raise any exception; the watchdog reacts to the state

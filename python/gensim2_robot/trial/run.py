@@ -141,7 +141,7 @@ def trial(
         protocol: the protocol.
         out: output folder, with a folder for each task.
         trials: number of trials.
-        verdict: whose judgement counts.
+        verdict: decides about success: the ``"person"`` or the ``"simulator"``.
         person: person who lays out and judges; None if a simulator does both.
         resume: continue the trials in the folder.
         logged: log everything, with a log for each opening of the devices.

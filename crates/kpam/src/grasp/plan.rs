@@ -97,7 +97,7 @@ impl GraspTask {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct GraspPlan {
-    /// Index of the grasp in the list.
+    /// Index of the grasp in the list of candidate grasps.
     pub index: usize,
     /// The hand in the object frame, possibly with the fingers swapped.
     pub object_hand: Pose,

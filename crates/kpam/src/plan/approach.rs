@@ -129,7 +129,7 @@ impl Planner<'_> {
         Samples::of(&stop, self.model.n(), [stop.start(), stop.end()], OFF)
     }
 
-    /// Returns the vertices of a free path that keeps the margins.
+    /// Searches a collision-free path between two joint vectors that keeps the margins, and returns its vertices.
     fn connect(
         &mut self,
         from: &Row,

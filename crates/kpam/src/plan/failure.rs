@@ -38,7 +38,7 @@ pub(super) enum Failure {
     NotFound { keyframe: usize, hit: Hit },
     /// The config's clock allows less time than needed.
     TooFast { keyframe: usize, allowed: f64, needed: f64 },
-    /// No motion along the path to this keyframe keeps the limits from the start state on.
+    /// From the state at the start of the path to this keyframe, no motion along the path keeps the joint limits.
     Untimed { keyframe: usize },
 }
 

@@ -72,7 +72,8 @@ impl Planner<'_> {
         if self.entry > self.world.schedule.actuation() { plain } else { plain.parted() }
     }
 
-    /// Attaches picked bodies and places released ones, as at the actuation pose of an attempt.
+    /// Changes the scene as at the actuation pose of an attempt: picked bodies are attached to the hand, and released
+    /// bodies are placed.
     pub(super) fn act(&mut self, attempt: &Attempt) {
         if self.acting != Some(attempt.origin) {
             self.world.act_at(&attempt.origin, attempt.motions.letting_go());

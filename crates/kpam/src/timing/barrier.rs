@@ -185,7 +185,7 @@ impl Problem {
         }
     }
 
-    /// Computes all coefficients from the free ones.
+    /// Sets the first and the last coefficient, which follow from the boundary conditions and the other coefficients.
     pub(super) fn spread(&self, c: &mut [f64]) {
         let last = self.cells - 1;
         c[0] = self.fixed + self.ends[0] * c[1];

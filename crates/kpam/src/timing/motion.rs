@@ -209,7 +209,7 @@ pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
 /// acceleration divided by `w`. With `w = 0` it is the motion of the nodes itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Piece {
-    /// Start time in the trajectory (s).
+    /// Time in the trajectory at which the piece starts (s).
     pub start: f64,
     /// Time from which the piece takes effect, not before `start` (s).
     pub counts: f64,

@@ -7,9 +7,9 @@ use crate::SolverConfig;
 pub(crate) enum MotionSegment {
     /// Free motion from the start to the first keyframe.
     Approach,
-    /// Along the hand path to a pre-actuation keyframe, by its index in the config's list.
+    /// Segment along the hand path to a pre-actuation keyframe, given by the index of its motion in the config's list.
     Pre(usize),
-    /// Along the hand path to the actuation pose.
+    /// Segment along the hand path to the actuation pose.
     ToActuation,
     /// Along the hand path to a post-actuation keyframe, by its index in the config's list.
     Post(usize),

@@ -79,7 +79,7 @@ class Shelf(ABC):
 
 
 class RigidShelf(Shelf):
-    """A source of rigid objects, each of which is the only one of its class."""
+    """A source of rigid objects with exactly one object per class."""
 
     kind: Kind = "rigid"
 

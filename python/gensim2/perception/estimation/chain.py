@@ -36,12 +36,12 @@ LEAST_CONFIDENCE = 0.05
 LEAST_SEEN = 0.25
 """Share of the object's points in the first cloud below which a look is not believed: something hides the object."""
 DISTRUST = 0.5
-"""Standard deviations by which a joint must have passed its goal for a step to count as done after the first motion;
-half as many after the second motion, and so on."""
+"""Standard deviations of the estimate by which a joint must have passed its goal for a step to count as done after the
+first motion; half as many after the second motion, and so on."""
 
 
 class _Chain(ChainController):
-    """The chain on believed scenes, between two looks of which nothing can be seen to drift."""
+    """Chain controller on an estimated scene. The scene is not observed during motions, so no deviation is detected."""
 
     @property
     def waited(self) -> int:
@@ -64,19 +64,19 @@ class _Chain(ChainController):
 
 
 class PerceivingChain:
-    """Plans each step of a task on the scene that it estimates from a point cloud, and looks again after each motion.
+    """Plans each step of a task in a scene estimated from a point cloud, and estimates it again after each motion.
 
-    Whether a step is done is judged by the estimate. The episode ends without an action where the cloud does not show
-    an object of the task's class. Objects of the task must be articulated, and one of them is estimated.
+    The estimate also decides whether a step is done. The episode ends without an action if the cloud does not show an
+    object of the task's class. Objects of the task must be articulated, and one of them is estimated.
 
     Args:
         task: the task, its name or its fields.
-        estimator: folder that ``gensim2 perceive train`` wrote.
-        strategies: by name, as plain data; None: those of the task's name in the library.
+        estimator: output folder of ``gensim2 perceive train``.
+        strategies: strategies by name, as plain data; None: the strategies of the library task with this name.
         robot_name: robot that acts.
         noise: noise on the simulated depth pictures, as :func:`~gensim2.perception.noise.read_noise` takes it; None:
             no noise.
-        threads: of PyTorch.
+        threads: number of PyTorch threads.
 
     Raises:
         InputError: the estimator cannot be read or does not know a class of the task, or the task has rigid objects.
@@ -151,7 +151,7 @@ class PerceivingChain:
             self._chain.reset(self._with_belief(observation), seed)
 
     def act(self, observation: Observation) -> Action | None:
-        """Return the next action; None: done, given up, or the object is not there."""
+        """Return the next action; None if the task is done, all plans have failed, or the object is not visible."""
         if observation.step > 0 and observation.cloud is not None:
             self._motions = self._chain.motions
             self._take_in(observation)

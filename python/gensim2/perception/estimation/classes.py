@@ -28,8 +28,8 @@ class ClassConstants(BaseModel):
     """Constants of a class.
 
     Attributes:
-        name: of the class.
-        joint_type: of its joint.
+        name: name of the class.
+        joint_type: type of the joint of its objects.
         keypoints: names, in the order of the objects of the class.
         moving: for each keypoint, whether the joint moves it.
         object_axis: axis of the object frame that "rotate" motions turn about.

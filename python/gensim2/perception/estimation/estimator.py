@@ -27,25 +27,25 @@ Points = npt.NDArray[np.float32]
 
 ESTIMATOR_JSON = "estimator.json"
 MAX_BYTES = 10 * 2**20
-"""Of the weights."""
+"""Maximum size of the weights, bytes."""
 _REMEDY = "train it again: gensim2 perceive train"
 
 LEAST_POINTS = 24
-"""Points of an articulated object below which none is reported."""
+"""Minimum number of points of an articulated object; with fewer points no object is reported."""
 HYPOTHESES = 3
-"""Directions of a joint that are reported at most."""
+"""Maximum number of reported directions of a joint."""
 LEAST_SHARE = 0.02
 """Probability below which a direction is not reported."""
 
 DEVIATIONS = ("openness", "axis", "keypoints")
-"""Estimates with a standard deviation, by which calibration scales it."""
+"""Estimates with a predicted standard deviation, which calibration scales."""
 
 LEVEL = 0.35
-"""Share of the vertical in a normal below which the surface counts as upright."""
+"""Vertical component of a unit normal below which the surface counts as upright."""
 CONCENTRATED = 0.6
-"""Concentration of the upright normals, 0 to 1, from which on an object counts as a box."""
+"""Minimum concentration of the upright normals (0 to 1) for an object to count as a box."""
 MOST_REFINED = 0.2
-"""Largest correction of the yaw by the upright surfaces, rad."""
+"""Maximum correction of the yaw from upright surfaces, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class JointEstimate:
     """Estimated joint of an object.
 
     Attributes:
-        type: of the joint.
+        type: type of the joint.
         axis: (3,) unit direction in the base frame, of the likeliest hypothesis.
         origin: (3,) m, a point on the axis in the base frame.
         origin_deviation: standard deviation of the distance from ``origin`` to the axis, m; of a revolute joint.

@@ -1,4 +1,4 @@
-"""Labelled clouds: generated objects that are placed at random, looked at by the ray caster, and never simulated."""
+"""Labelled point clouds of generated objects, placed at random and observed with the ray caster, without simulation."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ SETTINGS = CloudSettings(robot="none", low=(0.15, -0.62, 0.015), outliers=1.5)
 """Clouds of the estimator: without the robot, without most strays of a depth camera."""
 
 STRAY_DISTANCE = 0.012
-"""Metres from the nearest surface beyond which a point lies on nothing."""
+"""Distance (m) from the nearest surface beyond which a point is labelled as a stray point."""
 
 SPREAD, MOST_YAW = 0.15, 0.8
-"""Metres along x and y, and rad, by which objects stand off their default placement."""
+"""Maximum offset of objects from their default placement: along x and y (m), and yaw (rad)."""
 AT_AN_END = 0.15
-"""Share of the looks in which the joint is closed, and of those in which it is open."""
+"""Share of the clouds in which the joint is closed; the same share has it open."""
 NOISY = 0.5
-"""Share of the training's looks with the noise of a deployed camera."""
+"""Share of the training clouds with the noise of a deployed camera."""
 REACHING = 0.5
-"""Share of the looks in which the arm is not near its rest posture."""
+"""Share of the clouds in which the hand is near the first keypoint instead of at rest."""
 ACCOMPANIED = 0.25
-"""Share of the training's looks with a rigid object beside the articulated one."""
+"""Share of the training clouds with a rigid object beside the articulated one."""
 TARGET_NAME, OTHER_NAME = "object", "other"
 
 
@@ -52,7 +52,7 @@ class LabelledCloud:
     """A labelled cloud.
 
     Attributes:
-        cloud: that the cameras see.
+        cloud: point cloud from all cameras.
         group: (N,) of each point: ``STRAY``, ``OTHER`` or ``TARGET``.
         moving: (N,) whether a point lies on the moving link of the articulated object.
         placed: the articulated object.
@@ -65,10 +65,10 @@ class LabelledCloud:
 
 
 class Cameras:
-    """Fixed cameras before one articulated object, and a rigid one beside it in some looks.
+    """Fixed cameras that observe one articulated object, optionally with a rigid object beside it.
 
     Args:
-        profile: of the robot.
+        profile: robot profile.
         model: the articulated object.
         other: the rigid object; None: there is none.
     """
@@ -86,13 +86,13 @@ class Cameras:
     def look(
         self, placed: PlacedObject, q: Array, noise: DepthNoise | None, generator: np.random.Generator
     ) -> LabelledCloud | None:
-        """Return a labelled cloud; None where the articulated object is hidden or outside of the workspace.
+        """Return a labelled cloud; None if the articulated object is hidden or outside of the workspace.
 
         Args:
-            placed: the articulated object where it stands.
-            q: (n,) joints of the robot.
-            noise: of the cameras; it is drawn as that of one episode.
-            generator: of everything that is drawn.
+            placed: the articulated object with its placement.
+            q: (n,) joint values of the robot.
+            noise: camera noise, sampled as for one episode; None: exact images.
+            generator: random generator.
         """
         views = self._scene.see(self._scene.poses(self._states(placed, q, generator))[0])
         points, ids = _surface(views, self._things)
@@ -126,7 +126,7 @@ class Cameras:
 
 
 def _beside(other: ObjectModel, target: PlacedObject, generator: np.random.Generator) -> npt.NDArray[np.float32]:
-    """(1, 13) state of a rigid object on the table, beside what the articulated one may sweep."""
+    """Return the state (1, 13) of a rigid object on the table, outside the area that the articulated object sweeps."""
     swept = target.in_world(swept_points(target.model))
     radius = float(np.linalg.norm(swept[:, :2] - swept[:, :2].mean(0), axis=1).max()) + 0.08
     angle = generator.uniform(0.25 * np.pi, 0.75 * np.pi) * generator.choice([-1.0, 1.0])
@@ -140,7 +140,7 @@ def _beside(other: ObjectModel, target: PlacedObject, generator: np.random.Gener
 
 
 def _surface(views: Sequence[View], ids: set[int]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
-    """(M, 3) m of all exact pixels that show some of these ids, in the base frame, and (M,) their ids."""
+    """Return the exact points (M, 3) of all pixels that show one of the ids (base frame, m), and their ids (M,)."""
     points, found = [], []
     for view in views:
         segmentation = view.segmentation
@@ -171,16 +171,16 @@ def object_looks(
     noisy: float = NOISY,
     accompanied: float = ACCOMPANIED,
 ) -> Iterator[LabelledCloud]:
-    """Yield up to ``count`` looks at one object; looks at a hidden object are left out.
+    """Yield up to ``count`` labelled clouds of one object; clouds in which the object is hidden are left out.
 
     Args:
-        library: of the object.
-        profile: of the robot.
-        asset_class, instance: which object.
-        count: looks that are drawn.
-        generator: of everything that is drawn.
-        noisy: share of the looks with the noise of a deployed camera.
-        accompanied: share of the looks with a rigid object beside the articulated one.
+        library: library of the object.
+        profile: robot profile.
+        asset_class, instance: class and id of the object.
+        count: number of sampled scenes.
+        generator: random generator.
+        noisy: share of the clouds with the noise of a deployed camera.
+        accompanied: share of the clouds with a rigid object beside the articulated one.
     """
     model = library.load(asset_class, instance, "default")
     assert isinstance(model, ArticulatedObject)
@@ -197,7 +197,7 @@ def object_looks(
 
 
 def _put(model: ArticulatedObject, generator: np.random.Generator) -> PlacedObject:
-    """Place an object at random, with its joint anywhere."""
+    """Place an object at random, with a random joint value."""
     x, y = generator.uniform(-SPREAD, SPREAD, 2)
     yaw = float(generator.uniform(-MOST_YAW, MOST_YAW))
     where = generator.random()
@@ -208,7 +208,7 @@ def _put(model: ArticulatedObject, generator: np.random.Generator) -> PlacedObje
 
 @lru_cache(maxsize=4)
 def _postures(name: str) -> tuple[Array, Array]:
-    """(M, n) postures of a robot with the hand above the table, and (M, 3) the tool's place in the base frame."""
+    """Return random postures (M, n) with the hand above the table, and the tool positions (M, 3) in the base frame."""
     profile = robot(name)
     model, size = profile.model, profile.arm_size
     generator = rng(0, "perception/postures")
@@ -221,7 +221,7 @@ def _postures(name: str) -> tuple[Array, Array]:
 
 
 def _posture(profile: RobotProfile, thing: PlacedObject, generator: np.random.Generator) -> Array:
-    """(n,) joints of the robot: about the rest posture, or with the hand near the first keypoint."""
+    """Return random joint values (n,) of the robot: near the rest posture, or with the hand near the first keypoint."""
     if generator.random() >= REACHING:
         q = np.array(profile.reset_qpos)
         q[: profile.arm_size] += 0.1 * generator.standard_normal(profile.arm_size)

@@ -1,4 +1,4 @@
-"""Figures of an estimator: estimates beside the truth of labelled clouds."""
+"""Measure the errors of an estimator on labelled clouds."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def row_of(arrays: Arrays, row: int, found: ObjectEstimate | None) -> dict[str, 
 
     Args:
         arrays: labelled clouds.
-        row: of the cloud.
+        row: index of the cloud.
         found: the estimate; None: no object was found.
     """
     revolute = bool(arrays["revolute"][row])
@@ -137,20 +137,20 @@ def measure(
     """Measure an estimator on clouds of articulated objects that stand alone.
 
     Args:
-        folder: that ``gensim2 perceive train`` wrote.
+        folder: output folder of ``gensim2 perceive train``.
         out: folder for ``worst.png``, a picture of the clouds with the largest errors; None: no picture.
         assets: library of the objects, as :func:`~gensim2.objects.open_library` takes it.
         instances: word for the objects, as in ``--instances``.
         objects: number of objects of each class, at most.
         looks: number of clouds of each object.
         noisy: whether the depth pictures have the noise of a deployed camera.
-        classes: to measure; none: all of the estimator.
-        robot_name: robot before which the objects stand.
-        seed: of everything that is drawn.
+        classes: classes to measure; empty: all classes of the estimator.
+        robot_name: robot in front of which the objects stand.
+        seed: seed of all random values.
         progress: listener.
 
     Returns:
-        Plain data: figures with the class estimated and given, and by class with the class estimated.
+        Plain data: error statistics with an estimated class, with the true class given, and for each class.
 
     Raises:
         InputError: the estimator cannot be read, or there is no such class or object.
@@ -189,10 +189,11 @@ def measure(
 
 
 def calibrated(estimator: SceneEstimator, arrays: Arrays) -> dict[str, Any]:
-    """Scale an estimator's deviations so that ``ONE_SIGMA`` of the errors lie within one, and return its figures.
+    """Scale the predicted standard deviations so that ``ONE_SIGMA`` of the errors lie within one; return the error
+    statistics.
 
     Args:
-        estimator: whose ``scales`` are set.
+        estimator: estimator to calibrate; its ``scales`` are set.
         arrays: labelled clouds of objects that were not trained on.
     """
     estimator.scales = dict.fromkeys(DEVIATIONS, 1.0)

@@ -180,7 +180,7 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
     """Return the losses of a batch by the names of ``WEIGHTS``, each a mean.
 
     Args:
-        network: that is trained.
+        network: network to train.
         batch: as :meth:`~gensim2.perception.estimation.training.Examples.batch` gives it.
     """
     cross, functional = nn.functional.cross_entropy, nn.functional

@@ -40,7 +40,7 @@ def save_worst(path: Path, estimator: SceneEstimator, arrays: Arrays, rows: Sequ
 
     Args:
         path: PNG file.
-        estimator: whose estimates are drawn.
+        estimator: estimator to draw the estimates of.
         arrays: labelled clouds.
         rows: errors of these clouds.
 

@@ -33,17 +33,17 @@ MARKER = "perceive.json"
 EXAMPLES, TRAINING = "examples", "training"
 OBJECTS_A_FILE = 4
 CALIBRATION = 3
-"""Objects of each class, beside those of the training, by which deviations are calibrated."""
+"""Number of additional objects of each class with which the predicted deviations are calibrated."""
 ROOM = 1_000_000
-"""Most looks of a training: 14 GB of memory."""
+"""Maximum number of clouds in a training; they take 14 GB of memory."""
 VOTERS = 384
-"""Points of a cloud that are asked for their votes in a step of the training."""
+"""Number of points of each cloud whose votes are computed in a training step."""
 MOST_TURN, MOST_SHIFT = 0.4, 0.06
-"""Largest yaw (rad) about the robot's base, and shift (m) on the table, by which a cloud is moved in training."""
+"""Maximum random yaw (rad) about the robot's base and shift (m) along the table of training clouds."""
 
 
 class PerceiveSettings(RunSettings):
-    """Settings that the weights follow from."""
+    """Settings that determine the weights."""
 
     FREE: ClassVar[frozenset[str]] = frozenset()
 
@@ -72,20 +72,20 @@ def train_estimator(
     resume: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Draw labelled clouds, train an estimator and calibrate its deviations; an interrupted call is gone on with.
+    """Generate labelled clouds, train an estimator, and calibrate its predicted standard deviations.
 
     Args:
         out: folder for the examples, the state of the training and the estimator (``config.json`` and
             ``weights.safetensors``).
-        classes: of articulated objects; none: all of the library.
+        classes: classes of articulated objects; empty: all classes of the library.
         assets: library of the objects, as :func:`~gensim2.objects.open_library` takes it.
-        robot_name: robot before which the objects stand.
+        robot_name: robot in front of which the objects stand.
         objects: number of objects of each class to learn from; all objects of a class that has fewer.
         looks: number of clouds of each object.
         steps: gradient steps.
-        batch: clouds a step.
-        seed: of everything that is drawn.
-        resume: go on with the training in ``out``.
+        batch: number of clouds per step.
+        seed: seed of all random values.
+        resume: continue the training in ``out``.
         progress: listener.
 
     Returns:

@@ -95,7 +95,7 @@ class Drawing:
 
         Args:
             T: (4, 4) pose.
-            length: of its axes, m.
+            length: length of its axes, m.
             label: text beside the frame.
         """
         x0, y0, ahead = self._project(T[:3, 3])

@@ -29,11 +29,11 @@ BACKGROUND = 244
 
 
 class StateDrawing:
-    """Pictures by the camera for people.
+    """Renders recorded states from the camera of films.
 
     Args:
-        profile: of the robot.
-        objects: by name, in the task's order.
+        profile: robot profile.
+        objects: objects by name, in the task's order.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -51,11 +51,11 @@ class StateDrawing:
         self._strength = np.array([strength for _, strength in LAMPS], dtype=np.float32)
 
     def at(self, states: Mapping[str, Any], row: int) -> npt.NDArray[np.uint8]:
-        """(H, W, 3) picture of one instant.
+        """Return the picture (H, W, 3) of one recorded state.
 
         Args:
             states: ManiSkill's ``env_states``.
-            row: of the states.
+            row: row index in the states.
 
         Raises:
             InputError: the states are not of this scene.

@@ -20,17 +20,17 @@ Minutes = Annotated[float, Field(gt=0, le=1e4)]
 
 
 class Arm(BaseModel):
-    """One policy configuration of an experiment, trained once for each seed.
+    """Configuration of one policy in an experiment (an experimental arm, not a robot arm), trained once for each seed.
 
     Attributes:
-        name: name of the arm and of its folder.
+        name: name of the policy and of its folder.
         objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of the run.
         count: number of generated training objects of each class; None: the training split. With real objects these are
             added to the real ones.
         tasks: names of library tasks; one policy learns all of them.
         minutes_a_task: CPU minutes for data and training of each task; None: as in the experiment.
-        start: name of an earlier arm with the same objects. This arm starts from its weights and demonstrations, and
-            only learns the tasks that it lacks. None: train from scratch.
+        start: name of an earlier policy with the same objects. Training starts from the weights and demonstrations of
+            that policy and only adds the tasks that it lacks. None: train from scratch.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -50,13 +50,13 @@ class Arm(BaseModel):
 
     @property
     def is_split(self) -> bool:
-        """Return whether the arm trains on a split of listed objects, so that seen and unseen objects can be
+        """Return whether the policy trains on a split of listed objects, so that seen and unseen objects can be
         distinguished.
         """
         return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:
-        """Return the tasks that this arm adds to those of the arm it starts from."""
+        """Return the tasks that this policy adds to those of the policy ``start``."""
         return tuple(name for name in self.tasks if start is None or name not in start.tasks)
 
 
@@ -65,7 +65,7 @@ class ExperimentConfig(BaseModel):
 
     Attributes:
         title, about: title and description in the report.
-        seeds: number of trainings of each arm.
+        seeds: number of trainings of each policy.
         minutes_a_task: CPU minutes for data and training of each task of a policy.
         scenes: largest number of planned scenes of each task.
         episodes, control_episodes: number of evaluation episodes of each task, for the policy and without the cloud.
@@ -76,8 +76,8 @@ class ExperimentConfig(BaseModel):
         text, text_model: text encoder, and folder or hub name of its weights; None: defaults of
             :func:`~gensim2.policy.learning.learn`.
         sentences: also evaluate with the opposite instruction and with paraphrases.
-        untaught: tasks that no arm is trained on, for a further evaluation with their own instructions.
-        arms: policies, in the order of the report.
+        untaught: tasks that no policy is trained on, for a further evaluation with their own instructions.
+        arms: policies to train, in the order of the report.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -134,7 +134,7 @@ class ExperimentConfig(BaseModel):
         return f"train{behind}" if arm.is_split else "all", self.unseen if self.unseen == "new" else f"test{behind}"
 
     def start_of(self, arm: Arm) -> Arm | None:
-        """Return the arm that ``arm`` starts from, if any."""
+        """Return the configuration of the policy that ``arm`` starts from, if any."""
         return next((each for each in self.arms if each.name == arm.start), None)
 
 

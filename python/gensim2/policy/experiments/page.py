@@ -23,7 +23,7 @@ COLOURS: dict[Kind, str] = {
     "blind": "#b0413e",
 }
 APART = 11.0
-"""Horizontal distance of the points of an arm, pixels."""
+"""Horizontal distance between the points of one policy, pixels."""
 WORDS: dict[Kind, str] = {
     "seen": "seen",
     "unseen": "unseen",
@@ -69,14 +69,14 @@ def write_page(told: Mapping[str, Any]) -> Path:
 
 
 def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
-    """Return the kinds of evaluations that at least one arm has."""
+    """Return the kinds of evaluations that at least one policy has."""
     return [kind for kind in WORDS if any(arm[f"{kind}_mean"] is not None for arm in arms)]
 
 
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the geometry of the figure: a point with its interval for each arm and kind, rates from 0 to 1 upwards.
+    """Return the geometry of the figure: a point with its interval for each policy and kind, rates from 0 to 1 upwards.
 
-    If all arms state their number of training objects, the horizontal axis is logarithmic in that number.
+    If all policies state their number of training objects, the horizontal axis is logarithmic in that number.
     """
     counts = [arm["count"] for arm in arms]
     counted = all(count is not None for count in counts) and len(set(counts)) > 1

@@ -1,4 +1,4 @@
-"""Run an experiment: train arms by :func:`~gensim2.policy.learning.learn` and evaluate them."""
+"""Run an experiment: train its policies with :func:`~gensim2.policy.learning.learn` and evaluate them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class ExperimentRecord(RunSettings):
 
     Attributes:
         config: configuration of the experiment.
-        seed: seed of the first training of each arm.
+        seed: seed of the first training of each policy.
         assets: folder of the real objects, or ``"builtin"`` for none.
     """
 
@@ -100,15 +100,15 @@ class _Progressed(BaseModel):
 
 @dataclass(frozen=True)
 class ArmResult:
-    """Result of one arm.
+    """Result of one policy of an experiment, over all its trainings.
 
     Attributes:
-        arm: its configuration.
-        tasks: figures of its tasks.
+        arm: configuration of the policy.
+        tasks: success rates on its tasks.
         checkpoints: checkpoint folders, one for each training.
         demonstrations: number of demonstrations in all trainings.
         cpu_s: CPU time of data and training in all trainings, s.
-        before_s: CPU time of the arm that it starts from, s.
+        before_s: CPU time of the earlier policy from which the training started, s.
     """
 
     arm: Arm
@@ -119,7 +119,7 @@ class ArmResult:
     before_s: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data; ``cpu_s`` includes the arm that it starts from."""
+        """Return the result as plain data; ``cpu_s`` includes the earlier policy from which the training started."""
         return {
             **self.arm.model_dump(mode="json"),
             **summary(self.tasks),
@@ -137,7 +137,8 @@ class ExperimentResult:
         out: output folder.
         record: settings of the run.
         arms: results in the order of the configuration.
-        skipped: reason by arm or by task of an arm (``arm/task``) that could not be run, or not on real objects.
+        skipped: reason for each policy, or task of a policy (``policy/task``), that could not be run, or not on real
+            objects.
         remaining: number of trainings still to be done.
     """
 
@@ -148,8 +149,8 @@ class ExperimentResult:
     remaining: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data: means over all tasks of all arms, ``tasks`` with a row a task and arm,
-        ``arms``.
+        """Return the result as plain data: means over all tasks of all policies, ``tasks`` with one row for each task
+        of each policy, and ``arms`` with one row for each policy.
         """
         return {
             "schema_version": SCHEMA_VERSION,
@@ -178,19 +179,20 @@ def run_experiment(
     device: str = "auto",
     progress: Progress = NULL_PROGRESS,
 ) -> ExperimentResult:
-    """Train and evaluate every arm of an experiment, and update its report after each training.
+    """Train and evaluate every policy of an experiment, and update its report after each training.
 
     Args:
         config: the experiment.
-        out: output folder; ``<arm>/seed-<n>`` is the folder of a policy, as of :func:`~gensim2.policy.learning.learn`.
-        seed: seed of the first training of each arm; the other seeds follow.
-        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without real objects their arms are skipped.
+        out: output folder. ``<policy>/seed-<n>`` is the folder of one training, with the files that
+            :func:`~gensim2.policy.learning.learn` writes.
+        seed: seed of the first training of each policy; the other seeds follow.
+        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without it, policies for real objects are skipped.
         workers: number of processes that plan and simulate.
         resume: continue the run in ``out``.
         device: device of the trainings, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
-        InputError: an argument is invalid, ``out`` has other content, or no arm can be run.
+        InputError: an argument is invalid, ``out`` has other content, or no policy can be trained.
         NotRunError: some scenes or episodes could not be run.
     """
     read_devices(device)
@@ -210,7 +212,7 @@ def run_experiment(
             if (out / RESULT_JSON).exists()
             else total
         )
-        # Seeds are the outer loop so that a long experiment has a first figure of every arm early.
+        # Seeds are the outer loop so that a long experiment has a first result of every policy early.
         for done in range(total):
             number, arm = done // len(arms), arms[done % len(arms)]
             progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
@@ -226,7 +228,7 @@ def run_experiment(
 
 
 def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
-    """Return the arms with the tasks that can be run, and the reason for each arm or task that cannot.
+    """Return the policies with the tasks that can be run, and the reason for each policy or task that cannot.
 
     This check is cheap and comes before any training.
 
@@ -274,7 +276,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Return whether at least one task that the arm adds has any number of generated objects."""
+    """Return whether at least one task that the policy adds has any number of generated objects."""
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
         try:
@@ -286,7 +288,7 @@ def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
 
 
 def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
-    """Return the tasks of an arm without unseen objects: those with rigid objects only."""
+    """Return the tasks of a policy for which no unseen objects exist: tasks with rigid objects only."""
     library, tasks = open_library(_assets(arm, record)), map(load_task, arm.tasks)
     return frozenset(
         task.name
@@ -308,10 +310,10 @@ def _assets(arm: Arm, record: ExperimentRecord) -> str:
 
 @dataclass(frozen=True)
 class _Training:
-    """One training of an arm.
+    """One training of a policy, with its evaluations.
 
     Attributes:
-        learned: its policy.
+        learned: the trained policy.
         before_s: CPU time of the policy that it starts from, s.
         tables: evaluations by kind.
     """
@@ -386,7 +388,7 @@ def _train(
 
 
 def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], record: ExperimentRecord) -> ArmResult:
-    """Return the figures of an arm over its finished trainings."""
+    """Return the success rates of a policy over its finished trainings."""
     here = trained[arm.name]
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     for each in here:
@@ -451,7 +453,7 @@ def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_
 
 
 def _transferred(arm: Arm, record: ExperimentRecord) -> tuple[list[str], dict[str, str]]:
-    """Return the tasks of an arm that are also evaluated on real objects, and the reason for each one that is not."""
+    """Return the tasks that are also evaluated on real objects, and the reason for each task that is not."""
     if not record.config.transfer or arm.objects != "generated" or record.assets == BUILTIN:
         return [], {}
     lacking: dict[str, str] = {}

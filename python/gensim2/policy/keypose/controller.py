@@ -211,11 +211,11 @@ class KeyposeController:
         return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
 
     def _weight(self, answer: Answer) -> float:
-        """Return the probability of an answer, reduced if its step is not an expected one."""
+        """Return the probability of a predicted strategy, multiplied by ``UNEXPECTED`` if its step is not expected next."""
         return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
 
     def _turn(self, answer: Answer) -> tuple[int, float]:
-        """Return the sort key of an answer, largest first: fewer earlier tries, then higher probability."""
+        """Return the sort key of a predicted strategy, largest first: fewer earlier tries, then higher probability."""
         return -(self._tried[answer.way] // MAX_TRIES), self._weight(answer)
 
     def _begin(self, answer: Answer, q: Array, command: float) -> bool:

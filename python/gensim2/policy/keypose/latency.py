@@ -33,7 +33,7 @@ def measure_looks(
 
     Args:
         checkpoint: folder of the policy.
-        looks: number of measured predictions, after ``WARM_UP`` others.
+        looks: number of measured predictions, after ``WARM_UP`` unmeasured ones.
         threads: number of PyTorch threads.
         assets: objects of the scenes.
 

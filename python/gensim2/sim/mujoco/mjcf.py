@@ -35,8 +35,8 @@ def write_scene(task: str | TaskSpec, file: Path, seed: int = 0, **scene: Unpack
 
     Args:
         task: name of a library task, or a spec.
-        file: to write; meshes are part of it.
-        seed: of the scene.
+        file: file to write, with the meshes in it.
+        seed: seed of the scene.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Raises:
