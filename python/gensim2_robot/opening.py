@@ -190,7 +190,7 @@ def opened(
         prepared: checked inputs.
         log: folder of the log; None for no log.
         watching: further logs.
-        seed: seed of all noise; None: that of the configuration.
+        seed: seed of all noise; None: seed of the configuration.
         mind: connection to another controller; None: the configured one, in its own process.
         pace: control steps per second; None: the robot's, scaled by the speed.
         interrupted: received stop signals, as from :func:`interruptions`.

@@ -268,7 +268,9 @@ class SimulatedCameras:
         return [each for frame in found for each in self._faulty(frame)]
 
     def _exchanged(self, one: CameraFrame, other: CameraFrame) -> tuple[CameraFrame, CameraFrame]:
-        """Exchange the images of two cameras, with their serial numbers unless the fault hides the exchange."""
+        """Exchange the images of two cameras. Their serial numbers are exchanged as well, except under the fault
+        ``camera-mislabelled``.
+        """
         lie = "camera-mislabelled" in self.faults
         return tuple(
             replace(theirs, camera=own.camera, number=own.number, serial=own.serial if lie else theirs.serial)

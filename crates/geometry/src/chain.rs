@@ -7,7 +7,7 @@ use crate::checked::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::{Joint, JointCountError, JointKind, Link, Pose, RobotError};
 
-/// A moving joint of a chain, with the fixed transforms before it included.
+/// A moving joint of a chain. Its origin includes the transforms of the fixed joints before it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct ChainJoint {
     joint: usize,
@@ -124,8 +124,8 @@ impl Chain {
         Ok(())
     }
 
-    /// Linear velocity, per unit of chain joint `i`, of a point fixed to the chain's link; `None` if the chain or
-    /// `frames` is shorter.
+    /// Linear Jacobian column of joint `i` of the chain: velocity of a point fixed to the chain's link at unit speed of the
+    /// joint. `None` if the chain or `frames` has no joint `i`.
     #[must_use]
     pub fn linear(&self, frames: &ChainFrames, i: usize, point: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (axis, origin) = (frames.axes.get(i)?, frames.origins.get(i)?);

@@ -1,4 +1,4 @@
-//! A URDF without interpretation: links, joints and shapes, with every number validated. Only URDF's own defaults are
+//! Content of a URDF as written: links, joints and shapes, with every number validated. Only URDF's own defaults are
 //! filled in: a zero origin, the axis (1, 0, 0), a scale of 1, a mimic multiplier of 1.
 
 use std::collections::{HashMap, HashSet};

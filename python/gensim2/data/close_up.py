@@ -20,7 +20,7 @@ Frame = npt.NDArray[np.uint8]
 SHARE = 0.3
 """Side of the inset as a share of the picture's height."""
 DISTANCE, BEHIND = 0.22, 0.12
-"""Metres from the fingertips to the camera, sideways and back towards the wrist."""
+"""Offset of the camera from the fingertips: sideways, and back towards the wrist (m)."""
 FIELD_OF_VIEW = float(np.deg2rad(45))
 BLOCKED = 0.06
 """A surface that is this much nearer than the fingertips (m) hides them."""
@@ -78,7 +78,7 @@ def _camera(profile: RobotProfile, side: float, size: int) -> Camera:
 
 
 def _hidden(view: View) -> float:
-    """Return the share of the picture's middle in which something stands before the fingertips."""
+    """Return the share of the picture's centre in which a surface hides the fingertips."""
     third = view.depth.shape[0] // 3
     middle = view.depth[third : 2 * third, third : 2 * third]
     return float(np.mean((middle > 0) & (middle < np.hypot(DISTANCE, BEHIND) - BLOCKED)))

@@ -106,7 +106,7 @@ class DepthNoise:
             depth: (H, W), m.
             generator: random generator.
             colors: (H, W, 3) for losses on dark surfaces; None: no surface is dark.
-            focal: focal length of this image, for shadows and angles, pixels; None: that of the stereo pair.
+            focal: focal length of this image, for shadows and angles, pixels; None: focal length of the stereo pair.
         """
         seen = depth > 0
         draws = generator.random(depth.shape, dtype=np.float32)

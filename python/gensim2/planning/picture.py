@@ -29,9 +29,9 @@ MARGIN, LINE = 10, 17
 COLUMNS = 128
 """Characters of a line."""
 DIRECTIONS = ((-0.45, -1.0, 0.65), (-0.15, 1.0, 0.4))
-"""From the middle of each view to its camera, in the world: the robot's right, and its left."""
+"""Directions from the centre of each view to its camera, world frame: from the robot's right, and from its left."""
 OVERVIEW, NARROWEST = 1.5, 0.35
-"""Distance of the cameras from what they look at, m: of the first, and of the second at least."""
+"""Distance of the first camera from its target, and minimum distance of the second camera, m."""
 KEYPOINT, TOOL, INK, BAD = "#c2410c", "#00796b", "#1c2430", "#c22525"
 
 
@@ -40,15 +40,15 @@ def plan_picture(
 ) -> Image.Image:
     """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
 
-    The pose is the plan's; if no pose meets the constraints, it is the one that misses least. Objects' keypoints are
-    orange and the tool's green. Keyframes that the arm does not reach are small.
+    If no pose meets the constraints, the arm is in the pose with the smallest violation. Keypoints of objects are
+    orange and keypoints of the tool green. Keyframes that the arm does not reach are small.
 
     Args:
         scene: scene in which the step was planned.
         plan: plan of the step; None: the arm is drawn at its start, without keyframes.
         profile: robot profile.
         title: first line under the views.
-        reason: why there is no motion.
+        reason: reason for a missing motion.
 
     Raises:
         InputError: a file of the robot cannot be used.

@@ -29,7 +29,7 @@ class StepPlan:
     """Result of planning a step.
 
     Attributes:
-        status, reason: those of the solver; ``"no_grasp"`` if no grasp is usable.
+        status, reason: status and reason that the solver returned; the status is ``"no_grasp"`` if no grasp is usable.
         plan: the motion; None if the solver was not called.
         schedule: rows that execute the motion; None without a motion.
         after: predicted scene after the motion; None without a motion.

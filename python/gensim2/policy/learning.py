@@ -158,7 +158,7 @@ def learn(
             are copied; more are made if their share of ``minutes`` is not used up.
         noise: camera noise in all data and in the evaluation, with errors of pose, depth and clock drawn for each
             episode. None: exact depth.
-        text: text encoder of a policy of several tasks; None: that of ``start``, else ``"small"``.
+        text: text encoder of a policy of several tasks; None: the encoder of ``start``, else ``"small"``.
         text_model: folder or hub name of the weights of a pretrained text encoder; None: CLIP's on the hub.
         settings: network and training settings that differ from the defaults, by name (:mod:`gensim2.policy.config`),
             or a YAML file; not together with ``start``.

@@ -183,11 +183,11 @@ def _keyframe(planned: StepPlan, label: str) -> npt.NDArray[np.float64] | None:
 
 @dataclass(frozen=True)
 class Relabels:
-    """Labels of one task.
+    """DAgger training data of one task: visited states with the planner's actions as labels.
 
     Attributes:
         language: instruction of the task.
-        arrays: columns of :func:`relabel_episode`.
+        arrays: arrays by name, as returned by :func:`relabel_episode`.
     """
 
     language: str

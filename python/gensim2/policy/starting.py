@@ -93,7 +93,7 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
     """Check that a policy can have the requested text encoder.
 
     Args:
-        text: requested encoder; None: that of ``begun``, else ``"small"``.
+        text: requested text encoder; None: the encoder of ``begun``, else ``"small"``.
         model: requested weights; None for the default.
         sentences: instructions of the tasks trained together; empty if the policy ignores instructions.
         begun: policy that learning starts from.

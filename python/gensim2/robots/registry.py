@@ -1,4 +1,4 @@
-"""Robots by name: those of the package, and those that the command line or a program has loaded.
+"""Robots by name: robots of the package, and robots that the command line or a program has loaded.
 
 :func:`robot` never runs code, because the name may come from an untrusted file. Only :func:`load_robot` runs code.
 """

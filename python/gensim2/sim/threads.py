@@ -13,7 +13,7 @@ from gensim2.core.errors import InputError
 
 
 class _Done(gym.Wrapper[Any, Any, Any, Any]):
-    """Stands for an environment whose reset or step has been made already."""
+    """Placeholder for an environment that was already reset or stepped."""
 
     def __init__(self, env: gym.Env[Any, Any], result: Any) -> None:
         super().__init__(env)
@@ -50,7 +50,7 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(self._threads.map(advance, range(self.num_envs))), super().step, actions)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Any:
-        """Reset all environments, or those of ``options["reset_mask"]``; the first gets ``seed``, the next one more."""
+        """Reset all environments, or those in ``options["reset_mask"]``; environment k gets the seed ``seed + k``."""
         if options is not None and "reset_mask" in options:
             return super().reset(seed=seed, options=options)
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
@@ -62,7 +62,7 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(made), super().reset)
 
     def _with(self, results: list[Any], function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function of the base class on results that are there already."""
+        """Call a method of the base class with results that were already computed."""
         envs = self.envs
         self.envs = [_Done(env, result) for env, result in zip(envs, results, strict=True)]
         try:

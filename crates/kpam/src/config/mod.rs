@@ -341,7 +341,7 @@ impl SolverConfig {
         Ok(out)
     }
 
-    /// The keypoint at which the joint frame lies: the target of the first point constraint.
+    /// Name of the keypoint at the origin of the joint frame: the target of the first point constraint.
     #[must_use]
     pub fn target_keypoint(&self) -> Option<&str> {
         self.constraints.iter().find_map(|c| match c {

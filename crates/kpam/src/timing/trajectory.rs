@@ -315,7 +315,7 @@ impl Trajectory {
         }
     }
 
-    /// Returns upper bounds of the variables' accelerations between two times.
+    /// Returns an upper bound of each joint's absolute acceleration between two times.
     pub(crate) fn hardest(&self, [from, to]: [f64; 2]) -> Row {
         let mut most = [0.0; MAX_JOINTS];
         let first = self.pieces.partition_point(|p| p.counts <= from).saturating_sub(1);

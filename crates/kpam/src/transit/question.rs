@@ -32,9 +32,9 @@ pub struct TransitOptions {
     pub limits: Option<LimitSet>,
     /// Velocity limits (rad/s or m/s), one entry for each joint; default: the URDF's.
     pub velocity_limits: Option<Vec<f64>>,
-    /// Acceleration limits (rad/s^2 or m/s^2), one entry for each joint; default: those of `limits`.
+    /// Acceleration limits (rad/s^2 or m/s^2), one entry for each joint; default: the acceleration limits of `limits`.
     pub acceleration_limits: Option<Vec<f64>>,
-    /// Jerk limits (rad/s^3 or m/s^3), one entry for each joint; default: those of `limits`.
+    /// Jerk limits (rad/s^3 or m/s^3), one entry for each joint; default: the jerk limits of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
     /// Torque limits (N m; N for sliding joints), one entry for each joint; default: torques are not limited.
     pub torque_limits: Option<Vec<f64>>,

@@ -122,7 +122,7 @@ impl<'p> CollisionObjects<'p> {
         matches!(self.groups[group], Group::Link(l) if self.hand.holds[l])
     }
 
-    /// Name of a group: that of the link or body.
+    /// Name of a group, which is the name of its link or body.
     pub fn name(&self, group: usize) -> &'p str {
         match self.groups[group] {
             Group::Link(l) => self.robot.links()[l].name(),

@@ -1,4 +1,4 @@
-"""The chain of steps on estimated scenes: a controller that sees point clouds and the robot's own state alone."""
+"""Controller that plans on estimated scenes and observes only point clouds and the robot's state."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ Array = npt.NDArray[np.float64]
 LEAST_CONFIDENCE = 0.05
 """Probability of the task's class below which the object counts as absent."""
 LEAST_SEEN = 0.25
-"""Share of the object's points in the first cloud below which a look is not believed: something hides the object."""
+"""Minimum number of object points, as a share of those in the first cloud; with fewer points the object counts as
+hidden, and the estimate is discarded."""
 DISTRUST = 0.5
 """Standard deviations of the estimate by which a joint must have passed its goal for a step to count as done after the
 first motion; half as many after the second motion, and so on."""
@@ -74,8 +75,8 @@ class PerceivingChain:
         estimator: output folder of ``gensim2 perceive train``.
         strategies: strategies by name, as plain data; None: the strategies of the library task with this name.
         robot_name: robot that acts.
-        noise: noise on the simulated depth pictures, as :func:`~gensim2.perception.noise.read_noise` takes it; None:
-            no noise.
+        noise: noise on the simulated depth images, as for :func:`~gensim2.perception.noise.read_noise`; None: no
+            noise.
         threads: number of PyTorch threads.
 
     Raises:
@@ -124,7 +125,7 @@ class PerceivingChain:
 
     @property
     def turn(self) -> str | None:
-        """Name of the step whose turn it is."""
+        """Name of the current step."""
         return self._chain.turn if self._believed is not None else None
 
     @property
@@ -139,7 +140,7 @@ class PerceivingChain:
 
     @property
     def plans(self) -> list[Any]:
-        """Every plan that was made, with the scene that it was made for."""
+        """Every plan so far, each with its scene."""
         return self._chain.plans
 
     def reset(self, observation: Observation, seed: int = 0) -> None:
@@ -158,7 +159,7 @@ class PerceivingChain:
         return None if self._believed is None else self._chain.act(self._with_belief(observation))
 
     def _take_in(self, observation: Observation) -> None:
-        """Estimate the scene, and believe the estimate unless something hides the object."""
+        """Estimate the scene, and store the estimate unless the object is hidden."""
         assert observation.cloud is not None, "the cameras were asked for"
         seen = self._estimator.estimate(observation.cloud.xyz, self._class)
         self.looks.append(seen)
@@ -181,7 +182,7 @@ class PerceivingChain:
         return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
 
     def _measurement(self, found: ObjectEstimate, q: Array) -> Measurement:
-        """Return the believed measurement; the joint is taken to be farther from the goal than estimated."""
+        """Return the measurement of the estimated scene; its joint is farther from the goal than estimated, to be safe."""
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
         doubt = DISTRUST * found.joint.openness_deviation / max(self._motions, 1)

@@ -1,4 +1,4 @@
-"""Constants of the classes of articulated objects that an estimator knows: what no single cloud has to tell."""
+"""Constants of the classes of articulated objects that an estimator knows, such as the names of their keypoints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SLOTS = 3
 """Largest number of keypoints of a class."""
 
 DIRECTIONS: Array = np.concatenate([np.eye(3), -np.eye(3)])
-"""(6, 3) axes of a joint in the frame of the default placement: the world's axes either way."""
+"""Possible joint axes (6, 3) of an object in its default placement: the world's axes in both directions."""
 
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-100.0, le=100.0)]
 Row = tuple[Number, Number, Number]
@@ -72,7 +72,7 @@ def direction_of(model: ArticulatedObject) -> int:
 
 
 def by_name(classes: Sequence[ClassConstants], name: str) -> int:
-    """Return the number of a class.
+    """Return the index of a class.
 
     Raises:
         InputError: the estimator does not know the class.

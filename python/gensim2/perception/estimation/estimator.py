@@ -1,4 +1,4 @@
-"""The estimator: a point cloud in, articulated objects with class, parts, joint and keypoints out."""
+"""Estimator that returns the articulated objects in a point cloud, with class, parts, joint and keypoints."""
 
 from __future__ import annotations
 
@@ -84,12 +84,12 @@ class ObjectEstimate:
     """Estimated object.
 
     Attributes:
-        asset_class: the class that the estimate is made for.
+        asset_class: class that was assumed for the estimate.
         confidence: probability of that class.
         classes: probability of each class that the estimator knows.
-        points: (M,) rows of the cloud that lie on the object.
+        points: (M,) row indices of cloud points on the object.
         moving: (M,) whether each of these points lies on the moving link.
-        yaw: rad about the vertical by which the object is turned from its default placement.
+        yaw: rotation about the vertical from the default placement, rad.
         T_base_object: (4, 4) object frame in the base frame.
         joint: estimated joint.
         keypoints: (3,) m by name, in the base frame.
@@ -118,7 +118,7 @@ class SceneEstimate:
 
     Attributes:
         objects: articulated objects.
-        others: (K,) rows of the cloud that lie on other things.
+        others: (K,) row indices of cloud points on other bodies.
     """
 
     objects: tuple[ObjectEstimate, ...]
@@ -142,7 +142,7 @@ class SceneEstimator:
     """Estimates articulated objects in a point cloud.
 
     Args:
-        network: in evaluation mode.
+        network: network in evaluation mode.
         classes: constants of the classes, in the network's order.
         profile: robot in whose base frame the clouds are.
         scales: factors of the predicted deviations, by the names of ``DEVIATIONS``; None: 1.
@@ -168,7 +168,7 @@ class SceneEstimator:
 
     @classmethod
     def load(cls, folder: Path | str, profile: RobotProfile) -> Self:
-        """Read an estimator that ``gensim2 perceive train`` wrote.
+        """Read the output of ``gensim2 perceive train``.
 
         Raises:
             InputError: a file is missing, damaged or too large.
@@ -200,14 +200,14 @@ class SceneEstimator:
                 old.unlink()
 
     def estimate(self, xyz: Points, asset_class: str | None = None) -> SceneEstimate:
-        """Estimate the scene of a cloud; without objects where the cloud shows no articulated object.
+        """Estimate the scene in a point cloud. The result has no objects if the cloud shows no articulated object.
 
-        All points that are found to lie on an articulated object count as one object.
+        All points on articulated objects are treated as one object.
 
         Args:
             xyz: (N, 3) finite, m in the base frame, without the robot.
-            asset_class: class that the object is taken for; None: the likeliest one. The reported probabilities do not
-                depend on it.
+            asset_class: class to assume for the object; None: the most probable class. The reported class probabilities
+                do not depend on this argument.
 
         Raises:
             InputError: the estimator does not know the class.
@@ -283,7 +283,7 @@ class SceneEstimator:
 
 
 def squared_yaw(normals: Points, yaw: float) -> float:
-    """Return a yaw (rad) that is corrected to the upright surfaces of a box; the same yaw where they form no box.
+    """Return a yaw (rad) aligned with the upright surfaces of a box; unchanged if the surfaces form no box.
 
     The angles of upright normals agree up to a quarter turn, so the mean of four times the angle gives the box's yaw.
 

@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 Example = dict[str, npt.NDArray[Any]]
 
 SETTINGS = CloudSettings(robot="none", low=(0.15, -0.62, 0.015), outliers=1.5)
-"""Clouds of the estimator: without the robot, without most strays of a depth camera."""
+"""Settings of the estimator's point clouds: the robot and most stray points of depth cameras are removed."""
 
 STRAY_DISTANCE = 0.012
 """Distance (m) from the nearest surface beyond which a point is labelled as a stray point."""
@@ -70,7 +70,7 @@ class Cameras:
     Args:
         profile: robot profile.
         model: the articulated object.
-        other: the rigid object; None: there is none.
+        other: the rigid object, or None.
     """
 
     def __init__(self, profile: RobotProfile, model: ArticulatedObject, other: ObjectModel | None = None) -> None:
@@ -152,7 +152,7 @@ def _surface(views: Sequence[View], ids: set[int]) -> tuple[npt.NDArray[np.float
 
 
 def _noisy(views: Sequence[Any], noise: DepthNoise, generator: np.random.Generator) -> Iterator[View]:
-    """Yield the pictures with the noise and the calibration errors of one episode."""
+    """Yield the depth images with the noise and the calibration errors of one episode."""
     drawn = noise.drawn(generator)
     for view in views:
         error = noise.error(generator)
@@ -272,7 +272,7 @@ def example(look: LabelledCloud, classes: Sequence[str], profile: RobotProfile) 
 
 
 def stacked(examples: Sequence[Example]) -> Example:
-    """Return arrays of all examples, one row each."""
+    """Stack the arrays of examples, one row for each example."""
     return {name: np.stack([each[name] for each in examples]) for name in examples[0]}
 
 
@@ -281,7 +281,8 @@ def training_instances(
 ) -> Mapping[str, tuple[str, ...]]:
     """Return instances to train on, by class.
 
-    Generated objects are those that neither ``all`` nor ``new`` stands for; of a folder they are the training split.
+    For generated classes, these are numbers that the object selections ``all`` and ``new`` do not contain; for a folder
+    of objects, the training split.
     """
     found: dict[str, tuple[str, ...]] = {}
     for name in classes:

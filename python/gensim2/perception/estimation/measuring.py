@@ -30,7 +30,7 @@ MISSED = {
     "part_iou": 0.0,
     "yaw_degrees": 180.0,
 }
-"""Values that count for an object that is not found."""
+"""Errors that are recorded for an object that was not found."""
 ONE_SIGMA = 0.6827
 
 
@@ -84,7 +84,7 @@ def row_of(arrays: Arrays, row: int, found: ObjectEstimate | None) -> dict[str, 
 
 
 def measured(estimator: SceneEstimator, arrays: Arrays, *, given: bool = False) -> list[dict[str, Any]]:
-    """Return the errors of the estimates of all clouds, with the classes given or estimated."""
+    """Return the errors of the estimates of all clouds, with the true class given or with an estimated class."""
     names = [each.name for each in estimator.classes]
     rows = []
     for row, number in enumerate(arrays["class"]):
@@ -141,7 +141,7 @@ def measure(
         out: folder for ``worst.png``, a picture of the clouds with the largest errors; None: no picture.
         assets: library of the objects, as :func:`~gensim2.objects.open_library` takes it.
         instances: word for the objects, as in ``--instances``.
-        objects: number of objects of each class, at most.
+        objects: maximum number of objects of each class.
         looks: number of clouds of each object.
         noisy: whether the depth pictures have the noise of a deployed camera.
         classes: classes to measure; empty: all classes of the estimator.

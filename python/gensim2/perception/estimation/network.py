@@ -1,4 +1,4 @@
-"""Network of the estimator: features of points by a transformer over patches, and votes of the points of an object."""
+"""Network of the estimator: a transformer over patches computes point features, and the points of an object vote."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from gensim2.policy.encoders.grouping import farthest_points, gathered, interpol
 from gensim2.policy.trunk import Block
 
 CHANNELS = 8
-"""Numbers of a point: place, normal, two ratios of the eigenvalues of its neighbourhood."""
+"""Number of input channels of a point: position, normal, and two eigenvalue ratios of its neighbourhood."""
 NEIGHBORS = 16
-"""Points of a neighbourhood that give a normal."""
+"""Number of neighbours from which the normal of a point is computed."""
 ANCHORS, PATCH = 96, 24
 SCALE = 0.25
-"""Metres that become 1 in the network."""
+"""Length that corresponds to 1 in the network, m."""
 WIDTH, LAYERS, HEADS = 96, 3, 4
 POINT = 64
-"""Width of what a point is before it has seen others."""
+"""Width of a point's feature before the transformer."""
 STRAY, OTHER, TARGET = GROUPS = 0, 1, 2
-"""Groups of points: on nothing, on a rigid object, on an articulated object."""
+"""Groups of points: stray points, points on rigid objects, points on the articulated object."""
 LEAST, MOST = -6.0, 1.0
 """Bounds of the logarithms of predicted deviations."""
 
 
 def features_of(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """(N, 5) of points (N, 3): a normal that points away from the middle, and how curved the neighbourhood is."""
+    """Return features (N, 5) of points (N, 3): a normal that points away from the centre, and two curvature measures."""
     _, rows = cKDTree(xyz).query(xyz, k=min(NEIGHBORS, len(xyz)))
     near = xyz[rows] - xyz[rows].mean(1, keepdims=True)
     values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near) + 1e-12 * np.eye(3, dtype=np.float32))
@@ -45,12 +45,12 @@ def features_of(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class EncodedCloud:
-    """Output of the network before it is told which points belong to an object.
+    """Encoded clouds: output of the network before the points of an object are selected.
 
     Attributes:
         xyz: (B, N, 3) m in the base frame.
-        features: (B, N, F) of the points.
-        context: (B, W) of the whole cloud.
+        features: (B, N, F) features of the points.
+        context: (B, W) feature of the whole cloud.
         group: (B, N, 3) logits of the groups.
         weight: (B, N) logits by which points represent their object.
     """
@@ -63,7 +63,7 @@ class EncodedCloud:
 
 
 class SceneNetwork(nn.Module):  # type: ignore[misc]
-    """Points in, estimates of one object out, given its points and its class.
+    """Network that segments a point cloud and estimates one object from its points and its class.
 
     Args:
         classes: number of classes.
@@ -93,8 +93,8 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
 
         Args:
             xyz: (B, N, 3) m in the base frame.
-            more: (B, N, 5) as :func:`features_of` gives them.
-            rows: (B, R) points that the result is about; None: all.
+            more: (B, N, 5) features from :func:`features_of`.
+            rows: (B, R) indices of the points to return; None: all points.
         """
         middle = torch.cat([xyz[..., :2].median(1, keepdim=True).values, torch.zeros_like(xyz[:, :1, :1])], -1)
         local = (xyz - middle) / SCALE
@@ -114,7 +114,7 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         return EncodedCloud(xyz, features, tokens[:, 0], self.groups(features), self.weight(features)[..., 0])
 
     def gather(self, seen: EncodedCloud, mask: torch.Tensor) -> torch.Tensor:
-        """(B, 128) of the object whose points (B, N) the mask marks; at least one in each cloud."""
+        """Return features (B, 128) of the objects whose points (B, N) the mask selects; at least one point per cloud."""
         share = seen.weight.masked_fill(~mask, -torch.inf).softmax(1)
         mean = (share[..., None] * seen.features).sum(1)
         most = seen.features.masked_fill(~mask[..., None], -torch.inf).amax(1)
@@ -126,9 +126,9 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         """Estimate an object of known class.
 
         Args:
-            seen: clouds.
-            gathered: (B, 128) of the object.
-            mask: (B, N) its points.
+            seen: encoded clouds.
+            gathered: (B, 128) features of the objects from :meth:`gather`.
+            mask: (B, N) mask of the objects' points.
             classes: (B,) numbers of its class.
 
         Returns:
@@ -173,15 +173,15 @@ WEIGHTS: Mapping[str, float] = {
     "votes": 5.0,
     "places": 0.3,
 }
-"""Shares of the losses; those with predicted deviations are likelihoods."""
+"""Weights of the losses; losses with predicted deviations are negative log likelihoods."""
 
 
 def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Return the losses of a batch by the names of ``WEIGHTS``, each a mean.
+    """Return the mean losses of a batch, by the names in ``WEIGHTS``.
 
     Args:
         network: network to train.
-        batch: as :meth:`~gensim2.perception.estimation.training.Examples.batch` gives it.
+        batch: batch from :meth:`~gensim2.perception.estimation.training.Examples.batch`.
     """
     cross, functional = nn.functional.cross_entropy, nn.functional
     seen = network.see(batch["xyz"], batch["features"], batch["rows"])
@@ -221,12 +221,12 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
 
 
 def _likelihood(error: torch.Tensor, log_deviation: torch.Tensor) -> torch.Tensor:
-    """Negative logarithm of a Laplace density, but for a constant."""
+    """Return the negative log density of a Laplace distribution, without its constant."""
     return error * torch.exp(-log_deviation) + log_deviation
 
 
 def _on_axis(points: torch.Tensor, batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
-    """Nearest points of the true axes to points (B, ..., 3)."""
+    """Return the points on the true axes that are nearest to points (B, ..., 3)."""
     shape = (len(points), *(1,) * (points.dim() - 2), 3)
     axis, origin = batch["axis"].view(shape), batch["origin"].view(shape)
     return origin + ((points - origin) * axis).sum(-1, keepdim=True) * axis

@@ -1,4 +1,4 @@
-"""Pictures of estimates beside the truth: parts, joint axis and keypoints, from the front and from above."""
+"""Pictures of estimates and ground truth: parts, joint axis and keypoints, from the front and from above."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 SIDE, WORST, COLUMNS = 240, 10, 5
-"""Pixels of a view, number of clouds, clouds in a row."""
+"""Side of a view (pixels), number of clouds, and number of clouds in a row."""
 FRAME = 0.7
-"""Metres that a view shows."""
+"""Width of the scene that a view shows, m."""
 VIEWS = ((1, 2), (1, 0))
 """Axes of the base frame to the left and up in a view: from the robot, and from above."""
 STILL, MOVING, ELSE = (90, 110, 140), (230, 140, 30), (205, 205, 205)
 TRUE, ESTIMATED = (30, 150, 60), (200, 30, 60)
 AXIS = 0.25
-"""Metres of a drawn axis on either side of the point on it."""
+"""Length of a drawn joint axis to each side of its centre, m."""
 
 
 def save_worst(path: Path, estimator: SceneEstimator, arrays: Arrays, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -86,7 +86,7 @@ def _draw(
 def _mark(
     draw: ImageDraw, at: Array, axes: list[int], middle: Array, origin: Array, axis: Array, color: tuple[int, int, int]
 ) -> None:
-    """Draw an axis about its point nearest to the middle."""
+    """Draw a joint axis, centred at its point nearest to the centre of the view."""
     nearest = origin + ((middle - origin) @ axis) * axis
     ends = _pixels(np.stack([nearest - AXIS * axis, nearest + AXIS * axis]), at, axes, middle)
     draw.line([tuple(map(float, end)) for end in ends], fill=color, width=2)
@@ -100,6 +100,6 @@ def _circle(
 
 
 def _pixels(points: Array, at: Array, axes: list[int], middle: Array) -> Array:
-    """(N, 2) in the picture, within the view that begins at ``at``."""
+    """Return the pixel coordinates (N, 2) of points in the view whose upper left corner is ``at``."""
     seen = (np.asarray(points, dtype=np.float64) - middle)[:, axes] * [-1.0, -1.0] * SIDE / FRAME + SIDE / 2
     return np.asarray(at + np.clip(seen, 0, SIDE - 1))

@@ -1,4 +1,4 @@
-"""Estimates as the planner's scene: parts as boxes about the cloud's points, joints whose ends are uncertain."""
+"""Convert estimates to a scene of the planner: boxes around the cloud's points, and joints with widened limits."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from gensim2.scenes.table import HALF_SIZE, corners
 Array = npt.NDArray[np.float64]
 
 CELL = 0.04
-"""Metres of the cells whose points become a box."""
+"""Side of the grid cells whose points are enclosed in one box, m."""
 SKIN = 0.002
-"""Metres by which a box is larger than its points."""
+"""Margin of a box around its points, m."""
 LEAST_IN_CELL = 2
-"""Points of a cell that become a box; a single point may be a stray."""
+"""Minimum number of points in a cell for a box; single points may be stray points."""
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
-"""Rad or m beyond the estimated ends of a joint to which it may be moved, so that no push stops short."""
+"""Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
 
 _TABLE_HULLS = (corners(),)
 
@@ -30,7 +30,7 @@ _TABLE_HULLS = (corners(),)
 def planning_scene(
     objects: Mapping[str, ObjectEstimate], cloud: Points, others: npt.NDArray[np.int64], q: Array, profile: RobotProfile
 ) -> Scene:
-    """Return the scene that the planner plans in.
+    """Convert estimated objects to a scene of the planner.
 
     Args:
         objects: estimated objects by their name in the task.
@@ -88,7 +88,7 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points) -> SceneObject
 
 
 def boxes(points: Points) -> tuple[Array, ...]:
-    """Return (8, 3) corners of the boxes about the points of each cell of a grid, along the axes.
+    """Return the corners (8, 3) of axis-aligned boxes around the points in each cell of a grid.
 
     Args:
         points: (N, 3) m.

@@ -1,4 +1,4 @@
-"""``gensim2 perceive train``: generated objects in, the weights of an estimator out."""
+"""Train an estimator on generated objects (``gensim2 perceive train``)."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def train_estimator(
 def _examples(
     library: Library, profile: RobotProfile, settings: PerceiveSettings, folder: Path, progress: Progress
 ) -> tuple[tuple[ClassConstants, ...], Arrays, Arrays]:
-    """Return the constants of the classes, the examples to train on and those to calibrate by; made where missing."""
+    """Return the class constants, the training examples and the calibration examples; missing ones are generated."""
     instances = training_instances(library, settings.classes, settings.objects + CALIBRATION, settings.seed)
     constants: list[ClassConstants] = []
     training: list[Arrays] = []
@@ -175,7 +175,7 @@ def _examples(
 def _file_of(
     library: Library, profile: RobotProfile, settings: PerceiveSettings, path: Path, name: str, ids: Sequence[str]
 ) -> Arrays | None:
-    """Return the examples of some objects, from their file where it exists; None: the objects cannot be seen."""
+    """Return the examples of some objects, from their file if it exists; None if no object is visible."""
     if path.exists():
         return read_arrays(path)
     found: list[Example] = []
@@ -212,7 +212,7 @@ class Examples:
         self._chance /= self._chance.sum()
 
     def batch(self, generator: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Draw a batch, each class as often as another, and move each cloud."""
+        """Sample a batch with equal probability of all classes, and rotate and shift each cloud at random."""
         rows = generator.choice(len(self._chance), size, p=self._chance)
         turn = generator.uniform(-MOST_TURN, MOST_TURN, size)
         shift = np.concatenate([generator.uniform(-MOST_SHIFT, MOST_SHIFT, (size, 2)), np.zeros((size, 1))], axis=1)
@@ -224,7 +224,7 @@ class Examples:
 
 
 def tensors(arrays: Arrays, turn: npt.NDArray[np.float64], shift: npt.NDArray[np.float64]) -> dict[str, torch.Tensor]:
-    """Return examples as the losses take them, each turned (B,) rad about the base's z axis and shifted (B, 3) m."""
+    """Return examples as inputs of the losses, rotated (B,) rad about the base's z axis and shifted (B, 3) m."""
     cos, sin = np.cos(turn), np.sin(turn)
     R = np.zeros((len(turn), 3, 3))
     R[:, 0, 0], R[:, 0, 1], R[:, 1, 0], R[:, 1, 1], R[:, 2, 2] = cos, -sin, sin, cos, 1.0

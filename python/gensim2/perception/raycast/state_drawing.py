@@ -1,4 +1,4 @@
-"""Pictures of recorded states by the ray caster: for people, on any machine, without a graphics driver."""
+"""Pictures of recorded states for people, made by the ray caster without a graphics driver."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ AMBIENT = np.float32(0.38)
 LAMPS = (((0.5, -0.8, -1.3), 1.1), ((-0.6, 0.5, -1.0), 0.45))
 """Directions in the world in which light falls, and its brightness."""
 BACKGROUND = 244
-"""Brightness of the pixels that show nothing."""
+"""Brightness of the background."""
 
 
 class StateDrawing:
@@ -81,10 +81,10 @@ class StateDrawing:
         return np.concatenate([*found, np.ones(1, np.float32)])
 
     def keypoints(self, states: Mapping[str, Any]) -> Array:
-        """(T, K, 3) positions of the K keypoints of all objects in the base frame, m.
+        """Return the positions (T, K, 3) of the K keypoints of all objects in the base frame, m.
 
         Args:
-            states: ManiSkill's ``env_states``, T rows an array.
+            states: ManiSkill's ``env_states``; each array has T rows.
 
         Raises:
             InputError: the states are not of this scene.

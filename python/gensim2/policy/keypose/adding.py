@@ -141,7 +141,7 @@ def plan_again(
 
     Args:
         known: the tasks.
-        folder: folder of the policy that is to learn more.
+        folder: folder of the policy to extend.
         executor: runs the shards.
 
     Returns:

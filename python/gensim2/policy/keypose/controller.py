@@ -211,7 +211,7 @@ class KeyposeController:
         return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
 
     def _weight(self, answer: Answer) -> float:
-        """Return the probability of a predicted strategy, multiplied by ``UNEXPECTED`` if its step is not expected next."""
+        """Return the probability of a predicted strategy, times ``UNEXPECTED`` if its step is not expected next."""
         return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
 
     def _turn(self, answer: Answer) -> tuple[int, float]:

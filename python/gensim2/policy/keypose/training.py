@@ -103,7 +103,7 @@ def train_keypose(
 
 
 def read_ways(folder: Path, policy: PolicyCheckpoint) -> list[Way]:
-    """Return the meaning of a checkpoint's classes.
+    """Return the step and strategy that each output class of a checkpoint's network stands for.
 
     Raises:
         CheckpointError: the network has another number of classes.

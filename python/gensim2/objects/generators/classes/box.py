@@ -114,7 +114,7 @@ def rotate(rng: np.random.Generator) -> Blueprint:
     lid += on_lid
 
     head, tail = (0, top + GAP + plate / 2, reach), (0, top + GAP, back)
-    # Most released boxes are also shut at a quarter turn below joint value zero.
+    # Most boxes of the GenSim2 release are also closed at a joint value of -90 degrees.
     return c.upright_lid(
         body,
         lid,
