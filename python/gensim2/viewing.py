@@ -39,7 +39,7 @@ class Shown:
     Attributes:
         title: title line.
         scene: scene of the episode.
-        recording: its states and actions.
+        recording: states and actions of the episode.
         plans: plans of the planner, if it was the controller: one per step, each in the scene predicted by the steps
             before.
     """

@@ -69,11 +69,11 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of simulated devices with a simulated clock: ranges in s, drawn for each episode.
+    """Delays of simulated devices with a simulated clock: ranges in s, sampled for each episode.
 
     Attributes:
-        camera: from taking an image to its arrival.
-        controller: from a request to the answer.
+        camera: delay from the exposure of an image to its arrival.
+        controller: delay from a request to the answer.
     """
 
     camera: tuple[float, float] = (0.03, 0.03)

@@ -74,7 +74,7 @@ class LocalCameras:
         cameras: the cameras.
         clock: clock of the images.
         rate: frame rate, Hz.
-        latency: range of the delay of images, s, drawn for each episode.
+        latency: range of the delay of images, s, sampled for each episode.
         seed: seed of the delay.
     """
 
@@ -127,7 +127,7 @@ class LocalMind:
         spec: specification of the controller.
         truth: true state for privileged controllers.
         clock: clock of the loop.
-        latency: range of the delay of answers, s, drawn by the episode's seed.
+        latency: range of the delay of answers, s, sampled with the episode's seed.
         interrupted: received stop signals; once there is one, waiting ends.
 
     Raises:

@@ -250,9 +250,9 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
     """Return a message of a log.
 
     Args:
-        topic: its topic.
-        plain: its plain fields.
-        arrays: its arrays by name.
+        topic: topic of the message.
+        plain: fields of the message that are not arrays.
+        arrays: array fields of the message by name.
 
     Raises:
         InputError: the topic is unknown, or a field is missing, unknown or invalid.

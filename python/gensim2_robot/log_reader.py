@@ -331,7 +331,7 @@ class _Replayed:
             self._eyes.append(Eyes(each, profile, cameras, about.language, pixels))
 
     def _keep(self, frame: CameraFrame) -> None:
-        """Keep the newest images; a device's numbers may have gaps and restart."""
+        """Store an image and discard the oldest ones; image numbers may have gaps and may restart."""
         kept = self._frames.setdefault(frame.camera, {})
         most = min(KEPT, max(1, KEPT_BYTES // (len(self._frames) * (frame.depth.nbytes + frame.colors.nbytes))))
         kept.pop(frame.number, None)

@@ -72,8 +72,8 @@ class Prepared:
         given: the task.
         config: configuration of the loop.
         controller: specification of the controller.
-        seen: its observation spec.
-        privileged: whether it gets the true scene.
+        seen: observation spec of the controller.
+        privileged: whether the controller gets the true scene.
         limits: limits of the arm.
         noise: noise of simulated cameras.
         cameras: used cameras; for real ones names, image sizes and a first guess of their poses.
@@ -162,8 +162,8 @@ class Opened:
 
     Attributes:
         line: the loop.
-        devices: its devices.
-        about: its description for a log.
+        devices: devices of the loop.
+        about: description of the loop for a log.
         disk: simulated disk of the log; None without a log.
     """
 
@@ -263,7 +263,7 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
 
     Args:
         prepared: checked inputs.
-        believed: its cameras with their assumed poses.
+        believed: cameras of the loop with their assumed poses.
     """
     config, given, controller = prepared.config, prepared.given, prepared.controller
     try:

@@ -55,7 +55,7 @@ class DeviceProcess:
         what: name for messages.
         target: function that runs in the process, with the other end of the pipe and the arguments; its GenSim2Error is
             sent back.
-        arguments: its arguments.
+        arguments: arguments of ``target``.
     """
 
     def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:

@@ -70,7 +70,7 @@ class Devices:
     """All devices of a control loop.
 
     Attributes:
-        arm, cameras, mind, clock: as for the loop.
+        arm, cameras, mind, clock: arm, cameras, controller process and clock of the loop.
         stage: lays out scenes.
         failing: functions that inject a fault, by the first word of its name; real devices have none.
     """

@@ -210,7 +210,7 @@ class SimulatedCameras:
     Args:
         cameras: the cameras.
         seed: seed of their noise.
-        noise: noise of each image; its unknown errors of pose, depth and clock are drawn for each episode.
+        noise: noise of each image; its unknown errors of pose, depth and clock are sampled for each episode.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:

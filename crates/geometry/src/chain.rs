@@ -124,8 +124,8 @@ impl Chain {
         Ok(())
     }
 
-    /// Linear Jacobian column of joint `i` of the chain: velocity of a point fixed to the chain's link at unit speed of the
-    /// joint. `None` if the chain or `frames` has no joint `i`.
+    /// Linear Jacobian column of joint `i` of the chain: velocity of a point fixed to the chain's link at unit speed
+    /// of the joint. `None` if the chain or `frames` has no joint `i`.
     #[must_use]
     pub fn linear(&self, frames: &ChainFrames, i: usize, point: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (axis, origin) = (frames.axes.get(i)?, frames.origins.get(i)?);

@@ -149,7 +149,7 @@ impl<'a> MovingShapes<'a> {
         nalgebra::center(&bounds.min, &bounds.max)
     }
 
-    /// Maximum distance (m) of any point of a group's shapes from a point of its frame.
+    /// Maximum distance (m) between the point `from` in a group's frame and any point of the group's shapes.
     #[must_use]
     pub fn extent(&self, group: usize, from: &Point3<f64>) -> f64 {
         self.shapes_of(group)

@@ -172,8 +172,8 @@ impl<'p> Follower<'p> {
         None
     }
 
-    /// Returns the range of joint `v` around `x`. A start at or outside its margin may stay there, but not move further
-    /// out.
+    /// Returns the largest steps of joint `v` from `x` in both directions that keep a margin to its limits; 0 in a
+    /// direction in which the joint already exceeds the margin.
     fn room(&self, v: usize, x: &Row) -> (f64, f64) {
         let (low, high) = (self.model.lower[v] + LIMIT_MARGIN, self.model.upper[v] - LIMIT_MARGIN);
         (low.min(x[v]) - x[v], high.max(x[v]) - x[v])

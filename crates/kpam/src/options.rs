@@ -37,7 +37,7 @@ pub enum LimitSet {
     /// Limits published by Franka for the Research 3: 10 rad/s^2, 5,000 rad/s^3, and velocity limits that decrease
     /// towards the ends of the joints' ranges.
     Fr3,
-    /// 10 rad/s^2 and 5,000 rad/s^3 (m for sliding joints) for every joint.
+    /// The same acceleration and jerk limits for every joint: 10 rad/s^2 and 5,000 rad/s^3, or m/s^2 and m/s^3.
     Plain,
 }
 
@@ -123,7 +123,7 @@ pub struct Options {
     /// Bounds of the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for none.
     pub workspace: Option<[[f64; 3]; 2]>,
     /// Clearance (m) of the whole motion from bodies that it may not touch, 0 to 0.2. A pair that is closer at the
-    /// start or end of a segment keeps its distance there, and the plan reports it.
+    /// start or end of a segment may not come closer than that along the segment; the plan reports such pairs.
     pub margin: f64,
     /// Smaller clearance (m) for a second attempt if no motion keeps `margin`, 0 to `margin`; default: no second
     /// attempt.

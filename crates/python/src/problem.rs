@@ -153,7 +153,8 @@ impl Question<'_, '_> {
     }
 }
 
-/// All parts of one plan, validated on construction. Instances can be pickled.
+/// A planning problem: robot, scene, solver config, start and options, validated on construction. Instances can be
+/// pickled.
 #[pyclass(name = "KeypointProblem", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyKeypointProblem(pub Arc<KeypointProblem>);
 

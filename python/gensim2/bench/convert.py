@@ -34,7 +34,7 @@ def keypoint_problem(
 
     Args:
         problem: recorded problem, with its own clock and keypoints.
-        scene: its obstacles.
+        scene: scene with the obstacles of the problem.
         robot: arm with hand and fingers.
         frames: meaning of motion frames; ``"original"`` rotates list-type motions by the object's random yaw.
         options: solver options that override those of the recording.

@@ -143,7 +143,7 @@ class ResumableFolder(Generic[Settings]):
 
     Attributes:
         path: the folder.
-        record: its settings; in a resumed folder those of the first run.
+        record: settings of the run; in a resumed folder, the settings of the first run.
 
     Raises:
         InputError: the folder has the marker and ``resume`` is false, or other settings, or other content; another

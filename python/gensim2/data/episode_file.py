@@ -74,7 +74,7 @@ def write_episode(path: Path, episode: Episode, recording: Recording | None) -> 
     """Write an episode's file atomically and return its digest; the same episode gives the same bytes.
 
     Args:
-        recording: its states; None stores the record only.
+        recording: recorded states of the episode; None: store the record only.
 
     Raises:
         WriteError: the folder cannot be written to.
@@ -185,7 +185,7 @@ def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
     """Read the recording in a group ``traj``.
 
     Args:
-        recorded: its metadata, as plain data.
+        recorded: metadata of the recording, as plain data.
 
     Raises:
         KeyError: ``recorded`` lacks a field.

@@ -66,7 +66,7 @@ def write_observation(path: Path, description: Mapping[str, Any], arrays: Mappin
     """Write an observation file atomically and return its digest; the same content gives the same bytes.
 
     Args:
-        arrays: by name; ``pointcloud/xyz`` as int16 steps of 0.1 mm.
+        arrays: arrays by name; ``pointcloud/xyz`` as int16 in units of 0.1 mm.
 
     Raises:
         WriteError: the folder cannot be written to.

@@ -33,8 +33,8 @@ class ObjectUsed(_Record):
     """An object used by episodes.
 
     Attributes:
-        content_hash: hash of its files, or of the parameters that it was generated from.
-        license: its license, which also applies to the data.
+        content_hash: hash of the object's files, or of the parameters from which it was generated.
+        license: license of the object, which also applies to the data.
     """
 
     content_hash: str

@@ -32,7 +32,7 @@ class Shot:
 
     Attributes:
         index: index of the episode.
-        file: its image, relative to the page: the first instant above the last one.
+        file: image file, relative to the page, with the first state above the last state.
     """
 
     index: int

@@ -75,7 +75,7 @@ class TaskStore:
         Several processes may do so at once, because the same episode gives the same bytes.
 
         Args:
-            recording: its states; None stores the record only.
+            recording: recorded states of the episode; None: store the record only.
 
         Raises:
             WriteError: the folder cannot be written to, or the disk is full.

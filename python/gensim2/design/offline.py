@@ -76,7 +76,7 @@ def wanted_ends(brief: Brief) -> set[tuple[str, str]]:
     return chores.wanted_ends() | {(name, end) for name in kept_in for end in ENDS}
 
 
-#: Number of alignments drawn for a joint in the first round, and in the second if success rates are still low.
+#: Number of alignments sampled for a joint in the first round, and in the second if success rates are still low.
 FIRST_DRAW, SECOND_DRAW = 8, 60
 
 #: Number of the best candidates varied in each round, and of variations of each.

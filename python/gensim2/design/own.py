@@ -65,10 +65,10 @@ def design_task(
         ```
 
     Args:
-        folder: holds ``task.yaml``; its strategies, if there are any, are not used.
-        out: run folder, which then holds the result alone. None: ``design`` in ``folder``, and strategies that are kept
-            are also written to ``folder``.
-        verify: number of new episodes that verify the task; 80 % must hold, of a task of several steps 60 %.
+        folder: folder with ``task.yaml``; strategies in it are ignored.
+        out: run folder. None: ``design`` in ``folder``; kept strategies are then also written to ``folder``.
+        verify: number of new episodes that verify the task. 80 % of them must succeed (60 % for a task with several
+            steps).
         seed: seed of every draw.
         resume: continue the run in the run folder.
         videos: number of episodes to film, failed ones if the task is not kept.

@@ -251,7 +251,7 @@ class Search:
         return result.held > 0 and result.episodes - result.held <= (1 - budget.enough) * budget.enough_episodes
 
     def _hopeless(self, standing: Sequence[CandidateResult]) -> bool:
-        """Return whether a further refinement is not worth its episodes."""
+        """Return whether to stop refining: no candidate succeeds often enough, or the budget of episodes is used up."""
         best = max((result.held / result.episodes for result in standing if result.episodes), default=0.0)
         return best <= self.budget.hopeless or self._spent
 

@@ -4,7 +4,7 @@ An alignment works if the arm reaches the actuation pose (``reach``), can follow
 moves the part (``effect``). The diagnosis of a failure tells which of the three failed, and which parts of the
 alignment are to blame: an unreachable finger direction counts against this direction at every keypoint, but a finger
 that hits the part counts against this contact only. The probability of each condition is estimated from trials of
-alignments that are similar in the blamed parts. Alignments likely to meet all three conditions are drawn more often.
+alignments that are similar in the blamed parts. Alignments likely to meet all three conditions are sampled more often.
 """
 
 from __future__ import annotations

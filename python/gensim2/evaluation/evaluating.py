@@ -31,7 +31,7 @@ class EvaluationResult(Table):
     """Result of an evaluation.
 
     Attributes:
-        controller: its ``target``, ``arguments``, ``privileged`` and ``observation`` spec.
+        controller: the controller as plain data: ``target``, ``arguments``, ``privileged`` and ``observation`` spec.
         videos: video files by task.
     """
 

@@ -57,7 +57,7 @@ class DecodedData:
     Attributes:
         robot: name of the robot profile.
         observation: rendered observations.
-        episodes: in order.
+        episodes: episodes in order.
         arrays: memory-mapped, one row for each frame: ``pointcloud/xyz`` (0.1 mm, int16), ``pointcloud/rgb`` (uint8),
             the columns of proprioception and ``action`` (float32). An episode's last action is repeated. If noise was
             added to the commands, ``action`` has the commands without noise.

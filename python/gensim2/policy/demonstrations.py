@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Demonstrations:
-    """Frames of successful episodes with the chunk of actions that follows each; all tasks are drawn equally often.
+    """Frames of successful episodes with the chunk of actions that follows each; all tasks are sampled equally often.
 
     Frames in which arm and fingers wait at the start or the end of an episode are left out.
 

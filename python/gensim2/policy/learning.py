@@ -145,7 +145,7 @@ def learn(
         episodes, control_episodes: evaluation episodes of each task for the policy and for each control.
         controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`; None: all.
         videos: number of recorded episodes of each task.
-        objects: number of generated training objects of each class, drawn by the seed, beyond those listed in the
+        objects: number of generated training objects of each class, chosen by the seed, beyond those listed in the
             library. None: the ``instances`` of ``scene``; if these are not given either, ``OBJECTS`` generated objects,
             or the training split of real ones.
         generated: for plans: number of generated training objects of each class in addition to a folder's objects. Both

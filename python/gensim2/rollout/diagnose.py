@@ -1,7 +1,7 @@
 """Find why an episode failed: the first fault that was not corrected, with measured values.
 
 Steps are checked in order. The first step that was not done is blamed: for its controller's last reported deviation, or
-else for a fault of its last plan, or else for a fault visible in the measurements of its turn.
+else for a fault of its last plan, or else for a fault visible in the measurements of this step.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from gensim2.tasks.spec import TaskSpec
 PUSHED = 0.03
 """Distance (m) of a push, in a random direction."""
 TICKS_HZ = 20
-"""Ticks per second; moments are drawn in ticks, independently of the control rate."""
+"""Ticks per second; times are sampled in ticks, independently of the control rate."""
 PUSHED_WITHIN = 25
 """Largest number of ticks between the start of the grasping step and a push."""
 LIFTED = 0.01
@@ -43,8 +43,8 @@ class Disturbed(WrappedController):
     """Controller with a disturbance, once in an episode, while it grasps or carries its first rigid object.
 
     Args:
-        controller: the controller, which gets no sign of the disturbance.
-        world: its world.
+        controller: controller to disturb; it is not told about the disturbance.
+        world: world in which the controller acts.
         task: task whose first step on a rigid object is disturbed; without such a step there is no disturbance.
         kind: ``"push"``: the object moves 3 cm before it is touched. ``"drop"``: the fingers open while they hold it.
         seed: seed of the episode.

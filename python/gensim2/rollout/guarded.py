@@ -22,7 +22,7 @@ class Guarded(WrappedController):
 
     Args:
         controller: the controller.
-        spec: its specification.
+        spec: specification of the controller.
         task: task with the steps that it may report.
         episode: number of the episode, for messages.
     """

@@ -175,7 +175,7 @@ def _only(given: TaskInput, names: set[str]) -> TaskInput:
 
 
 def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:
-    """Return the ``--instances`` word of a task, with ``random`` replaced by an id drawn by the seed.
+    """Return the ``--instances`` word of a task, with ``random`` replaced by a random id from the seed.
 
     Raises:
         InputError: a class has no such instance or split.

@@ -1,4 +1,4 @@
-"""Find faults of a step whose criterion does not hold, from the measurements of its turn."""
+"""Find faults of a step whose criterion does not hold, from the measurements while the step was executed."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def fault_of_criterion(
 
     Args:
         step: the step.
-        measured: measurements of its turn.
+        measured: measurements while the step was executed.
         at_actuation: measurement at the step's actuation pose; None if unknown.
     """
     if step.tool == HAND and (moved := drift(measured, at_actuation, step.object)) is not None:

@@ -192,10 +192,10 @@ def draw_plan(solved: SolvedStep, task: str, profile: RobotProfile, file: Path) 
         solved: the step.
         task: name of its task.
         profile: robot profile.
-        file: to write, atomically.
+        file: file to write, atomically.
 
     Returns:
-        The file; None where Embree is not installed, which casts the picture's rays.
+        The file; None if Embree, which casts the rays of the picture, is not installed.
     """
     try:
         from gensim2.planning.picture import plan_picture

@@ -180,7 +180,7 @@ def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
-    """Return the displacements of objects that no step acts on and that moved."""
+    """Return how far objects moved on which no step of the task acts; objects within the tolerance are left out."""
     moved = {}
     for name, points in later.keypoints.items():
         if name in acted_on:

@@ -73,7 +73,7 @@ def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int =
 
 
 def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
-    """Return whether each step's criterion held at some control step of one of its turns."""
+    """Return whether each step's criterion held at some control step while that step was executed."""
     accomplished = {turn.step.name for turn in turns if turn.paper}
     return all(step.name in accomplished for step in task.steps)
 

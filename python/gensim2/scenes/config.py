@@ -45,7 +45,7 @@ class SceneArguments(TypedDict, total=False):
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library. An
             environment also accepts an open library.
         instances: objects to choose from, unless the task says so itself: ``all``, ``train``, ``test``, ``new``
-            (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of a run. An
+            (generated ones beyond the listed ones), an id, or ``random``: one id from the seed of a run. An
             environment also accepts several of them, or a mapping from object names.
         physics: ``"default"``, ``"original"``, a mixture of both, or a file of settings (docs/reference/simulation.md).
         redraw: ``"placement"`` or ``"none"``, overriding this setting of ``physics``; None: as ``physics`` says.

@@ -1,4 +1,4 @@
-"""Initial states of scenes, drawn from a seed or given by reset options, the same for every simulator."""
+"""Initial states of scenes, sampled from a seed or given by reset options, the same for every simulator."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def sample_initial_state(
     A single object on the table keeps its first placement. Several objects are placed again, at most ``MAX_DRAWS``
     times and only if ``physics`` allows it, until they are ``GAP`` apart (including the volume that a joint sweeps),
     within the robot's reach, and rigid objects clear of the robot's start. If the preset also randomizes that start, it
-    is drawn again until the robot overlaps no object. Placements from options are not changed.
+    is sampled again until the robot overlaps no object. Placements from options are not changed.
 
     The task's ranges and a preset's further values come from separate random generators, so that presets do not affect
     each other's draws.
@@ -149,7 +149,7 @@ def sample_initial_state(
         seed: seed of the reset.
         options: checked reset options by object.
         robot: the robot.
-        physics: source of default poses, and whether placements are drawn again.
+        physics: source of default poses, and whether placements are sampled again.
         randomization: scale of the task's ranges, and further random values.
 
     Raises:
@@ -277,7 +277,7 @@ class _Room:
         self._hand, self._hand_bottom = square(tool, space.hand_half), float(tool[2]) - space.hand_drop
 
     def holds(self, objects: Mapping[str, PlacedObject]) -> bool:
-        """Return whether the drawn objects are apart, clear of the robot's start and within its reach."""
+        """Return whether the placed objects are apart, clear of the robot's start and within its reach."""
         outlines = {
             name: outline(self._points[name], thing.position, thing.quaternion) for name, thing in objects.items()
         }
@@ -331,7 +331,7 @@ def clear_start(
         generator: random generator of further starts.
         start: (n,) all active joints.
         robot: the robot.
-        hulls: by object, (N, 3) vertices of its convex hulls in the world frame, m.
+        hulls: for each object, the vertices (N, 3) of its convex hulls in the world frame, m.
 
     Returns:
         (n,) joints; None if ``MAX_STARTS`` of them overlap an object.

@@ -52,8 +52,8 @@ class PhysicsSwitches:
             or the original's.
         hulls: collision hulls of real objects that keep cavities open, or the convex hull of each connected part of a
             file; the planner uses the same hulls.
-        redraw: ``"placement"``: placements of several objects are drawn again until all fit; ``"none"``: scenes are not
-            redrawn when objects overlap.
+        redraw: ``"placement"``: placements of several objects are sampled again until all fit; ``"none"``: the first
+            sample is used.
         criteria_rate: evaluate the steps' criteria for ``paper`` every control step, or every 0.85 s.
     """
 

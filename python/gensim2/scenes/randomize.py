@@ -1,4 +1,4 @@
-"""Random values of a task's episodes, drawn from (seed, task, preset)."""
+"""Random values of a task's episodes, sampled from (seed, task, preset)."""
 
 from __future__ import annotations
 

@@ -16,8 +16,8 @@ class Transmission:
     drive, whose target is set before every physics step. Passive joints are springs with target 0.
 
     Args:
-        robot: built robot.
-        profile: its profile.
+        robot: robot in the simulation.
+        profile: profile of the robot.
     """
 
     def __init__(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:

@@ -115,7 +115,7 @@ class HeadlessEnv(SceneAccessMixin):
         read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
-        # The initial state of a seed is drawn once, for the episode and for its no-op baseline.
+        # The initial state of a seed is sampled once, for the episode and for its no-op baseline.
         if options or self._drawn is None or self._drawn[0] != self.seed:
             setup = self._sampler.sample(self.seed, options)
             self._drawn = None if options else (self.seed, setup)

@@ -50,8 +50,8 @@ class Physics:
         name: name of the physics (:mod:`gensim2.scenes.physics`).
 
     Attributes:
-        name: the same.
-        switches: its individual settings.
+        name: name of the physics.
+        switches: individual settings of the physics.
         scene_config: PhysX settings in ManiSkill's format.
         material: default contact material.
 
@@ -120,7 +120,7 @@ class Physics:
         Args:
             system: PhysX system of the scene.
             robot: the robot; None in a scene without it.
-            profile: its profile.
+            profile: profile of the robot.
             classes: classes of the rigid objects.
         """
         if self.switches.solver == "default":

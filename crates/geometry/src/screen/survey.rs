@@ -394,7 +394,7 @@ pub(super) fn all_at_least(value: F32x8, limit: F32x8) -> bool {
     value.all_at_least(limit)
 }
 
-/// Returns the box around a sphere in all lanes.
+/// Returns a box around eight spheres of one radius, whose centres are in the lanes of a vector.
 fn region(center: &Points, radius: f32) -> Aabb {
     let low = |k: usize| f64::from(center[k].to_array().into_iter().fold(f32::MAX, f32::min) - radius);
     let high = |k: usize| f64::from(center[k].to_array().into_iter().fold(f32::MIN, f32::max) + radius);

@@ -85,7 +85,8 @@ impl SolverConfigBuilder {
 }
 
 impl Constraint {
-    /// Constrains each base coordinate of a tool keypoint to within `tolerance` (m) of that of an object keypoint.
+    /// Constrains a tool keypoint to an object keypoint: their coordinates in the base frame may each differ by at
+    /// most `tolerance` (m).
     #[must_use]
     pub fn point(keypoint: impl Into<String>, target: impl Into<String>, tolerance: f64) -> Self {
         let (keypoint, target) = (keypoint.into(), target.into());

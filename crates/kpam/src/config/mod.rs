@@ -36,7 +36,7 @@ pub enum TargetAxis {
         /// Frame of the axis.
         frame: Frame,
     },
-    /// From one keypoint of the object to another.
+    /// Axis from one keypoint of the object to another.
     Keypoints {
         /// Start of the axis.
         from: String,
@@ -140,7 +140,7 @@ pub enum Motion {
         /// Metres.
         distance: f64,
     },
-    /// Translation along base axes, given by name (m).
+    /// Translation of the hand along the axes of the base (m).
     Move(Vector3<f64>),
     /// Rotation about the object axis through the object frame's origin (rad).
     Rotate(f64),

@@ -134,8 +134,8 @@ impl<'g> HandSweep<'g> {
     }
 }
 
-/// Returns the minimum distance between the shapes of a hand part, placed at `pose`, and the surrounding bodies, at most
-/// `FAR`; `None` if the distance is below `least`.
+/// Returns the minimum distance between the shapes of a hand part, placed at `pose`, and the surrounding bodies, at
+/// most `FAR`; `None` if the distance is below `least`.
 fn kept(shapes: &[Convex], pose: &Pose, around: &Surroundings, corners: &mut Corners, least: f64) -> Option<f64> {
     let mut most = FAR;
     for shape in shapes {

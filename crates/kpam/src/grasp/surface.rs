@@ -199,7 +199,7 @@ fn through_hull(planes: &[Plane], origin: &Point3<f64>, direction: &Vector3<f64>
     (span.enter.is_finite() && span.exit.is_finite()).then_some(span)
 }
 
-/// Line parameter and normal of a crossing (Möller and Trumbore 1997).
+/// Returns the line parameter and the normal at the point where a line crosses a triangle (Möller and Trumbore 1997).
 fn through_triangle(
     [a, b, c]: &[Point3<f64>; 3],
     origin: &Point3<f64>,

@@ -1,4 +1,4 @@
-//! The motion through the keyframes for one actuation pose.
+//! Planning of the motion through all keyframes for one candidate of the actuation pose.
 
 use super::approach::Approach;
 use super::failure::Failure;
@@ -32,8 +32,8 @@ pub(super) struct Attempt {
     pub motions: Motions,
     /// Free motions to the first keyframe, each from rest to rest; empty if there is none.
     pub approach: Vec<Vec<Row>>,
-    /// Joint waypoints of each hand path: entry `i` leads to keyframe `i + 1`. Paths after a failure are missing, and the
-    /// failed path ends at its last valid waypoint.
+    /// Joint waypoints of each hand path: entry `i` leads to keyframe `i + 1`. Paths after a failure are missing, and
+    /// the failed path ends at its last valid waypoint.
     pub paths: Vec<Vec<Row>>,
     /// Travel of the object's joint at the waypoints of each path; empty before the actuation.
     pub travel: Vec<Vec<f64>>,
@@ -86,7 +86,7 @@ impl Attempt {
         }
     }
 
-    /// Extent of the motion.
+    /// Score of the timed motion: its extent; zero if it has no timed motion.
     pub fn score(&self) -> f64 {
         if self.timed.is_some() { self.extent() } else { 0.0 }
     }

@@ -108,7 +108,8 @@ impl<'p> Planner<'p> {
         })
     }
 
-    /// Returns where planning begins: where the arm can stop, or its current position if the stop is blocked.
+    /// Returns the joint positions at which planning begins: where the arm can stop, or the current positions if the
+    /// stop is blocked.
     pub(super) fn rest(&self) -> Row {
         self.stop.last().filter(|_| self.blocked_stop().is_none()).map_or(self.start[0], |node| node.position)
     }

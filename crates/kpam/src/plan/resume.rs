@@ -36,7 +36,7 @@ pub(super) struct Rest<'p> {
 }
 
 impl<'p> Rest<'p> {
-    /// Returns the rest of a path for a hand close to it.
+    /// Returns the part of a path that remains for a hand near the path.
     pub fn new(path: &'p HandPath, hand: &Pose) -> Self {
         let apart = |s: f64| {
             let at = path.at(s);

@@ -380,7 +380,7 @@ impl Planner<'_> {
         out
     }
 
-    /// Appends the motion along segments that are driven without a stop; returns the end time of each.
+    /// Appends a motion that follows several segments without a stop; returns the end time of each segment.
     fn drive(
         &mut self,
         builder: &mut Builder,

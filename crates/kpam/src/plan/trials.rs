@@ -278,7 +278,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Searches the free approach of a swept motion, and times the motion.
+    /// Completes a candidate whose hand paths are collision-free: searches the free approach to the first keyframe and
+    /// computes the times of the whole motion.
     fn finish(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
         let before = (attempt.failure.clone(), attempt.hits.len());
         self.complete(&mut attempt, samples);

@@ -208,8 +208,8 @@ impl Refinement<'_> {
         (waypoints, rounds)
     }
 
-    /// Returns the waypoints after a step, corrected to the required hand poses. Returns `None` if a hand pose cannot be
-    /// reached, a joint limit is exceeded or the path collides.
+    /// Returns the waypoints after a step, corrected to the required hand poses. Returns `None` if a hand pose cannot
+    /// be reached, a joint limit is exceeded or the path collides.
     fn stepped(&mut self, waypoints: &[Row], steps: &[Row]) -> Option<Vec<Row>> {
         let n = self.model.n();
         let mut out = waypoints.to_vec();

@@ -37,7 +37,7 @@ pub(super) struct Problem {
     pub steps: Vec<f64>,
     /// x at each station except the first and last.
     pub x: Vec<Form>,
-    /// d²s/dt² there.
+    /// d²s/dt² at the same stations.
     pub w: Vec<Form>,
     /// x at stations and in the middle of cells, each with the maximum given by velocity limits.
     pub ceilings: Vec<(Form, f64)>,

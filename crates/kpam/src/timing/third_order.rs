@@ -21,7 +21,7 @@ pub(crate) struct Station {
     pub first: Row,
     pub second: Row,
     pub third: Row,
-    /// Torques there, if they have limits.
+    /// Torques at the station, if torque limits are given.
     pub torque: Option<Torque>,
 }
 

@@ -88,7 +88,7 @@ impl Dynamics {
         Torque { of_u, of_x, rest }
     }
 
-    /// Returns the maximum acceleration along the path from rest that is possible in both directions.
+    /// Returns the maximum path acceleration at rest that the torque limits allow both forwards and backwards.
     pub fn hardest(&self, torque: &Torque, room: f64) -> f64 {
         let least = |v: usize| {
             let [low, high] = torque.band(v, self.max_torque[v], room);

@@ -15,7 +15,7 @@ pub(crate) struct Compiled {
     pub names: Vec<String>,
     /// Joints that carry each group, each with the link that it moves.
     pub carriers: Vec<Vec<(usize, usize)>>,
-    /// Whether a group and a body are checked, one row for each group.
+    /// Whether collisions between a group and a body are checked: one row for each group, one column for each body.
     checked: Vec<bool>,
 }
 

@@ -24,7 +24,7 @@ impl Movers {
         self.0.len()
     }
 
-    /// Whether each of them carries a link.
+    /// Returns for each joint whether it moves a link.
     pub fn carrying<'a>(&'a self, robot: &'a Robot, link: usize) -> impl Iterator<Item = bool> + 'a {
         self.0.iter().map(move |joint| is_below(robot, link, joint.link))
     }

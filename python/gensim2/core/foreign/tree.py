@@ -124,7 +124,7 @@ class ForeignTree:
 
         Args:
             max_bytes: largest size of the file.
-            named_by: where the name was found, for errors.
+            named_by: reference in which the name was found, for error messages.
 
         Raises:
             InputError: the file is missing, outside the folder, not a regular file, too large, or cannot be read.

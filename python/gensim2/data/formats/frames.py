@@ -50,8 +50,8 @@ def frames_of(
     """Return the frames of a recorded episode.
 
     Args:
-        observation: (T + 1, ...) arrays of its observation file; the last row has no action and is dropped.
-        known: its cloud consists of keypoints and becomes ``environment_state``.
+        observation: (T + 1, ...) arrays of the episode's observation file; the last row has no action and is dropped.
+        known: whether the cloud consists of keypoints; it then becomes ``environment_state``.
 
     Raises:
         InputError: the episode is of another robot, or its observations have another number of steps.

@@ -182,7 +182,7 @@ class PerceivingChain:
         return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
 
     def _measurement(self, found: ObjectEstimate, q: Array) -> Measurement:
-        """Return the measurement of the estimated scene; its joint is farther from the goal than estimated, to be safe."""
+        """Return the measurement of the estimated scene, with its joint moved away from the goal by the uncertainty."""
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
         doubt = DISTRUST * found.joint.openness_deviation / max(self._motions, 1)

@@ -32,7 +32,7 @@ LEAST, MOST = -6.0, 1.0
 
 
 def features_of(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return features (N, 5) of points (N, 3): a normal that points away from the centre, and two curvature measures."""
+    """Return features (N, 5) of points (N, 3): a normal that points away from the centre, and two curvatures."""
     _, rows = cKDTree(xyz).query(xyz, k=min(NEIGHBORS, len(xyz)))
     near = xyz[rows] - xyz[rows].mean(1, keepdims=True)
     values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near) + 1e-12 * np.eye(3, dtype=np.float32))
@@ -114,7 +114,7 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         return EncodedCloud(xyz, features, tokens[:, 0], self.groups(features), self.weight(features)[..., 0])
 
     def gather(self, seen: EncodedCloud, mask: torch.Tensor) -> torch.Tensor:
-        """Return features (B, 128) of the objects whose points (B, N) the mask selects; at least one point per cloud."""
+        """Return features (B, 128) of the objects whose points the mask (B, N) selects: at least one per cloud."""
         share = seen.weight.masked_fill(~mask, -torch.inf).softmax(1)
         mean = (share[..., None] * seen.features).sum(1)
         most = seen.features.masked_fill(~mask[..., None], -torch.inf).amax(1)

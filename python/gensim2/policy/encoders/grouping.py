@@ -45,7 +45,7 @@ def ball_query(points: torch.Tensor, centers: torch.Tensor, radius: float, count
     Args:
         points: (B, N, 3).
         centers: (B, M, 3).
-        radius: in the unit of the points.
+        radius: radius of a group, in the unit of the points.
         count: number of points; if fewer are within the radius, the nearest one is repeated.
 
     Returns:

@@ -45,7 +45,7 @@ class PlannedRecord(RunSettings):
 
     Attributes:
         task: name of the task.
-        language: its instruction.
+        language: instruction of the task.
         robot: name of the robot profile.
         steps, ways: names of the steps, and of the strategies of each step.
         scene: settings of the scenes.

@@ -38,11 +38,11 @@ SAMPLES = 4000
 
 @dataclass(frozen=True)
 class Execution:
-    """Actions of a program.
+    """Actions that execute a keypose program.
 
     Attributes:
         actions: (N, m + 1).
-        free: how the free motion was found.
+        free: method by which the free motion was found.
         reached: number of the program's poses that are reached; ``KEYPOSES`` if it is complete.
         gripped: index of the first action after the fingers have acted at the actuation pose.
     """

@@ -30,7 +30,7 @@ YAW = 0.2
 pose in every scene, so plans of a rotated scene differ slightly.
 """
 NEW = 5.0
-"""How many times as often a new task is drawn as one that the policy already knows."""
+"""Ratio between the sampling rates of a new task and of a task that the policy already knows."""
 WIDTH, COMMAND = 0.004, 0.1
 """Standard deviations of noise on finger distance (m) and gripper command of examples with a grasped object, because an
 executed grasp differs from the planned one.
@@ -73,12 +73,13 @@ class Ways:
 
 
 class PlannedSource:
-    """Planned scenes of one or several tasks; all tasks are drawn equally often if none is known already.
+    """Planned scenes of one or several tasks; all tasks are sampled equally often if none is known already.
 
     Args:
         planned: one folder for each task, or two (a library's objects and generated ones), with the same robot and
             observation spec.
-        known: number of first folders whose tasks the policy already knows; new tasks are drawn ``NEW`` times as often.
+        known: number of folders, from the first, whose tasks the policy already knows; new tasks are sampled ``NEW``
+            times as often.
 
     Raises:
         InputError: the folders do not fit together.

@@ -51,7 +51,7 @@ class Shape:
     """A collision shape in the model.
 
     Attributes:
-        geom: its name.
+        geom: name of the MuJoCo geom.
         owner: the robot's agent, ``"table"`` or the name of an object.
         link: name of its link.
         is_static: whether it never moves.

@@ -13,7 +13,7 @@ from gensim2.objects.shapes import Array, Solid, box, path, rounded_box, tray
 
 @dataclass(frozen=True)
 class Suitcase:
-    """Parts of a closed suitcase; ``hinge`` and ``edge`` (3,) are the middles of the lid's lower and upper edge."""
+    """Parts of a closed suitcase; ``hinge`` and ``edge`` (3,) are the midpoints of the lid's lower and upper edges."""
 
     shell: list[Solid]
     lid: list[Solid]
