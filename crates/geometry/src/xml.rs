@@ -206,7 +206,7 @@ impl<'d> Element<'d> {
         }
     }
 
-    /// Returns the finite numbers of an attribute.
+    /// Returns the `N` numbers in an attribute, or `None` without the attribute. Numbers must be finite.
     pub fn numbers<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, UrdfError> {
         let found = self.open(name)?;
         match found.iter().flatten().find(|v| !v.is_finite()) {

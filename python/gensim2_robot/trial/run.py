@@ -77,7 +77,7 @@ class Terminal:
             return click.confirm(f"{question}{says}", default=offered, err=True)
 
     def cause(self, causes: Sequence[str]) -> str:
-        """Ask for a number of the list, or other words."""
+        """Ask a person for the cause of a failure, as a number from the list or in their own words, and return it."""
         with self._asking():
             for number, cause in enumerate(causes, 1):
                 click.echo(f"  {number}  {cause}", err=True)

@@ -39,12 +39,12 @@ struct Pair {
     off: f64,
 }
 
-/// A hand pose to examine.
+/// A candidate grasp: a pose of the hand whose clearance has not been checked yet.
 struct Trial {
     grip: Pose,
-    /// Distance of the two points (m).
+    /// Distance between the two contact points (m).
     width: f64,
-    /// Upper bound of its score.
+    /// Upper bound of the score of the grasp.
     bound: f64,
 }
 

@@ -43,16 +43,16 @@ pub(super) enum TakeUp {
     Stopped,
 }
 
-/// Joint waypoints from one keyframe or stop to the next.
+/// Part of a motion from one keyframe or stop to the next, as joint waypoints.
 #[derive(Clone)]
 pub(super) struct Stretch<'a> {
     pub waypoints: Cow<'a, [Row]>,
     /// Travel of the object's joint at the waypoints.
     pub travel: Cow<'a, [f64]>,
-    /// Pairs checked along it, and its margins.
+    /// Segment, which selects the pairs of bodies to check, and the margins of these pairs.
     pub segment: MotionSegment,
     pub kept: &'a Margins,
-    /// Keyframe at its end; `None` for part of the approach or of a path.
+    /// Keyframe at the end of the part; `None` if the part ends between keyframes.
     keyframe: Option<usize>,
     /// Keyframe towards which it leads.
     pub toward: usize,

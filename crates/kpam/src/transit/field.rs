@@ -238,7 +238,7 @@ impl<'s> Field<'s> {
     }
 }
 
-/// Moves an obstacle to the front of the recent ones.
+/// Moves an obstacle to the front of the list of obstacles that were hit last.
 fn remember(latest: &mut Vec<(usize, Other)>, by: (usize, Other)) {
     match latest.iter().position(|other| *other == by) {
         Some(k) => latest[..=k].rotate_right(1),

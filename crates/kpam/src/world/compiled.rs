@@ -7,7 +7,7 @@ use super::movers::is_below;
 use super::rules::{CollisionObjects, Group};
 use crate::Role;
 
-/// The robot of a scene with its attached bodies, among the other bodies.
+/// A scene prepared for collision checks: the robot with its attached bodies, and the other bodies.
 #[derive(Debug)]
 pub(crate) struct Compiled {
     pub screen: Screen,

@@ -204,7 +204,7 @@ class Client:
 
 
 def _complaint(error: Exception) -> str:
-    """Return an endpoint's error message, with the body that other servers than OpenAI's use for it."""
+    """Return the message of an error, with the response body in which servers other than OpenAI's explain it."""
     said, body = str(error), getattr(error, "body", None)
     return f"{said} - {body}" if body and " - " not in said else said
 
