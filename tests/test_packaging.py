@@ -102,7 +102,7 @@ def test_api_pages_are_built_without_a_warning(tmp_path: Path) -> None:
     for name in ("Scene.plan_to", "Trajectory.sample_into", "KeypointProblem", "Status.SOLVED"):
         assert f'id="{name}"' in text, name
     # The signature shows the types, and their meaning is described beside it.
-    assert "axis constraints hold all along" in text
+    assert "axis constraints hold along the whole motion" in text
 
 
 @pytest.fixture(scope="module")
@@ -234,14 +234,14 @@ def test_the_light_installation_makes_a_verified_demonstration(wheels: dict[str,
 
     absent = run("-c", "from importlib.util import find_spec as f\nprint(*map(f, ('torch', 'sapien', 'mani_skill')))")
     assert absent.stdout.split() == ["None"] * 3, absent.stderr
-    made = run("-m", "gensim2.cli", "demo", "CloseBox", "--episodes", "1", "--out", "demo", "--workers", "1")
+    made = run("-m", "gensim2", "demo", "CloseBox", "--episodes", "1", "--out", "demo", "--workers", "1")
     assert made.returncode == 0, made.stderr
     assert "MuJoCo simulates" in made.stderr
     assert (tmp_path / "demo/report.html").is_file()
     assert (tmp_path / "demo/tasks/CloseBox/video.mp4").stat().st_size > 10_000
     record = json.loads((tmp_path / "demo/run.json").read_text())
     assert record["arguments"]["engine"] == "mujoco"
-    refused = run("-m", "gensim2.cli", "demo", "CloseBox", "--engine", "sapien", "--out", "other")
+    refused = run("-m", "gensim2", "demo", "CloseBox", "--engine", "sapien", "--out", "other")
     assert refused.returncode == 2
     assert "pip install 'gensim2[sim]'" in refused.stderr
 

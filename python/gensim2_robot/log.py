@@ -210,7 +210,7 @@ class Log:
         except FileExistsError as error:  # a file of this name, or another run was faster
             raise taken if folder.is_dir() else WriteError("is not a folder", file=folder) from error
         except OSError as error:
-            remedy = "make room, or choose another folder with --out"
+            remedy = "free disk space, or choose another folder with --out"
             raise WriteError(f"cannot write: {error.strerror or error}", file=folder, remedy=remedy) from error
         self._queue: queue.Queue[tuple[str, float, bytes] | None] = queue.Queue(BEHIND)
         self._thread = threading.Thread(target=self._write_all, name="log", daemon=True)

@@ -125,7 +125,7 @@ def test_a_document_keeps_all_but_what_stands_between_the_marks(made: Any) -> No
     new = made.renewed(text, ROWS)
     assert new.startswith("# A\n\n<!-- figures: short -->\n\n| single-step task |")
     assert new.endswith("\n<!-- /figures -->\nc\n")
-    assert "before" not in new
+    assert "\nbefore\n" not in new
     assert made.renewed(new, ROWS) == new
     with pytest.raises(InputError, match="figures: all"):
         made.renewed("nothing", ROWS)

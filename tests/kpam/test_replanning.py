@@ -115,7 +115,7 @@ def test_a_start_that_cannot_be_stopped_is_refused(panda: kpam.Robot) -> None:
     refused = kpam.Scene(panda).plan_to(q, Q_START, start_velocity=velocity)
     assert (refused.status, refused.trajectory) == ("cannot_stop", None)
     assert "panda_joint1" in refused.reason
-    assert f"past its upper limit {panda.upper[0]:.4f}" in refused.reason
+    assert f"beyond its upper limit {panda.upper[0]:.4f}" in refused.reason
     with pytest.raises(kpam.ProblemError, match="start_velocity"):
         kpam.Scene(panda).plan_to(Q_START, GOAL, start_velocity=[0.1])
 

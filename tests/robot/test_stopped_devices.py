@@ -187,7 +187,7 @@ def test_a_process_that_is_killed_while_devices_start_ends_the_run_with_json(
     out = tmp_path / "out.json"
     assert cli.run([*WORDS, "--json", str(out)]) == 1
     found = json.loads(out.read_text())
-    assert (found["state"], "is gone" in found["reason"]) == ("stopped", True), found["reason"]
+    assert (found["state"], "has ended" in found["reason"]) == ("stopped", True), found["reason"]
     assert (found["task"], found["episodes"], found["periods_ms"]["p50"]) == ("CloseBox", 0, None)
 
 

@@ -85,7 +85,7 @@ def test_the_simulator_lays_out_what_a_person_is_told() -> None:
     ("change", "said"),
     [
         ({"verdict": ""}, "verdict"),
-        ({"objects": {"lid": "a lid"}}, "must name the same"),
+        ({"objects": {"lid": "a lid"}}, "must have the same names"),
         ({"placements": {"box": {"at": [0.5]}}}, "placements.box.at"),
         ({"placements": {"box": {"at": [0.5, 0.0], "openness": [0.6, 0.5]}}}, "must not be the greater"),
         ({"colour": "red"}, "colour"),

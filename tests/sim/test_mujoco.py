@@ -21,7 +21,6 @@ from gensim2.planning.strategies import parse_strategy
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
 from gensim2.scenes.config import SceneOptions
-from gensim2.sim import make_env
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.mujoco.description import links_of, never_touching
 from gensim2.tasks.library import load_strategies, load_task
@@ -209,12 +208,6 @@ def test_what_both_engines_share_is_taken(physics: str) -> None:
     env = HeadlessEnv("OpenDrawer", assets="builtin", engine="mujoco", physics=physics)
     env.reset(0, robot=False)
     env.wait()
-
-
-def test_the_registered_environments_run_in_sapien() -> None:
-    pytest.importorskip("mani_skill")
-    with pytest.raises(InputError, match="engine: the registered environments run in sapien"):
-        make_env("OpenDrawer", assets="builtin", engine="mujoco")
 
 
 @pytest.mark.parametrize("content", [b"<robot>", b"<?xml version='1.0' encoding='no such'?><robot/>", b"\xff"])

@@ -125,7 +125,7 @@ def new_folder(path: Path) -> Iterator[Path]:
             if handle >= 0:
                 os.close(handle)
     except (OSError, WriteError) as error:
-        remedy = "make room, or choose another folder with --out"
+        remedy = "free disk space, or choose another folder with --out"
         raise WriteError(f"cannot write: {_reason(error)}", file=path, remedy=remedy) from error
 
 

@@ -55,7 +55,7 @@ class FolderLock:
             path.write_text(f"{os.getpid()}\n", encoding="ascii")
         except OSError as error:
             self._lock.release()
-            remedy = "make room, or choose another folder"
+            remedy = "free disk space, or choose another folder"
             raise WriteError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from error
 
     def __enter__(self) -> Self:

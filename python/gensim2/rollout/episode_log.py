@@ -71,7 +71,7 @@ class EpisodeLog:
                 stream.write(log_line(entry))
         except OSError as error:
             raise InputError(
-                f"cannot write: {error.strerror}", file=self.path, remedy="make room, or choose another --out"
+                f"cannot write: {error.strerror}", file=self.path, remedy="free disk space, or choose another --out"
             ) from error
         self.done[index] = entry
 

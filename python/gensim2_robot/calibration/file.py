@@ -142,7 +142,12 @@ def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path
             said = f"was made with {one.width}x{one.height} pixels, the camera gives {camera.width}x{camera.height}"
             raise InputError(said, file=path, field=field, remedy=REMEDY)
         if one.link != camera.link:
-            raise InputError(f"is mounted on {one.link}, not on {camera.link}", file=path, field=field, remedy=REMEDY)
+            raise InputError(
+                f"is mounted on {one.link or 'nothing'}, not on {camera.link or 'nothing'}",
+                file=path,
+                field=field,
+                remedy=REMEDY,
+            )
 
 
 def calibrated(cameras: Sequence[Camera], calibration: Calibration) -> tuple[Camera, ...]:

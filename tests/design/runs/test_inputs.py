@@ -97,7 +97,7 @@ def test_a_strategy_that_nobody_takes(tmp_path: Path) -> None:
     for number, (config, words) in enumerate(
         [
             ({}, "constraint_list: is missing"),
-            ({"constraint_list": []}, "constraint_list: holds no constraint"),
+            ({"constraint_list": []}, "constraint_list: has no constraint"),
             ({**_config(), "speed": 3}, "speed: is not a known field"),
             ({"grasp": "antipodal", "aproach": 0.1}, "did you mean 'approach'?"),
             ({"grasp": "antipodal"}, "grasp: drawer has a joint"),

@@ -53,7 +53,9 @@ class Page(HTMLParser):
     def tasks(self) -> dict[str, Row]:
         """Return the overview by task."""
         head, *rows = self.overview
-        return {row[0]: dict(zip(head[1:], row[1:], strict=True)) for row in rows}
+        # In a narrow window, the interval stands below the number of episodes that held, in the same cell.
+        cells = [[re.sub(r"^(\d+/\d+)\d\.\d\d–.*$", r"\1", cell) for cell in row] for row in rows]
+        return {row[0]: dict(zip(head[1:], row[1:], strict=True)) for row in cells}
 
     def verdicts(self, task: str) -> Row:
         """Return the results of a card (first of verification or collection) by name."""
