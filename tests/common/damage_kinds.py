@@ -70,7 +70,11 @@ KINDS = (
     Kind("mesh is huge", instead(LEFT, sparse(40 * 2**20)), r"left\.obj is larger than 32 MiB"),
     Kind("folder is huge", lambda folder: sparse(2**40)(folder / "stray"), r"holds over 512 MiB"),
     Kind("50,001 elements", urdf("</robot>", "<x/>" * 50_001 + "</robot>"), r"urdf: has more than 50000 elements"),
-    Kind("nested 100,000 deep", urdf("</robot>", "<x>" * 10**5 + "</x>" * 10**5 + "</robot>"), r"more than 64 levels deep"),
+    Kind(
+        "nested 100,000 deep",
+        urdf("</robot>", "<x>" * 10**5 + "</x>" * 10**5 + "</robot>"),
+        r"more than 64 levels deep",
+    ),
     Kind(
         "one mesh 10,000 times",
         urdf(
