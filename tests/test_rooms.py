@@ -314,7 +314,7 @@ def test_options_come_from_typed_functions() -> None:
         assert not made or path.parent.name == "cli", path
 
 
-#: Slow modules and those of extras, with the modules that import them.
+#: Modules that are slow to import or belong to an extra, with the modules of gensim2 that may import them.
 HEAVY = (
     "json_repair",
     "PIL",

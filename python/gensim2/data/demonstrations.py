@@ -23,7 +23,7 @@ from gensim2.rollout.tally import Tally
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: Episodes per requested demonstration after which the collection gives up.
+#: The collection stops after this many episodes per requested demonstration.
 TRIES_PER_DEMO = 5
 
 

@@ -53,6 +53,31 @@ UNDER_WAY = "verification.jsonl"
 UNDER_WAY_SECOND = "verification_second.jsonl"
 
 
+def repeated(
+    jobs: Sequence[tuple[EpisodeConfig, Strategies, int]],
+    engine: Engine,
+    name: str,
+    evaluator: EpisodeRunner,
+    log: EpisodeLog | None = None,
+) -> SecondEngine:
+    """Run the episodes of a verification again in another physics engine.
+
+    Args:
+        jobs: configuration, strategies and seed of each episode.
+        engine: the other engine.
+        name: name of the task, for messages.
+        evaluator: runs the episodes.
+        log: log of finished episodes; None: nothing is resumed.
+
+    Raises:
+        NotRunError: some episodes could not be run; all others are finished.
+    """
+    there = [
+        (replace(one, scene=replace(one.scene, engine=engine)), strategies, seed) for one, strategies, seed in jobs
+    ]
+    return SecondEngine(engine, tuple(evaluator.episodes(f"{name}: verification in {engine}", there, log=log)))
+
+
 def verify(
     task: TaskSpec,
     strategies: Strategies,
@@ -115,10 +140,8 @@ def verify(
             there = EpisodeLog(files.path / UNDER_WAY_SECOND, seeds)
             progress.start(f"{task.name}: verify in {second}", len(seeds))
             progress.advance(len(there.done))
-            scenes = [replace(config, scene=replace(config.scene, engine=second)) for config in configs]
-            jobs = [(scenes[i], strategies, seeds[i]) for i in range(len(seeds))]
-            again = evaluator.episodes(f"{task.name}: verification in {second}", jobs, log=there)
-            verification = replace(verification, second=SecondEngine(second, tuple(again)))
+            jobs = [(config, strategies, scene_seed) for config, scene_seed in zip(configs, seeds, strict=True)]
+            verification = replace(verification, second=repeated(jobs, second, task.name, evaluator, there))
         files.write_verification(verification)
     log_path.unlink(missing_ok=True)
     (files.path / UNDER_WAY_SECOND).unlink(missing_ok=True)

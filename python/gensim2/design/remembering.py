@@ -12,8 +12,9 @@ from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import read_record
 from gensim2.core.seeding import scene_seeds
-from gensim2.data.records import RunRecord, SecondEngine, Verification
+from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
+from gensim2.design.execution import repeated
 from gensim2.design.unseen import kept_apart
 from gensim2.rollout.config import RunArguments
 from gensim2.rollout.inputs import check_counts, read_task_input
@@ -86,12 +87,7 @@ def add_task(
         found = evaluator.episodes(f"{task.name}: verification", jobs)
         verification = Verification(tuple(found), LEAST_SHARE, kind)
         if second is not None and verification.kept:
-            jobs = [
-                (replace(config, scene=replace(config.scene, engine=second)), strategies, scene_seed)
-                for config, strategies, scene_seed in jobs
-            ]
-            again = evaluator.episodes(f"{task.name}: verification in {second}", jobs)
-            verification = replace(verification, second=SecondEngine(second, tuple(again)))
+            verification = replace(verification, second=repeated(jobs, second, task.name, evaluator))
     if not verification.kept:
         tally, where = verification.tally, ""
         if verification.second is not None:

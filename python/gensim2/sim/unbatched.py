@@ -1,4 +1,4 @@
-"""Environments of NumPy values for libraries that follow gymnasium's interface to the letter."""
+"""Environments of NumPy values for libraries that require plain gymnasium environments."""
 
 from __future__ import annotations
 

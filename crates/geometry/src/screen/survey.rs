@@ -344,8 +344,8 @@ impl Screen {
     }
 }
 
-/// Returns a lower bound of the distance (m) between spheres, of which one is closer than `close` to a cloud by its own
-/// bound, and the cloud, at most `close`; then an upper bound for the inner spheres.
+/// Returns a lower bound of the distance (m) from spheres to a cloud, at most `close`, and an upper bound for the inner
+/// spheres. At least one sphere's bound must be below `close`.
 #[inline(always)]
 fn nearest<'a>(
     cloud: &PointGrid,
