@@ -230,7 +230,7 @@ def test_what_cannot_be_run_is_named_after_all_others_and_tried_again(
     assert (tmp_path / "set/OpenDrawer/episodes.jsonl").exists()
     assert not (tmp_path / "set/CloseBox/episodes.jsonl").exists()
     assert not DataSet.open(tmp_path / "set").record.complete
-    assert "Not complete: 1 are to come" in (tmp_path / "set/report.html").read_text()
+    assert "Not complete: 1 episode remains." in (tmp_path / "set/report.html").read_text()
     monkeypatch.delenv("BROKEN_SEED")
     assert gather(workers=2, resume=True).status.ran == 1
     assert_same(tmp_path / "set", undisturbed)
