@@ -262,7 +262,7 @@ def assigned(path: Path) -> set[str]:
     [
         ("A seed from the command to the trajectory", 12),
         ("A cloud from the ray caster to the policy", 8),
-        ("A designed task from the answer to the shelf", 12),
+        ("A designed task from the model's answer to the library", 12),
     ],
 )
 def test_a_walk_of_the_architecture_is_short_and_leads_through_functions_that_exist(walk: str, most: int) -> None:
