@@ -37,7 +37,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "`provenance.verification`": Verified,
 }
 #: Meanings of fields that no docstring has.
-FIXED = {"schema_version": "of this layout"}
+FIXED = {"schema_version": "version of the file format"}
 #: A range of offsets has a validator of its own, which also takes one number.
 OFFSET = "number from 0 to 1, or list of two from -1 to 1"
 
@@ -67,7 +67,7 @@ def criteria() -> str:
         rows.append(
             (f"`{model.model_fields['type'].default}`", sentence(inspect.getdoc(model) or ""), ", ".join(fields))
         )
-    return table(("type", "holds where", "fields (default)"), rows)
+    return table(("type", "the criterion is true if", "fields (default)"), rows)
 
 
 def solver_options() -> str:
