@@ -30,11 +30,12 @@ PAGE = ROOT / "docs/results/designed.md"
 
 HEAD = """# Results: tasks of the offline designer
 
-The offline designer started from an empty library, on generated objects, without a language model. It proposed tasks
-from the joints and sizes of objects, combined tasks into longer ones by their pre- and post-conditions, searched for
-strategies, and verified each task ([architecture](../architecture.md)). Tasks of the paper's suite are left out.
+This page lists the tasks that the offline designer made with generated objects, starting from an empty library and
+without a language model. The designer proposed tasks from the joints and sizes of objects, and combined tasks whose
+pre- and postconditions fit into longer tasks. It searched strategies and verified each task
+([architecture](../architecture.md)). Tasks that repeat a task of the paper are not listed.
 
-    gensim2 benchmark --origin offline      # run these tasks
+    gensim2 benchmark --origin offline      # measures these tasks
 
 `python benchmarks/designed.py` writes this page.
 """
@@ -66,7 +67,7 @@ def _made(made: dict[str, Any]) -> list[str]:
         "python benchmarks/designed.py runs/designed",
         "```",
         "",
-        f"The run designed and verified {made['tried']} proposals in {cpu / 60:.0f} minutes of CPU "
+        f"The run designed and verified {made['tried']} proposals in {cpu / 60:.0f} minutes of CPU time "
         f"({cpu / made['tried']:.0f} s each), {wall / 60:.0f} minutes of wall time on two shared cores.",
         "",
     ]
@@ -81,17 +82,21 @@ def _summary(tasks: list[TaskSpec]) -> list[str]:
     rows = [
         ("tasks of one step", len(tasks) - len(long)),
         ("tasks of several steps", len(long)),
-        ("of these with two articulated objects", sum(kinds[task.name]["articulated"] > 1 for task in long)),
+        (
+            "tasks of several steps with two articulated objects",
+            sum(kinds[task.name]["articulated"] > 1 for task in long),
+        ),
         ("classes of articulated objects", sum(library.kind(name) == "articulated" for name in classes)),
         ("classes of rigid objects", sum(library.kind(name) == "rigid" for name in classes)),
-        ("chains of verbs", len(chains)),
+        ("different sequences of verbs in tasks of several steps", len(chains)),
     ]
     rigid = sum(kinds[task.name]["articulated"] == 0 for task in tasks)
     return [
         *_table(("", "count"), rows),
         "",
-        f"{rigid} tasks have rigid objects alone. A rigid class has one object, so these tasks were verified on new "
-        "poses. All other tasks were verified on objects that the search never saw, a different one each episode.",
+        f"{rigid} tasks use only rigid objects. A rigid class has one object, so these tasks were verified with this "
+        "object in new poses. All other tasks were verified on objects that the search did not use, with a different "
+        "object in each episode.",
         "",
         "## Objects per task",
         "",

@@ -50,7 +50,7 @@ def table(arms: Sequence[Arm]) -> str:
     return _table("arm", [(arm["name"], _about(arm), list(arm["tasks"].values())) for arm in arms], ABOUT)
 
 
-ABOUT = ["seed", "commit", "tasks", "trainings", "taught by", "CPU min", "lost on unseen"]
+ABOUT = ["seed", "commit", "tasks", "trainings", "demonstrations", "CPU min", "seen minus unseen"]
 
 
 def _about(arm: Arm) -> list[str]:

@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "docs/results/keypose_policies.md", ROOT / "docs/results/chunk_policies.md", ROOT / "README.md")
 MARKED = re.compile(r"(<!-- policies: (\w+) -->\n).*?(<!-- /policies -->)", re.DOTALL)
 CONTROLS = ("blind", "shuffled", "no_op", "expert")
-NAMES = {"blind": "blind", "shuffled": "clouds of others", "no_op": "no-op", "expert": "expert"}
+NAMES = {"blind": "blind", "shuffled": "shuffled", "no_op": "no-op", "expert": "expert"}
 BASELINES = {
     ", ".join(f"{name} {value}" for name, value in read_yaml(path).items()): f"`{path.name}`"
     for path in sorted(Path(__file__).with_name("baselines").glob("*.yaml"))
@@ -207,7 +207,7 @@ def _is_single_step(name: str) -> bool:
 def _table(rows: Sequence[Row], *, others: bool) -> str:
     controls = [name for name in CONTROLS if any(name in row for row in rows)]
     head = ["task", *(["policy"] if others else []), "held (95 %)", "strict", *(NAMES[name] for name in controls)]
-    head += ["taught by", "steps", "CPU s: data, training", "what failed"]
+    head += ["demonstrations", "training steps", "CPU s: data, training", "causes of failures"]
     lines = [line(head), line(["---"] * len(head))]
     for row in sorted(rows, key=lambda row: [row[each] for each in ("together", "policy", "name", "objects")]):
         cells = [row["name"]]

@@ -171,14 +171,15 @@ def section(title: str, rows: Sequence[Figure]) -> str:
     sizes = sorted({(row.runs, row.episodes // row.runs) for row in rows})
     shown = " or ".join(f"{runs} x {episodes}" for runs, episodes in sizes)
     seeds = ", ".join(map(str, sorted({row.seed for row in rows})))
-    head = f"## {title}\n\n{shown} episodes a cell; seeds {seeds}; {_made(rows)}.\n"
+    head = f"## {title}\n\nEach cell has {shown} episodes (runs x episodes); seeds {seeds}; {_made(rows)}.\n"
     return f"{head}\n{_tables(rows, _three_verdicts, averages=_average_of_three)}"
 
 
 def _made(rows: Sequence[Figure]) -> str:
     """Commits and dates of a section's rows; older ones have none."""
     found = sorted({(row.source.date, row.source.commit[:12]) for row in rows if row.source is not None})
-    made = [f"commit {commit}, {date}" for date, commit in found]
+    commits = ", ".join(f"{commit} ({date})" for date, commit in found)
+    made = [f"measured at commits {commits}"] if found else []
     older = sum(row.source is None for row in rows)
     if older:
         made.append(f"{older} of {len(rows)} rows were measured before commits were recorded")
@@ -197,7 +198,10 @@ def objects(rows: Sequence[Figure]) -> str:
     for task in sorted({row.task for row in known}, key=_rank):
         cells = (by_place.get((task, condition)) for condition in conditions)
         lines.append(line([task, *("" if row is None else _worst(row) for row in cells)]))
-    head = f"## The worst object of each row\n\nReal objects with at least {MIN_EPISODES} episodes: held / episodes.\n"
+    head = (
+        "## The worst object of each row\n\nA cell names the real object with the lowest success rate, and its number of "
+        f"successes (verdict `held`) / episodes. Objects with fewer than {MIN_EPISODES} episodes are ignored.\n"
+    )
     return "\n".join([head, *lines]) + "\n"
 
 

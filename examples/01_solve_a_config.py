@@ -1,4 +1,4 @@
-"""Plan a motion from keypoints: touch a point from above, then push it 10 cm away. No simulator."""
+"""Plan a motion from keypoint constraints, without a simulator: touch a point from above, then move 10 cm forward."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ upright = {"type": "frame_axis_parallel", "axis_from_keypoint_name": "tool_head"
 up = {"target_axis": [0, 0, 1], "target_axis_frame": "world", "target_inner_product": 1}
 config = {
     "constraint_list": [{**touch, "tolerance": 0.001}, {**upright, **up, "tolerance": 0.01}],
-    "pre_actuation_motions": [["translate_z", -0.1]],  # come from 10 cm behind, along the hand's own z
+    "pre_actuation_motions": [["translate_z", -0.1]],  # approach along the hand's z axis from 10 cm away
     "post_actuation_motions": ["move-forward"],
 }
 problem = kpam.KeypointProblem(

@@ -1,8 +1,8 @@
-"""Make an environment and step it: the same seed gives the same object, pose and openness everywhere."""
+"""Create an environment and step it. A seed determines the object, its pose and its openness."""
 
 import gensim2
 
-# The same as gymnasium.make("gensim2.sim:GenSim2-OpenDrawer-v1", ...).
+# gymnasium.make("gensim2.sim:GenSim2-OpenDrawer-v1", ...) creates the same environment.
 env = gensim2.make_env("OpenDrawer", obs_mode="state", assets="builtin")
 hold_still = gensim2.robot("panda").rest_action  # seven joint targets in rad; 1 opens the gripper
 world = env.unwrapped

@@ -1,4 +1,4 @@
-"""Record demonstrations, then read them with h5py alone."""
+"""Record demonstrations of a task, then read actions and objects from their files with h5py and json."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Generate a new object and look at what a planner is told about it."""
+"""Generate a new object and print its joint, keypoints and collision shapes."""
 
 import numpy as np
 

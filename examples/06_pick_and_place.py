@@ -1,4 +1,4 @@
-"""Pick a cube, carry it over a wall and set it down: a scene built once, and a problem a step. No simulator."""
+"""Plan to pick a cube, carry it over a wall and set it down, without a simulator."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def at(*xyz: float) -> np.ndarray:
 
 
 def reach(tool: str, target: str, post: list) -> kpam.SolverConfig:
-    """A point of the tool on a target, from 10 cm above, the hand looking down."""
+    """Return a config that brings a tool keypoint to a target from 10 cm above, with the fingers pointing down."""
     axis = {"type": "frame_axis_parallel", "axis_from_keypoint_name": "tool_head", "target_axis_frame": "world"}
     axis |= {"target_inner_product": 1, "tolerance": 0.02}
     point = {"type": "point2point_constraint", "keypoint_name": tool, "target_keypoint_name": target}
@@ -43,13 +43,13 @@ pick = kpam.plan(
         reach("tool_head", "cube/center", ["move-up"]),
         q,
         tool_keypoints=panda.tool_keypoints,
-        options={"pick": ["cube"]},  # it rides on the hand from the actuation on
+        options={"pick": ["cube"]},  # the cube moves with the hand after the actuation pose
     )
 )
 held = scene.attached("cube", pick.q_plan)
 place = kpam.plan(
     held.problem(
-        reach("cube/center", "spot", ["move-up"]),  # the cube's own keypoint is a tool keypoint now
+        reach("cube/center", "spot", ["move-up"]),  # keypoints of the grasped cube are tool keypoints
         pick.trajectory.positions[-1],
         tool_keypoints=panda.tool_keypoints,
         object_keypoints={"spot": [0.5, 0.15, 0.025]},

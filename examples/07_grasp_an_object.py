@@ -1,4 +1,4 @@
-"""Find where the Panda can hold a mug, and with which grasp it can also be brought somewhere else."""
+"""Find grasps of a mug for the Panda, and a grasp with which the arm can also carry the mug to another place."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ mug = open_library("builtin").load_rigid("mug")
 
 
 def mug_at(x: float, y: float, lifted: float = 0.0) -> np.ndarray:
-    """T_base_object: at rest on the table, or lifted above it, in metres."""
+    """Return T_base_object (4, 4) of the mug at rest on the table, or ``lifted`` metres above it."""
     pose = np.eye(4)
     pose[:3, :3] = mug.placement.rotation
     pose[:3, 3] = mug.placement.position + np.array([x, y, lifted])
@@ -33,10 +33,10 @@ for grasp in grasps[:3]:
     quality = ", ".join(f"{name} {value:.3f}" for name, value in grasp.quality.items())
     print(f"  score {grasp.score:.2f}, {1e3 * grasp.width:.0f} mm wide: {quality}")
 
-targets = [(mug_at(0.45, 0.2, lifted=0.005), [0, 0, 1])]  # turned about the vertical as it likes
+targets = [(mug_at(0.45, 0.2, lifted=0.005), [0, 0, 1])]  # any rotation about the vertical axis is accepted
 found = scene.plan_grasp("mug", gripper, panda.reset_qpos, grasps, targets=targets)
 if found is None:
-    print("no grasp reaches both places")
+    print("no grasp allows both the pick and the carry")
 else:
     seconds = [plan.trajectory.duration for plan in (found.pick, *found.carries)]
-    print(f"grasp {found.index} picks in {seconds[0]:.1f} s and brings in {seconds[1]:.1f} s")
+    print(f"grasp {found.index} picks the mug in {seconds[0]:.1f} s and carries it in {seconds[1]:.1f} s")

@@ -1,4 +1,4 @@
-"""Teach a small network to close boxes by what the planner did; let the benchmark judge it: [FOLDER] [EPISODES]."""
+"""Train a small network on demonstrations of CloseBox, then evaluate it. Arguments: [FOLDER] [EPISODES]."""
 
 import sys
 from pathlib import Path
@@ -8,7 +8,7 @@ from torch import nn
 
 import gensim2
 
-SPEC, CHUNK = gensim2.ObservationSpec.of({"points": 128, "candidates": 1024}), 16  # actions that are foretold at once
+SPEC, CHUNK = gensim2.ObservationSpec.of({"points": 128, "candidates": 1024}), 16  # CHUNK: predicted actions
 
 
 class Net(nn.Module):
@@ -19,7 +19,7 @@ class Net(nn.Module):
 
     def forward(self, cloud, state):
         out = self.head(torch.cat([self.points(cloud).amax(1), state], -1)).unflatten(-1, (CHUNK, 8))
-        return torch.cat([state[:, None, :7] + 0.3 * out[..., :7], out[..., 7:]], -1)  # relative to where the arm is
+        return torch.cat([state[:, None, :7] + 0.3 * out[..., :7], out[..., 7:]], -1)  # relative to the current joints
 
 
 class Policy:
@@ -33,7 +33,7 @@ class Policy:
         self.plan = []
 
     def act(self, observation):
-        if not self.plan:  # half of a chunk is executed before the network looks again
+        if not self.plan:  # the network predicts again after half of a chunk
             seen = (torch.from_numpy(observation[name])[None] for name in ("point_cloud", "state"))
             self.plan = list(self.net(*seen)[0, : CHUNK // 2].detach().numpy())
         return self.plan.pop(0)
@@ -57,4 +57,4 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
     torch.save(net.state_dict(), weights := str(folder / "policy.pt"))
     given = {"arguments": {"weights": weights}, "data": folder / "data", "assets": "builtin", "videos": 1}
     result = gensim2.evaluate(Policy, "CloseBox", episodes=max(2, episodes // 5), out=folder / "evaluation", **given)
-    print(f"CloseBox: {result.held_mean:.2f} held, taught by {len(frames)} frames", *result.videos["CloseBox"])
+    print(f"CloseBox: {result.held_mean:.2f} held, trained on {len(frames)} frames", *result.videos["CloseBox"])

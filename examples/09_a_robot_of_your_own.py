@@ -1,4 +1,4 @@
-"""A robot of your own opens a drawer: load its file, and give the returned name to whatever takes ``robot``.
+"""Load your own robots from Python files, and use their names in environments.
 
 python examples/09_a_robot_of_your_own.py
 """
@@ -8,7 +8,7 @@ from pathlib import Path
 import gensim2
 
 ROBOTS = Path(__file__).with_name("robots")
-"""A UR5 with the Panda's hand, and an xArm7 with a gripper of one motor, mimic joints and passive hinges."""
+"""A UR5 with the Panda's hand, and an xArm7 whose gripper has one motor, mimic joints and passive hinges."""
 
 
 def main() -> None:
@@ -18,7 +18,7 @@ def main() -> None:
         print(f"{robot.name}: {robot.arm_size} arm joints, opens {robot.gripper.widest:.3f} m, {robot.control_hz} Hz")
         env = gensim2.make_env("OpenDrawer", assets="builtin", robot=name)
         env.reset(seed=0)
-        for _ in range(robot.control_hz):  # a second at rest
+        for _ in range(robot.control_hz):  # one second without motion
             *_, info = env.step(robot.rest_action)
         openness = float(next(iter(info["openness"].values()))[0])
         print(f"after a second: openness {openness:.2f}, {env.action_space.shape[0]} numbers")

@@ -1,4 +1,4 @@
-"""Collect demonstrations, render what cameras would have seen, and export them for other people's training code."""
+"""Collect demonstrations, render their point clouds, and export them to zarr, LeRobot and ManiSkill."""
 
 import sys
 import tempfile
@@ -15,9 +15,9 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
     gensim2.render(out / "data", spec=gensim2.ObservationSpec.of({"points": 128, "candidates": 1024}))
 
     data = gensim2.DataSet.open(out / "data")
-    frames = data.frames(horizon=8)  # any frame by its number, with the actions that follow
+    frames = data.frames(horizon=8)  # frames[i] has the observation and the next 8 actions
     shapes = {name: frames[3][name].shape for name in ("state", "tool_pose", "point_cloud", "action")}
-    print(f"{len(frames)} frames of {shapes}, to {frames[3]['language']}")
+    print(f"{len(frames)} frames of {shapes}; instruction: {frames[3]['language']}")
 
     for to in ("zarr", "lerobot", "maniskill"):
         print(f"{export(out / 'data', out / to, to)} episodes in {out / to}")

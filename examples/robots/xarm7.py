@@ -1,4 +1,4 @@
-"""ManiSkill's xArm7 with a gripper of one motor: racks follow a pinion, pads hang on hinges that nothing drives."""
+"""ManiSkill's xArm7 with a rack gripper: a motor turns a pinion, two racks follow, and the pads have passive hinges."""
 
 from pathlib import Path
 

@@ -71,7 +71,7 @@ def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> 
         "| Randomization wide, up to 8 attempts, open loop | single-step |  | 0.96 / 0.40 / 0.20 (of 1) |  |  |",
         "| Instances test, disturbance push | single-step |  | 0.96 / 0.20 / 0.10 (of 1) |  |  |",
     ]
-    assert "5 x 50 episodes a cell; seeds 7, 8; 4 of 4 rows were measured before commits were recorded." in first
+    assert "Each cell has 5 x 50 episodes (runs x episodes); seeds 7, 8; 4 of 4 rows were measured before" in first
     assert [line for line in first if line.startswith("|")] == [
         "| single-step task | default, real | original, real | paper | its release |",
         "| --- | --- | --- | --- | --- |",
@@ -94,7 +94,7 @@ def test_rows_say_their_commit_and_the_object_on_which_they_hold_least(made: Any
     }
     row = _row("OpenBox", 225).model_copy(update={"source": source, "instances": seen})
     text = made.everything([row, _row("TurnOnFaucet", 200)])
-    assert "seeds 7; commit 0123456789ab, 2026-01-02; 1 of 2 rows were measured before" in text
+    assert "seeds 7; measured at commits 0123456789ab (2026-01-02); 1 of 2 rows were measured before" in text
     assert "| OpenBox | 24/46 box/2 |" in text
     assert "| TurnOnFaucet |" not in text.split("## The worst object of each row")[1]
 

@@ -47,7 +47,7 @@ def _stepped(said: str, _: Path) -> None:
 
 def _designed(said: str, folder: Path) -> None:
     """The task is found, succeeds in new episodes, is kept, and has demonstrations."""
-    line = re.search(r"PushDrawerClose: (\d+)/(\d+) fresh episodes hold, (\d+) demonstrations", said)
+    line = re.search(r"PushDrawerClose: (\d+)/(\d+) new episodes succeed, (\d+) demonstrations", said)
     assert line is not None
     successes, episodes, demos = map(int, line.groups())
     assert episodes == 20
@@ -91,12 +91,12 @@ def _grasped(said: str, _: Path) -> None:
     """There are grasps with their scores, and one serves both places."""
     assert re.search(r"\b100 grasps", said)
     assert "friction_margin" in said
-    assert re.search(r"grasp \d+ picks in \d+\.\d s and brings in \d+\.\d s", said)
+    assert re.search(r"grasp \d+ picks the mug in \d+\.\d s and carries it in \d+\.\d s", said)
 
 
 def _evaluated(said: str, folder: Path) -> None:
     """A policy was trained and evaluated in two scenes, and one episode filmed if rendering works."""
-    line = re.search(r"CloseBox: (\S+) held, taught by (\d+) frames", said)
+    line = re.search(r"CloseBox: (\S+) held, trained on (\d+) frames", said)
     assert line is not None
     assert int(line[2]) > 300
     log = (folder / "evaluation" / "tasks" / "CloseBox" / "attempts.jsonl").read_text().splitlines()

@@ -73,7 +73,7 @@ def _show(result: dict[str, Any]) -> None:
         )
         for row in result["tasks"]
     ]
-    heads = ("task", "held (95 %)", "blind", "shuffled", "no-op", "expert", "taught by", "steps", "CPU s", "causes")
+    heads = ("task", "held (95 %)", "blind", "shuffled", "no-op", "expert", "demos", "steps", "CPU s", "causes")
     table(heads, rows)
     line(f"page: {Path(result['out']) / 'report.html'}")
 
