@@ -199,7 +199,7 @@ def objects(rows: Sequence[Figure]) -> str:
         cells = (by_place.get((task, condition)) for condition in conditions)
         lines.append(line([task, *("" if row is None else _worst(row) for row in cells)]))
     head = (
-        "## The worst object of each row\n\nA cell names the real object with the lowest success rate, and its number of "
+        "## The worst object of each row\n\nA cell names the real object with the lowest success rate, and its "
         f"successes (verdict `held`) / episodes. Objects with fewer than {MIN_EPISODES} episodes are ignored.\n"
     )
     return "\n".join([head, *lines]) + "\n"

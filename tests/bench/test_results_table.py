@@ -71,7 +71,8 @@ def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> 
         "| Randomization wide, up to 8 attempts, open loop | single-step |  | 0.96 / 0.40 / 0.20 (of 1) |  |  |",
         "| Instances test, disturbance push | single-step |  | 0.96 / 0.20 / 0.10 (of 1) |  |  |",
     ]
-    assert "Each cell has 5 x 50 episodes (runs x episodes); seeds 7, 8; 4 of 4 rows were measured before" in first
+    made_at = "seeds 7, 8; 4 of 4 rows were measured before commits were recorded."
+    assert f"Each cell has 5 x 50 episodes (runs x episodes); {made_at}" in first
     assert [line for line in first if line.startswith("|")] == [
         "| single-step task | default, real | original, real | paper | its release |",
         "| --- | --- | --- | --- | --- |",

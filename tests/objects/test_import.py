@@ -417,7 +417,7 @@ def test_the_command_draws_the_keypoints_that_were_given(
     [
         ("head=1,2", "keypoint 'head': \\[1.0, 2.0\\] are not three numbers"),
         ("head=1,2,nan", "keypoint 'head': .* are not three numbers"),
-        ("head=1,2,x", "holds no three numbers"),
+        ("head=1,2,x", "does not contain three numbers"),
         ("../head=1,2,3", "cannot name a keypoint"),
         ("nowhere.yaml", "nowhere.yaml"),
     ],

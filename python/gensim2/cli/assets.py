@@ -79,7 +79,7 @@ def list_assets(*, assets: str | None, kind: Literal["articulated", "rigid"] | N
     A rigid object is the only instance of its class.
 
     Args:
-        kind: List only objects of this kind.  [default: both]
+        kind: List only articulated or only rigid objects.  [default: both]
     """
     from gensim2.objects import listing, open_library
 
@@ -106,9 +106,9 @@ def show(
 ) -> dict[str, Any]:
     """Describe an object.
 
-    Prints the object's joint or grasp, keypoints, mass, placement and files. WHICH is an id, train, test, new, all or
-    random. If WHICH selects several objects, the first is described. Without WHICH, the first object of the class is
-    described.
+    The command prints the object's joint or grasp, keypoints, mass, placement and files. WHICH selects objects of the
+    class: an id, train, test, new, all or random. The first selected object is described; without WHICH, the first
+    object of the class.
     """
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import select_one

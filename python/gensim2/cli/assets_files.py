@@ -71,19 +71,19 @@ def export(
 ) -> dict[str, Any]:
     """Write objects as URDF or MJCF.
 
-    WHICH is an id, train, test, new, all or random. urdf writes articulated objects in the layout of the GenSim2
-    release, which other tools load: articulated_objs/CLASS/ID in LIBRARY with mobility.urdf, textured_objs/ and
-    info.json, in metres. mjcf writes articulated and rigid objects as LIBRARY/CLASS/ID.xml, on the table, for
-    python -m mujoco.viewer.
+    WHICH selects objects of the class: an id, train, test, new, all or random. The format urdf writes articulated
+    objects, in metres, in the layout of the GenSim2 release: mobility.urdf, textured_objs/ and info.json in the folder
+    LIBRARY/articulated_objs/CLASS/ID. The format mjcf writes articulated and rigid objects, placed on a table, as
+    LIBRARY/CLASS/ID.xml for python -m mujoco.viewer.
 
     Args:
         every: Export all articulated objects of the library.
         to: Format; mjcf needs the extra gensim2[mujoco].
-        out: Folder of objects, usable as --assets; created if missing.
+        out: Output folder, usable as --assets; created if missing.
         force: Replace existing objects.
     """
     if not objects and not every:
-        raise click.UsageError("name a CLASS or CLASS/ID, or say --all")
+        raise click.UsageError("name a CLASS or CLASS/ID, or give --all")
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import select
 
@@ -110,7 +110,7 @@ def _to_mjcf(library: LibraryObjects, items: list[tuple[str, str]], out: Path, f
     for asset_class, instance_id in items:
         file = out / asset_class / f"{instance_id}.xml"
         if file.exists() and not force:
-            raise InputError("is there already", file=file, field="--out", remedy="give --force to replace it")
+            raise InputError("exists already", file=file, field="--out", remedy="give --force to replace it")
         model = library.load(asset_class, instance_id)
         write_object(model, file)
         written.append({"class": asset_class, "id": instance_id, "folder": str(file), "license": model.license})
@@ -134,8 +134,8 @@ def import_(
 ) -> dict[str, Any] | Ending:
     """Import an object from a URDF file or a PartNet-Mobility folder.
 
-    FILE.urdf holds boxes, cylinders, spheres, capsules or meshes. DIR is a folder with mobility.urdf, or the number of
-    a model that ManiSkill has downloaded. The import fixes all joints but one, scales the model, proposes keypoints
+    FILE.urdf has boxes, cylinders, spheres, capsules or meshes. DIR is a folder with mobility.urdf, or the number of a
+    model that ManiSkill has downloaded. The import fixes all joints but one, scales the model, proposes keypoints
     from the geometry of the moving link, checks the result and draws its keypoints. To change the proposed keypoints,
     give --keypoint, or edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`.
     The exit code is 1 if the object fails a check.
@@ -198,5 +198,5 @@ def _positions(given: tuple[str, ...]) -> dict[str, list[float]]:
             found |= {name: [float(each) for each in numbers.split(",")]} if equals else dict(read_yaml(Path(text)))
         except ValueError as error:
             remedy = "give NAME=X,Y,Z, for example head=0.2,0,0.01"
-            raise InputError(f"{text!r} holds no three numbers", field="--keypoint", remedy=remedy) from error
+            raise InputError(f"{text!r} does not contain three numbers", field="--keypoint", remedy=remedy) from error
     return found

@@ -34,10 +34,10 @@ def render(
 ) -> dict[str, Any]:
     """Render a picture of one or several objects.
 
-    A single articulated object is rendered at openness 0, 0.5 and 1, a single rigid one from three sides, with the
-    names of its keypoints. Several objects appear on one sheet with one picture each. WHICH is an id, train, test, new,
-    all or random. If WHICH selects several objects, the first is rendered. Without WHICH, the first object of the class
-    is rendered.
+    A single articulated object is rendered at openness 0, 0.5 and 1, and a single rigid object from three sides, with
+    the names of its keypoints. Several objects appear on one sheet with one picture each. WHICH selects objects of the
+    class: an id, train, test, new, all or random. The first selected object is rendered; without WHICH, the first
+        object of the class.
 
     Args:
         out: Image file to write.
@@ -74,7 +74,7 @@ def gallery(
 ) -> dict[str, Any]:
     """Write a page with pictures of every object.
 
-    The page has a turntable picture of every object, at openness 0, 0.5 and 1 for articulated ones. Existing pictures
+    The page shows every object from all sides, and articulated objects also at openness 0, 0.5 and 1. Existing pictures
     of unchanged objects are reused. After Ctrl-C, the same command continues.
 
     Args:

@@ -52,13 +52,12 @@ def validate(
     """Check the geometry and the physics of objects.
 
     The checks test that objects are complete, stay at rest, move as their joint allows and can be reached by the robot.
-    WHICH is an id, train, test, new, all or random. The command prints one line for each object. The exit code is 1 if
-    an object fails a check.
+    WHICH selects objects of the class: an id, train, test, new, all or random. The command prints one line for each
+    object. The exit code is 1 if an object fails a check.
 
     Args:
         every: Check all objects of the library; the default without CLASS.
-        drawn: Also check N more objects of each class, drawn by --seed: newly generated ones, or any object of a
-            folder.
+        drawn: Also check N random objects of each class: newly generated objects, or objects of the folder.
         physics: Simulate each object.
     """
     from gensim2.objects import open_library
@@ -84,7 +83,7 @@ def prepare(
 ) -> dict[str, Any] | Ending:
     """Prepare objects in advance instead of on first use.
 
-    Real objects are decomposed into convex parts, generated ones are created, and both are stored in the cache. The
+    The command decomposes real objects into convex parts, creates generated objects, and stores both in the cache. The
     exit code is 1 if an object cannot be used.
 
     Args:

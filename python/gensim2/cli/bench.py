@@ -83,13 +83,13 @@ def solver(
 ) -> dict[str, Any]:
     """Time the keypoint solver on a file of planning problems.
 
-    --json writes one JSON object for each problem, each on its own line. Times are CPU times of the solver calls alone,
-    without reading files and loading meshes.
+    --json writes one line with a JSON object for each problem. Times are CPU times of the solver calls, without reading
+    files and loading meshes.
 
     Args:
-        problems: Planning problems, one on each line.
+        problems: File with one planning problem per line.
         assets: Folder of real objects, used as obstacles.  [default: the table is the only obstacle]
-        frames: Frame of the motions: the original's, or the object's own.
+        frames: Frame of translations: original rotates them by the object's yaw, object uses the hand frame.
         threads: Number of solver threads.
         sample_dt: Also write the joint positions at this interval in seconds.
     """
@@ -112,11 +112,11 @@ def motion(
 ) -> dict[str, Any]:
     """Time the planner on a file of joint-to-joint motion problems.
 
-    --json writes one JSON object for each problem, each on its own line. Times are CPU times from the problem to the
-    timed motion, including the construction of the scene.
+    --json writes one line with a JSON object for each problem. Times are CPU times from the problem to the timed
+    motion, including the construction of the scene.
 
     Args:
-        problems: Motion problems, one on each line.
+        problems: File with one motion problem per line.
         robot: Robot of the problems.
         margin: Minimum distance to all obstacles, in metres.
         deadline_ms: Time limit of each problem in milliseconds.  [default: none]

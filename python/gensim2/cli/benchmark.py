@@ -85,11 +85,11 @@ def benchmark(
 ) -> dict[str, Any]:
     """Measure the success rates of tasks.
 
-    The command runs TASKS on random scenes by the paper's protocol. Without TASKS, it runs the paper's suite, or all
-    tasks of --origin. It reports three success rates with 95 % confidence intervals. Verdict paper counts episodes as
-    the paper does. Verdict held requires that the goal is true at the end and at rest, and not without the robot.
-    Verdict strict adds further conditions. The JSON output contains every episode. Tasks that these objects do not
-    support are reported and left out.
+    The command runs TASKS on random scenes by the paper's protocol. Without TASKS, it runs the tasks of the paper, or
+    all tasks of --origin. It reports success rates by three verdicts, with 95 % confidence intervals. The verdict paper
+    counts episodes as the paper does. The verdict held requires that the goal is true at the end, that the scene is at
+    rest, and that the goal is false if the robot does not move. The verdict strict adds further conditions. The JSON
+    output contains every episode. Tasks without suitable objects are reported and skipped.
 
     Args:
         runs: Number of repetitions.
@@ -97,7 +97,7 @@ def benchmark(
         attempts: Maximum number of attempts in an episode. Each attempt starts from the same state with another
             strategy first and another solver seed, until one attempt succeeds.
         disturbance: At a random moment of each episode, push the object to be grasped 3 cm aside, or open the gripper
-            that holds it. Tasks without such an object are left out.
+            that holds it. Tasks without an object to grasp are skipped.
         method: chain uses several strategies for each step and replans after a deviation. one-plan is the paper's
             method with our solver: every step is planned once, at its start, with its first strategy.
     """

@@ -48,20 +48,19 @@ def collect(
 ) -> dict[str, Any]:
     """Collect a data set of demonstrations for many tasks.
 
-    The command runs --episodes episodes of each of TASKS, or of the whole suite without TASKS. Every episode has a
-    record; successful episodes also keep their states and actions. The result depends on the arguments alone, also
-    after interruptions. With --resume, --episodes can be raised and TASKS added. Use `gensim2 render` to add
-    observations.
+    The command runs --episodes episodes of each task in TASKS; without TASKS, of each task of the paper. It saves a
+    record of every episode, and the states and actions of successful episodes. The result depends only on the
+    arguments, not on interruptions. With --resume you may increase --episodes and add TASKS. Use `gensim2 render` to
+    add observations.
 
     Args:
         episodes: Number of episodes of each task.
         out: Folder of the data set.
         keep_failures: Also keep the states of failed episodes.
-        noise: Standard deviation of random angles that occasionally perturb the arm's commands. The label for training
-            stays the unperturbed command.
-        strategy: Use only this strategy in steps that have it; can be repeated for other steps.
-        objects: Number of generated objects of each class to use, beyond the listed ones.  [default: the objects of
-            --instances]
+        noise: Standard deviation of random angles that occasionally perturb the arm's commands. The unperturbed
+            commands are recorded, too, and used for training.
+        strategy: Name of a strategy; steps that have this strategy use no other. Can be repeated.
+        objects: Use this number of new generated objects of each class.  [default: the objects of --instances]
         resume: Continue the data set in --out, if there is one.
     """
     from gensim2.data import collect as function

@@ -26,8 +26,8 @@ def _show(result: dict[str, Any]) -> None:
 def demo(task: str, *, episodes: Count = 5, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
     """Record demonstrations of a task.
 
-    TASK is a task of the library, or a folder that holds task.yaml and strategies/. A demonstration counts if the goal
-    holds at the end. --json also contains the number of episodes that pass each verdict, and the CPU seconds of all
+    TASK is a task of the library, or a folder with task.yaml and strategies/. Successful episodes (verdict held) become
+    demonstrations. --json also contains the number of episodes that pass each verdict, and the CPU seconds of all
     processes without their start. The exit code is 1 if fewer demonstrations succeeded than requested.
 
     Args:

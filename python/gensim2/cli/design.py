@@ -1,4 +1,4 @@
-"""``gensim2 design``."""
+"""Command ``gensim2 design``."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def design(
 ) -> dict[str, Any] | Ending:
     """Find strategies for your own task.
 
-    FOLDER holds task.yaml. The offline designer, which needs no language model, searches for strategies of each step,
-    tries them in physics and verifies the best on new scenes. The task is kept if 80 % of the episodes hold (60 % of a
-    task of several steps). Its strategies and task.yaml are then written to FOLDER; the former task.yaml stays in the
-    run folder as before.yaml. report.html shows the plan with keypoints and residuals, films, and all candidates. After
-    Ctrl-C, --resume continues. Ends with exit code 1 if no strategy is kept.
+    FOLDER contains task.yaml. The offline designer, which needs no language model, searches strategies for each step,
+    tests them in physics and verifies the best ones in new scenes. The task is kept if 80 % of the episodes succeed (60
+    % if the task has several steps). The command then writes the strategies and a new task.yaml to FOLDER, and saves
+    the old task.yaml in the run folder as before.yaml. report.html shows the plan with keypoints and residuals, films,
+    and all candidates. After Ctrl-C, --resume continues. The exit code is 1 if the task is not kept.
 
     Args:
-        out: Run folder; FOLDER then stays as it is.  [default: FOLDER/design]
+        out: Run folder; with this option FOLDER is not changed.  [default: FOLDER/design]
         verify: Number of new episodes that verify the task.
     """
     from gensim2.design.own import design_task

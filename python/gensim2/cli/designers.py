@@ -24,23 +24,23 @@ class Designing:
     """Options that select and configure the designer.
 
     Attributes:
-        mode: explore designs single-step tasks; topdown decomposes long tasks into steps; bottomup composes long tasks
-            of verified ones.  [default: explore; offline designer: all tasks]
+        mode: explore designs single-step tasks; topdown decomposes long tasks into steps; bottomup combines verified
+            tasks into long tasks.  [default: explore; offline designer: all tasks]
         trials: Number of configs of a step to request at once.  [default: 3]
-        max_rounds: Maximum number of answers to a question, and of rounds that improve configs after simulation.
+        max_rounds: Maximum number of answers to a request, and of rounds that improve configs after simulation.
             [default: 3]
         visual: Send pictures of the object and of the actuation pose to the model.
-        code: Also request each task as code, which is interpreted.
+        code: Also request each task as code, which is interpreted and never executed.
         review: Ask on the terminal whether to accept each proposed task.
-        prompts: Folder with your own prompts, named like the built-in ones.
+        prompts: Folder with your prompts; files replace built-in prompts of the same name.
         replay: Use the answers of this run folder instead of a model.
-        config: Settings of the model (YAML).
+        config: YAML file with settings of the model.
         base_url: OpenAI-compatible endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]
         temperature: Sampling temperature of the model.
         budget: Maximum cost of the model's answers in USD; needs both prices.
         price_in: Price in USD of a million prompt tokens.
         price_out: Price in USD of a million answer tokens.
-        concurrency: Number of simultaneous requests.  [default: 4]
+        concurrency: Maximum number of simultaneous requests.  [default: 4]
     """
 
     mode: Literal["explore", "topdown", "bottomup"] | None = None

@@ -24,13 +24,13 @@ def doctor(
 ) -> dict[str, Any] | Ending:
     """Report which parts of gensim2 work on this machine and what is missing.
 
-    The command asks a language model if an option or the environment names an endpoint. The exit code is 1 if a
-    required part is missing.
+    If an option or an environment variable names an endpoint, the command sends a test question to the language model.
+    The exit code is 1 if a required part is missing.
 
     Args:
         model: Language model to test with a one-word question.
         base_url: URL of the model's endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]
-        model_config: Settings of the requests (YAML).
+        model_config: YAML file with settings of the requests.
     """
     from gensim2.doctor import doctor as function
 

@@ -86,9 +86,9 @@ def evaluate(
         controller: Class of the controller with the methods reset(observation, seed) and act(observation).
         arguments: Keyword arguments of the controller.
         data: Rendered data set that the controller was trained on; different observation settings are refused.
-        stop: goal ends an episode when the goal has held for half a second and still holds with the scene at rest, or
-            at the time limit. controller ends it only when the controller returns None, and marks episodes at the time
-            limit as truncated.
+        stop: goal ends an episode when the goal has been true for half a second and is still true with the scene at
+            rest, or at the time limit. controller ends an episode only when the controller returns None; at the time
+            limit the episode is truncated.
         runs: Number of repetitions.
         episodes: Number of episodes of each task in each run.
         videos: Number of episodes of each task to record as video.

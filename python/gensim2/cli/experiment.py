@@ -26,7 +26,7 @@ EXPERIMENTS = {
 
 @click.group("experiment", short_help="Train and measure several policies, and draw the figure.")
 def experiment() -> None:
-    """Run experiments that compare several trained policies; each writes one page and can continue with --resume."""
+    """Compare several trained policies in an experiment, which writes one page; --resume continues an experiment."""
 
 
 def _add(name: str, help_text: str) -> None:
@@ -36,8 +36,8 @@ def _add(name: str, help_text: str) -> None:
         """Run an experiment.
 
         Args:
-            small: Run a small version as a check; takes some minutes on two cores.
-            config: Variants to compare as YAML, instead of the packaged ones.
+            small: Run a small version of the experiment, which takes some minutes on two cores.
+            config: YAML file with the policies to compare, instead of those of the package.
         """
         if small and config is not None:
             raise click.UsageError("Give either --small or --config.")

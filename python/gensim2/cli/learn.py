@@ -19,20 +19,20 @@ class Learning:
     Attributes:
         policy: Type of policy. keypose predicts hand poses, the planner moves between them, and it learns from plans.
             The other types predict chunks of actions and learn from episodes.
-        minutes: CPU minutes for data and training of each policy. If a GPU trains, the time after the data counts as
+        minutes: CPU minutes for data and training of each policy. If a GPU is used, training time is measured as
             wall-clock time. Evaluation is not limited.
-        multi_task: Train one policy for all TASKS; instructions tell it which task to do.
-        scenes: Maximum number of scenes of each task to plan; for episodes at most 600.
+        multi_task: Train one policy for all TASKS; an instruction selects the task.
+        scenes: Maximum number of scenes of each task to plan; at most 600 for policies that learn from episodes.
         episodes: Number of evaluation episodes of each task.
         videos: Number of episodes of each task to record as video.
         objects: Number of generated training objects of each class, beyond the listed ones.  [default: the objects of
             --instances; without --instances 200, or the training split of real objects]
         generated: Number of generated training objects of each class in addition to those of --assets. Planning time is
             divided in proportion to the numbers of objects, and each part uses up to --scenes scenes.
-        verify: Simulate the plans that train a keypose policy, and leave out failed ones; a scene then takes ten times
-            as long.
-        start: Multi-task keypose policy to start from, made by learn or the packaged one. TASKS are added to its tasks,
-            and all tasks are evaluated.
+        verify: Simulate the plans for a keypose policy, and train only on successful plans; a scene then takes ten
+            times as long.
+        start: Multi-task keypose policy to start from: a policy of learn, or builtin. TASKS are added to its tasks, and
+            all tasks are evaluated.
         demonstrations: Earlier run of learn for another policy type with the same TASKS, objects and seed. Its
             demonstrations are reused, and more are made if their share of --minutes is not used up.
         text: Text encoder of a multi-task policy: small is trained with the policy, clip is CLIP's, sentence is a

@@ -97,7 +97,7 @@ def _start(*, robots: Annotated[tuple[str, ...], Option("--load-robot", "FILE.py
     interrupted by Ctrl-C (143 by SIGTERM, 129 by SIGHUP).
 
     Args:
-        robots: Load your own robot, which a checkpoint, a log or a data set may then name; data files never load code
+        robots: Load your own robot. Checkpoints, logs and data sets may then use its name; data files never load code
             themselves. Can be repeated.
     """
     for place in robots:

@@ -65,30 +65,30 @@ class Shared:
         engine: Physics engine. sapien (extra gensim2[sim]) uses PhysX with ManiSkill's environments. mujoco (extra
             gensim2[mujoco]) needs neither ManiSkill nor PyTorch, and supports --physics default only.  [default: sapien
             if it is installed, else mujoco]
-        instances: Objects to use. train and test split the listed objects nine to one; train-K and test-K, with K from
-            1 to 9, use another tenth for testing; new generates objects beyond the listed ones; random is one listed
-            object, drawn by --seed.
+        instances: Objects to use. train and test are 90 % and 10 % of the listed objects; train-K and test-K, with K
+            from 1 to 9, use another tenth for testing; new are further generated objects; random is one random listed
+            object.
         jobs_per_worker: Number of jobs after which a simulator process is replaced.
-        library: Folder of your own tasks, used in addition to the package's.  [default: $GENSIM2_LIBRARY, else a folder
-            in your user data]
-        moved_assets: Folder that now holds the data set's objects, which must be unchanged. Built-in objects do not
-            need this option.  [default: their folder when the data set was made]
-        noise: Noise of the depth cameras. deployed is the d435 noise with calibration and clock errors drawn for each
+        library: Folder of your own tasks, used in addition to the tasks of the package.  [default: $GENSIM2_LIBRARY,
+            else a folder in your user data]
+        moved_assets: Folder to which the objects of the data set were moved without changes; not needed for built-in
+            objects.  [default: the folder that was used for recording]
+        noise: Noise of the depth cameras. deployed is the noise d435 with random calibration and clock errors in each
             episode; FILE is a file written by gensim2 robot fit-noise.
         open_loop: Plan all steps at the start of an episode, each with its first strategy that gives a complete plan,
             without reacting to deviations.
-        origin: Use all library tasks proposed by NAME, a designer.  [default: paper, the paper's suite]
+        origin: Use all library tasks proposed by NAME, which is paper or a designer.  [default: paper]
         out: Output folder.  [default: runs/<date>-<time>]
         physics: Physics settings (joint friction, densities, materials, solver, default poses, finger drives and
-            redraws): the project's own, or those of the original GenSim2; or a mixture such as
-            original+gripper=default, or a YAML or JSON file of settings.
-        randomization: Ranges of the scenes: the task's own, half of them, or wider ones that also vary the objects'
-            friction and mass and the robot's start.
+            redraws): default, or original for those of the GenSim2 release. Also a preset with changed settings such
+            as original+gripper=default, or a YAML or JSON file of settings.
+        randomization: Random ranges of scenes: paper uses the ranges of the task, paper-half half of them, and wide
+            wider ranges, which also vary friction and mass of the objects and the start pose of the robot.
         ray: Run on Ray (extra gensim2[ray]), on this machine or on a cluster whose nodes all have --out at the same
             path. --workers is then the maximum number of simultaneous environments.  [default of --workers: one for
             each CPU]
-        redraw: Redraw object placements that overlap (placement), or keep the first draw (none).  [default: that of
-            --physics: placement, or none for the original]
+        redraw: placement samples overlapping object placements again; none uses the first placement.  [default:
+            placement; with --physics original: none]
         resume: Continue the run in --out.
         robot: Robot: panda, fr3, fetch, or a Python file that registers your own robot.
         seed: Random seed.

@@ -1,4 +1,4 @@
-"""``gensim2 perceive``."""
+"""Commands ``gensim2 perceive``."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ def train(
 ) -> dict[str, Any]:
     """Train an estimator of articulated objects.
 
-    Objects are placed at random and looked at by the ray caster; nothing is simulated. The folder then holds the
-    estimator.
+    The command places objects at random, renders point clouds by ray casting without simulation, and trains a network
+    on them. It writes the estimator to the folder.
 
     Args:
-        out: Folder to write to.
-        classes: Class to learn, repeatable.  [default: all articulated classes of --assets]
-        assets: Folder of objects to learn from, or 'builtin' for generated ones that no evaluation draws.
-        objects: Number of objects of each class to learn from.
+        out: Output folder.
+        classes: Class to learn; can be repeated.  [default: all articulated classes of --assets]
+        assets: Folder of training objects, or 'builtin' for generated objects that no evaluation uses.
+        objects: Number of training objects of each class.
         looks: Number of point clouds of each object.
         steps: Number of gradient steps.
         batch: Number of point clouds in a step.
@@ -116,14 +116,14 @@ def measure(
 ) -> dict[str, Any]:
     """Measure an estimator.
 
-    Compares the estimates of the estimator DIR with the truth, on point clouds of objects that stand alone. Missed
-    objects count with the largest errors.
+    The command compares the estimates of the estimator DIR with the true objects, on point clouds of single objects. An
+    object that is not found counts with the largest errors.
 
     Args:
         out: Folder for worst.png, a picture of the ten clouds with the largest errors.  [default: no picture]
         instances: Objects to measure on.
-        classes: Class to measure, repeatable.  [default: all classes of the estimator]
-        objects: Number of objects of each class, at most.
+        classes: Class to measure; can be repeated.  [default: all classes of the estimator]
+        objects: Maximum number of objects of each class.
         looks: Number of point clouds of each object.
         noisy: Add the noise of a deployed depth camera.
     """

@@ -46,7 +46,8 @@ def _argument(text: str) -> tuple[str, Any]:
     try:
         return name, json.loads(value)
     except ValueError as error:
-        raise InputError(f"{text!r} is no argument", field="--argument", remedy="as checkpoint='\"runs/a\"'") from error
+        remedy = "write it as checkpoint='\"runs/a\"'"
+        raise InputError(f"{text!r} is not NAME=JSON", field="--argument", remedy=remedy) from error
 
 
 @command(show=_show)
@@ -78,9 +79,9 @@ def show(folder: Checkpoint) -> dict[str, Any]:
 def export(folder: Checkpoint, *, to: Literal["onnx", "torch"] = "onnx", out: File) -> dict[str, Any]:
     """Export a policy's network as ONNX or a PyTorch graph.
 
-    The command exports the network of the checkpoint DIR for single decisions, and checks that the export computes the
-    same function. FILE.json beside it contains names and shapes of the inputs, the instructions and the observation
-    settings; for keypose policies also the order of the points and the meaning of the classes.
+    The command exports the network of the checkpoint DIR for batch size 1, and checks that the exported network gives
+    the same outputs. It also writes FILE.json with names and shapes of the inputs, the instructions and the observation
+    settings; for keypose policies also with the order of the points and the meaning of the classes.
 
     Args:
         to: Format.
@@ -110,7 +111,7 @@ def serve(
     Args:
         host: Address to listen on.
         port: Port to listen on; 0 is any free port.
-        arguments: Argument of module:Class; can be repeated.
+        arguments: Argument of the constructor of module:Class; can be repeated.
     """
     from gensim2.policy.evaluating import policy_controller
     from gensim2.policy.remote.protocol import TOKEN

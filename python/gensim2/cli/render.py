@@ -20,7 +20,7 @@ Words = Annotated[str, Option(metavar="LIST")]
 def _words(text: str, option: str) -> tuple[str, ...]:
     words = tuple(word.strip() for word in text.split(","))
     if not all(words):
-        raise InputError("must be words with commas between them", field=option)
+        raise InputError("must be names separated by commas", field=option)
     return words
 
 
@@ -62,7 +62,7 @@ def render(
         points: Number of points of a point cloud.
         source: Source of the point clouds. depth uses depth images. keypoints uses the true positions of keypoints and
             bounding-box corners, which only a simulator knows, for privileged baselines.
-        keep_robot: Part of the robot that point clouds include.
+        keep_robot: Part of the robot whose points stay in the point clouds.
         drop_outliers: Drop isolated points, whose distance to their neighbours exceeds the mean by this number of
             standard deviations.
         depth_noise: Add white noise with the parameters of a RealSense D435; same as --noise white.

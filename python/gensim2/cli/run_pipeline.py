@@ -85,25 +85,25 @@ def run_pipeline(
 ) -> dict[str, Any] | Ending:
     """Design, verify and demonstrate new tasks.
 
-    The pipeline proposes tasks, searches strategies for them, verifies them in simulation and records demonstrations.
-    The run folder holds the tasks, strategies, verifications, demonstrations, a video of each task and report.html. A
-    task is kept if it succeeds in enough fresh episodes, with objects that the search never used; an episode whose goal
-    is also reached without the robot does not count. Kept tasks are added to your own library. With a language model,
-    the folder also holds every question with its answer and cost (docs/guides/pipeline.md).
+    The pipeline proposes tasks, searches strategies, verifies the tasks in simulation and records demonstrations. The
+    run folder contains the tasks, strategies, verifications, demonstrations, a video of each task and report.html. A
+    task is kept if it succeeds in enough new episodes, with objects that the search never used. An episode does not
+    count as a success if the goal is also reached without the robot. Kept tasks are added to your own library. With a
+    language model, the folder also contains every request with its answer and cost (docs/guides/pipeline.md).
 
     Args:
         num_tasks: Number of tasks to design.
         single: Number of single-step tasks; replaces --num-tasks.
         long: Number of tasks with several steps; replaces --num-tasks.
-        verify: Number of fresh episodes that verify each task.
-        from_empty: Hide all stored tasks from the designer.
+        verify: Number of new episodes that verify each task.
+        from_empty: Design as if the library were empty: hide all stored tasks from the designer.
         episodes: Number of demonstrations to keep for each task; 0 records none.
         target_task: Redesign this library task without using its stored solution. A language model also accepts a new
             name, and then describes the task itself.
         target_object: Class of objects that the tasks must use.
         stored_tasks: Also verify and demonstrate this library task with its stored strategies; can be repeated.
         engines: both repeats each verification in the other physics engine, on the same scenes, and keeps a task only
-            if enough episodes hold in both.
+            if enough episodes succeed in both engines.
         designer: Designer of tasks and strategies: offline is a search, MODEL is the name of a language model.
             [default: offline]
     """

@@ -169,9 +169,9 @@ def show(task: str) -> dict[str, Any]:
 def gallery(tasks: tuple[str, ...] = (), *, out: Page, progress: Progress, **given: Any) -> dict[str, Any]:
     """Write a page with a video of every task.
 
-    The page shows TASKS; without TASKS, the paper's suite or all tasks of --origin. For each task it has a picture, a
-    video of the first of five random episodes that succeeds, the instruction, the steps and the success rates. After
-    Ctrl-C, --resume continues.
+    The page shows TASKS; without TASKS, all tasks of the paper or of --origin. For each task it has a picture, a video,
+    the instruction, the steps and the success rates. The video shows the first successful episode of at most five.
+    After Ctrl-C, --resume continues.
 
     Args:
         out: Folder of the page.
@@ -188,7 +188,7 @@ def add(
     """Add the kept tasks of a run, or your own task, to your library.
 
     FOLDER is a run folder of run-pipeline, whose designed and kept tasks are added; or a folder with task.yaml and
-    strategies/ that you wrote. Your own task is verified first: 60 % of --episodes fresh episodes must succeed. The
+    strategies/ that you wrote. Your own task is verified first: 60 % of --episodes new episodes must succeed. The
     command names the tasks that are not added, with the reason.
 
     Args:
@@ -206,9 +206,9 @@ def add(
     for name in ("episodes", "engines", *given):
         if is_given(context, name):
             anew = shlex.join(["gensim2", "tasks", "add", str(folder / "tasks" / "NAME")])
-            remedy = f"{anew} verifies one of its tasks anew"
+            remedy = f"to verify one of its tasks again, run {anew}"
             option = f"--{name.replace('_', '-')}"
-            raise InputError("does not apply to the folder of a run", field=option, remedy=remedy)
+            raise InputError("does not apply to a run folder", field=option, remedy=remedy)
     from gensim2.design.remembering import remember
     from gensim2.tasks.memory import Memory
 
@@ -243,12 +243,12 @@ def export(
 ) -> dict[str, Any]:
     """Write tasks to a folder or a .zip.
 
-    Writes the tasks NAMES, or all of --origin. Every command accepts a library as --library, and OUT/<Task> of its
-    folder also as a task. mjcf writes the scene of --seed of each task as OUT/<Task>.xml, with the robot, for
-    python -m mujoco.viewer.
+    The command writes the tasks NAMES, or all tasks of --origin. The format library writes a library, which every
+    command accepts as --library; a folder OUT/<Task> can also be used as a task. The format mjcf writes a scene of each
+    task, with the robot, as OUT/<Task>.xml for python -m mujoco.viewer.
 
     Args:
-        origin: All tasks that NAME proposed, if no task is named.
+        origin: Export all tasks proposed by NAME; replaces NAMES.
         to: library is task.yaml and the strategies that a task uses; mjcf (extra gensim2[mujoco]) is MuJoCo's XML.
         out: Folder or archive to write.
     """
@@ -256,12 +256,12 @@ def export(
     from gensim2.tasks.library import task_names
 
     if bool(names) == (origin is not None):
-        raise InputError("name tasks, or give --origin", field="names")
+        raise InputError("give either names of tasks or --origin", field="names")
     wanted = list(dict.fromkeys(names)) or list(task_names(origin))
     if to == "library":
         for name in _OF_SCENES:
             if is_given(click.get_current_context(), name):
-                raise InputError("is of use with --to mjcf only", field=f"--{name}")
+                raise InputError("applies only with --to mjcf", field=f"--{name}")
         function(wanted, out)
         return {"schema_version": 1, "out": str(out), "exported": wanted}
     from gensim2.sim.mujoco.mjcf import write_scene

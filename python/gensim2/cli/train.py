@@ -67,8 +67,8 @@ def train(
     Args:
         data: Rendered data set; can be repeated.
         tasks: Train only on this task; can be repeated.
-        config: Settings as YAML.
-        start: Start from the weights of this policy, with other data or tasks.
+        config: YAML file with settings.
+        start: Continue training from the weights of this policy.
         out: Folder of the checkpoint.
         dagger: Number of DAgger rounds: run the policy, label the visited states with the planner's actions for the
             episode's own strategy and pose, and continue training with these labels, too.

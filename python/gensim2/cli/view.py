@@ -23,9 +23,9 @@ def view(
 ) -> None:
     """Show an episode in the browser.
 
-    The command shows a TASK, which is planned and executed; the file of an EPISODE; or an episode of the data set in
-    the folder DATA, until Ctrl-C. The page contains the scene's meshes, the keyframes of the plan (for a TASK), the
-    policy's point cloud, and a time slider. Needs the extra `viz`.
+    The command plans and runs a TASK, or reads an EPISODE file or an episode of the data set in the folder DATA. The
+    page shows the meshes of the scene, the keyframes of the plan (only for a TASK), the point cloud that a policy would
+    see, and a time slider. The server runs until Ctrl-C. Needs the extra `viz`.
 
     Args:
         task: Task of a data set.  [default: its first]
