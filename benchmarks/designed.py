@@ -94,8 +94,8 @@ def _summary(tasks: list[TaskSpec]) -> list[str]:
     return [
         *_table(("", "count"), rows),
         "",
-        f"{rigid} tasks use only rigid objects. A rigid class has one object, so these tasks were verified with this "
-        "object in new poses. All other tasks were verified on objects that the search did not use, with a different "
+        f"{rigid} tasks use only rigid objects. A rigid class has one object, so these tasks were verified in new "
+        "poses. All other tasks were verified on objects that the search did not use, with a different "
         "object in each episode.",
         "",
         "## Objects per task",

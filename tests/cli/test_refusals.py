@@ -120,7 +120,7 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
             "--target-object: cannot be combined",
         ),
         (["run-pipeline", "--library", str(archive)], "is an archive, which is read-only"),
-        (["tasks", "add", str(folder), "--episodes", "30"], "--episodes: does not apply to the folder of a run"),
+        (["tasks", "add", str(folder), "--episodes", "30"], "--episodes: does not apply to a run folder"),
         (["demo", "OpenDrawer", "--physics", str(mixture)], "base: no physics ['original']"),
         (["run-pipeline", "--randomization", "narrow"], "--randomization"),
         (["run-pipeline", "--instances", "-1"], "instances: no class of builtin has the instances '-1'"),
