@@ -48,7 +48,7 @@ def table(figures: dict[str, Any]) -> str:
         told = found["provenance"]
         given = re.sub(r"^.*\s(?=\S+\.jsonl)", "", told["command"])  # of any version, whatever the command was called
         parts.append(f"**Scenes {scenes}**, commit {told['commit'][:7]}, {told['date']}, with `{given}`\n")
-        parts.append("| task | here (95 %) | its release (95 %) | p | what ours failed at |\n|---|---|---|---|---|")
+        parts.append("| task | here (95 %) | its release (95 %) | p | causes of our failures |\n|---|---|---|---|---|")
         for row in found["rows"]:
             causes = ", ".join(f"{cause} {count}" for cause, count in row["causes"].items())
             p = "" if row["p_value"] is None else f"{row['p_value']:.2f}"
