@@ -134,7 +134,7 @@ def test_out_of_reach_is_said(panda: kpam.Robot) -> None:
     far = config(post_actuation_motions=[["translate_z", -0.05], *["move-forward"] * 8])
     whole = kpam.plan(problem(panda, config=far))
     assert whole.status == "unreachable"
-    assert "m of it, base frame, are left; no joint is at a limit" in whole.reason
+    assert "m in the base frame remain; no joint is at a limit" in whole.reason
     assert whole.trajectory is None
     assert 0 < whole.reached_fraction < 1
     part = kpam.plan(problem(panda, config=far, options={"allow_partial": True}))
@@ -370,11 +370,11 @@ def test_other_arms_reach(robots: Path, urdf: str, hand: str, at: list[float]) -
 
 
 def test_options_load_by_the_names_of_the_release_before(panda: kpam.Robot) -> None:
-    with pytest.warns(FutureWarning, match=r"options\.starts is called options\.num_seeds"):
+    with pytest.warns(FutureWarning, match=r"options\.starts is now called options\.num_seeds"):
         problem(panda, options={"starts": 3})
     with pytest.warns(FutureWarning), pytest.raises(kpam.ProblemError, match=r"options\.extra_seeds"):
         problem(panda, options={"harvest": 10**9})
-    with pytest.raises(kpam.ProblemError, match=r"options\.descents: is called num_refinements"):
+    with pytest.raises(kpam.ProblemError, match=r"options\.descents: is the old name of num_refinements"):
         problem(panda, options={"descents": 3, "num_refinements": 3})
 
 
@@ -387,7 +387,7 @@ def test_keywords_work_by_the_names_of_the_release_before(panda: kpam.Robot) -> 
         (lambda **given: kpam.Scene(panda).distance(Q_START, **given), {"most": 0.5}, {"max_distance": 0.5}),
     )
     for call, before, today in calls:
-        with pytest.warns(FutureWarning, match=f"{next(iter(before))} is called {next(iter(today))}"):
+        with pytest.warns(FutureWarning, match=f"{next(iter(before))} is now called {next(iter(today))}"):
             assert call(**before) == call(**today)  # type: ignore[no-untyped-call]
         with pytest.raises(TypeError, match="which is given too"):
             call(**before, **today)  # type: ignore[no-untyped-call]

@@ -71,7 +71,7 @@ def fingers(second: str) -> str:
         (arm('<limit lower="-1" upper="1" velocity="-1"/>'), "joint j1: limit.velocity", "must not be negative"),
         (arm('<limit lower="-1" upper="1" velocity="1" effort="-1"/>'), "joint j1: limit.effort", "not be negative"),
         (arm('<limit lower="-${pi}" upper="${pi}" velocity="1"/>'), "joint j1: limit.lower", "run `xacro"),
-        (arm(more="<xacro:gripper/>"), "robot", "<xacro:gripper> is not filled in; run `xacro"),
+        (arm(more="<xacro:gripper/>"), "robot", "<xacro:gripper> is not expanded; run `xacro"),
         (arm(link=solid('<mesh filename="x.stl" scale="0.001"/>')), "link l2: collision: mesh.scale", "three finite"),
         (arm(link=solid('<mesh filename="$(find arm)/x.stl"/>')), "link l2: collision: mesh.filename", "xacro"),
         (arm(link=solid('<cylinder radius="0" length="1"/>')), "link l2: collision: cylinder.radius", "positive"),
@@ -170,7 +170,7 @@ def test_a_joint_without_a_velocity_limit_is_not_planned(tmp_path: Path, kind: s
 def test_a_goal_that_planning_does_not_reach_is_refused(tmp_path: Path) -> None:
     scene = kpam.Scene(read(tmp_path, arm(more=fingers(""))))
     for goal, joint in (([0.0] * 4 + [0.02, 0.02], "ga"), ([0.5] * 4 + [0.0, 0.02], "gb")):
-        with pytest.raises(kpam.ProblemError, match=rf"0\.02 is not reached: joint {joint}") as refused:
+        with pytest.raises(kpam.ProblemError, match=rf"0\.02 cannot be reached: joint {joint}") as refused:
             scene.plan_to([0.0] * 6, goal)
         assert str(refused.value.field).startswith("goal[0][")
     with pytest.raises(kpam.ProblemError, match="joint gb"):
@@ -278,7 +278,7 @@ LATIN = arm(head='<?xml version="1.0" encoding="ISO-8859-1"?><!-- Gelenkträger 
         (b"", "no element found"),
         (arm()[:-9].encode(), "not XML"),
         (arm(more='<link name="l1"/>').encode(), "two links have this name"),
-        (arm().replace("l4", "l3").encode(), "have this name|hangs on"),
+        (arm().replace("l4", "l3").encode(), "have this name|is already the child of"),
         (
             arm(more="<joint name='x' type='fixed'><parent link='l0'/><child link='no'/></joint>").encode(),
             "no link 'no'",

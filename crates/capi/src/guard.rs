@@ -10,7 +10,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 pub enum kpam_status {
     /// Success.
     KPAM_OK = 0,
-    /// The motion does not exist or was not found; the message says why.
+    /// No motion was found, or none exists; the message gives the reason.
     KPAM_NO_MOTION = 1,
     /// An argument is invalid; the message names it.
     KPAM_INVALID = 2,
@@ -24,14 +24,14 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::new(CString::default());
 }
 
-/// Message of the last call on this thread that did not return `KPAM_OK`; empty if there was none. Valid until the next
-/// such call on this thread.
+/// Returns the message of the last call on this thread that did not return `KPAM_OK`; empty if there was none. The text
+/// is valid until the next such call on this thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn kpam_last_error() -> *const c_char {
     LAST.with(|last| last.borrow().as_ptr())
 }
 
-/// Reason why a call failed.
+/// Status and message of a failed call.
 pub(crate) struct Fault(pub kpam_status, pub String);
 
 impl Fault {
@@ -40,7 +40,7 @@ impl Fault {
     }
 }
 
-/// Runs the work of an interface function.
+/// Runs the work of an interface function, and turns errors and panics into a status and a message.
 pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Fault>) -> kpam_status {
     let Fault(status, sentence) = match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(())) => return kpam_status::KPAM_OK,
@@ -90,7 +90,7 @@ pub(crate) unsafe fn held<'a, T>(handle: *const T, name: &str) -> Result<&'a T, 
     unsafe { handle.as_ref() }.ok_or_else(|| Fault::invalid(format!("{name} is null")))
 }
 
-/// Runs the work of an interface function and stores the result through a pointer, or null if there is none.
+/// Runs the work of an interface function and stores the result through a pointer, or null if the work fails.
 ///
 /// # Safety
 /// `out` is null or can be written.

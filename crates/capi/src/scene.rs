@@ -16,11 +16,11 @@ use crate::trajectory::kpam_trajectory;
 /// A robot and its surroundings.
 pub struct kpam_scene(Scene);
 
-/// Limits of an arm that its URDF does not contain.
+/// Acceleration and jerk limits for arms whose URDF lacks them.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum kpam_limit_set {
-    /// 10 rad/s^2 and 5,000 rad/s^3 for every joint.
+    /// Default: 10 rad/s^2 and 5,000 rad/s^3 for every joint.
     KPAM_LIMITS_PLAIN = 0,
     /// Limits published by Franka for the Panda.
     KPAM_LIMITS_PANDA = 1,
@@ -40,7 +40,7 @@ pub struct kpam_options {
     pub acceleration_scale: f64,
     /// Time limit of the search in wall-clock time (ms); 0 for none.
     pub deadline_ms: f64,
-    /// Seed of the samples.
+    /// Seed of the planner's random samples.
     pub seed: u64,
     /// A member of `kpam_limit_set`.
     pub limits: u32,
@@ -92,25 +92,25 @@ pub unsafe extern "C" fn kpam_scene_load(
     out: *mut *mut kpam_scene,
 ) -> kpam_status {
     let read = || {
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         let (urdf, hand) = unsafe { (text(urdf, "urdf")?, text(hand_link, "hand_link")?) };
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         let srdf = if srdf.is_null() { None } else { Some(unsafe { text(srdf, "srdf") }?) };
         let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, None)
             .map_err(|e| Fault(kpam_status::KPAM_FILE, e.to_string()))?;
         Scene::new(Arc::new(robot), Vec::new(), Vec::new()).map(kpam_scene).map_err(Fault::invalid)
     };
-    // SAFETY: likewise.
+    // SAFETY: guaranteed by the caller.
     unsafe { giving(out, read) }
 }
 
-/// Length of a joint vector; 0 for null.
+/// Returns the number of entries of a joint vector; 0 if `scene` is null.
 ///
 /// # Safety
 /// `scene` is null or a scene that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_scene_joints(scene: *const kpam_scene) -> usize {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { scene.as_ref() }.map_or(0, |s| s.0.robot().joints().len())
 }
 
@@ -118,7 +118,7 @@ pub unsafe extern "C" fn kpam_scene_joints(scene: *const kpam_scene) -> usize {
 ///
 /// # Safety
 /// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
-/// string; `half_extents` and `pose` are null or point to as many numbers.
+/// string; `half_extents` is null or points to 3 numbers, `pose` is null or points to 16.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_scene_add_box(
     scene: *mut kpam_scene,
@@ -127,11 +127,11 @@ pub unsafe extern "C" fn kpam_scene_add_box(
     pose: *const f64,
 ) -> kpam_status {
     guarded(|| {
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         let name = unsafe { text(name, "name") }?;
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         let (half, rows) = unsafe { (numbers(half_extents, 3, "half_extents")?, numbers(pose, 16, "pose")?) };
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         let scene = unsafe { scene.as_mut() }.ok_or_else(|| Fault::invalid("scene is null"))?;
         let matrix = Matrix4::from_row_slice(rows);
         let pose = pose_from_matrix(&matrix, 1e-6).ok_or_else(|| Fault::invalid("pose: is not a rigid transform"))?;
@@ -148,8 +148,8 @@ pub unsafe extern "C" fn kpam_scene_add_box(
 /// vector has `kpam_scene_joints` entries; `options` may be null.
 ///
 /// # Safety
-/// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point to that many numbers;
-/// `options` is null or can be read; `out` can be written.
+/// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point to `kpam_scene_joints`
+/// numbers each; `options` is null or can be read; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_plan_joints(
     scene: *const kpam_scene,
@@ -159,18 +159,18 @@ pub unsafe extern "C" fn kpam_plan_joints(
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
     let find = || {
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         let scene = &unsafe { held(scene, "scene") }?.0;
         let n = scene.robot().joints().len();
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         let (start, goal) = unsafe { (numbers(q_start, n, "q_start")?, numbers(q_goal, n, "q_goal")?) };
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         let options = unsafe { options.as_ref() }.copied().unwrap_or_else(|| kpam_options_default()).transit()?;
         let found = plan_to(scene, start, &Goal::Joints(vec![goal.to_vec()]), &options).map_err(Fault::invalid)?;
         let motion = found.map_err(|why| Fault(kpam_status::KPAM_NO_MOTION, why.to_string()))?;
         Ok(kpam_trajectory(motion.trajectory))
     };
-    // SAFETY: likewise.
+    // SAFETY: guaranteed by the caller.
     unsafe { giving(out, find) }
 }
 
@@ -181,7 +181,7 @@ pub unsafe extern "C" fn kpam_plan_joints(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_scene_free(scene: *mut kpam_scene) {
     if !scene.is_null() {
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         drop(unsafe { Box::from_raw(scene) });
     }
 }

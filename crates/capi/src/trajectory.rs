@@ -7,43 +7,43 @@ use crate::guard::{Fault, giving, guarded, held, kpam_status, numbers};
 /// A timed motion of all joints.
 pub struct kpam_trajectory(pub(crate) Trajectory);
 
-/// Start time of a motion (s); NaN for null.
+/// Returns the start time of a motion (s); NaN if `trajectory` is null.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_start(trajectory: *const kpam_trajectory) -> f64 {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { trajectory.as_ref() }.map_or(f64::NAN, |t| t.0.start())
 }
 
-/// End time of a motion (s); NaN for null.
+/// Returns the end time of a motion (s); NaN if `trajectory` is null.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_end(trajectory: *const kpam_trajectory) -> f64 {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { trajectory.as_ref() }.map_or(f64::NAN, |t| t.0.end())
 }
 
-/// Length of a joint vector; 0 for null.
+/// Returns the number of entries of a joint vector; 0 if `trajectory` is null.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_joints(trajectory: *const kpam_trajectory) -> usize {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { trajectory.as_ref() }.map_or(0, |t| t.0.joints())
 }
 
-/// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Before the start
-/// they are those of the start; after the end the motion is at rest. The function takes no lock, and allocates no
+/// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Times before the
+/// start give the state at the start; after its end the motion is at rest. The function takes no lock, and allocates no
 /// memory if it returns `KPAM_OK`.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed; the other pointers are null or have room for that many numbers,
-/// and do not overlap.
+/// `trajectory` is null or a motion that was not freed; the other pointers are null or have room for
+/// `kpam_trajectory_joints` numbers each, and do not overlap.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_sample_into(
     trajectory: *const kpam_trajectory,
@@ -53,7 +53,7 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
     acceleration: *mut f64,
 ) -> kpam_status {
     guarded(|| {
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         let motion = &unsafe { held(trajectory, "trajectory") }?.0;
         if !t.is_finite() {
             return Err(Fault::invalid(format!("t: {t} is not finite")));
@@ -62,7 +62,7 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
             return Err(Fault::invalid("position, velocity and acceleration: one is null"));
         }
         let n = motion.joints();
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         let room = |data: *mut f64| unsafe { std::slice::from_raw_parts_mut(data, n) };
         motion.sample_into(t, room(position), room(velocity), room(acceleration)).map_err(Fault::invalid)
     })
@@ -77,16 +77,16 @@ unsafe fn made_of(
     out: *mut *mut kpam_trajectory,
     make: impl FnOnce(&Trajectory) -> Result<Trajectory, Fault>,
 ) -> kpam_status {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     let motion = || Ok(&unsafe { held(trajectory, "trajectory") }?.0);
-    // SAFETY: likewise.
+    // SAFETY: guaranteed by the caller.
     unsafe { giving(out, || make(motion()?).map(kpam_trajectory)) }
 }
 
-/// Creates a stop from the state at time `t` (s), along the motion's own path: everywhere it brakes as hard as the
-/// limits of velocity, acceleration and jerk allow. The stop begins at `t`. If no such stop keeps the limits, as right
-/// before the motion reverses, every joint stops independently as fast as it can, which may leave the path. The stop
-/// may need more torque than the motion, and is not checked for collisions off the path.
+/// Creates a stop that begins at time `t` (s) with the motion's state and brakes along its path, everywhere as hard as
+/// the limits of velocity, acceleration and jerk allow. If no such stop keeps the limits, as right before the motion
+/// reverses, every joint stops independently as fast as it can, which may leave the path. The stop may need more torque
+/// than the motion, and is not checked for collisions off the path.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed; `out` can be written.
@@ -96,7 +96,7 @@ pub unsafe extern "C" fn kpam_trajectory_brake(
     t: f64,
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { made_of(trajectory, out, |motion| motion.brake(t).map_err(Fault::invalid)) }
 }
 
@@ -110,12 +110,12 @@ pub unsafe extern "C" fn kpam_trajectory_since(
     t: f64,
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     unsafe { made_of(trajectory, out, |motion| motion.since(t).map_err(Fault::invalid)) }
 }
 
 /// Creates the motion that follows `trajectory` until time `t` and `next` from there on. Both must have the same state
-/// at `t`, within 1e-6 in position, velocity and acceleration, and the same values of joints that neither moves.
+/// at `t`, within 1e-6 in position, velocity and acceleration, and the same values of joints that neither motion moves.
 ///
 /// # Safety
 /// `trajectory` and `next` are null or motions that were not freed; `out` can be written.
@@ -126,9 +126,9 @@ pub unsafe extern "C" fn kpam_trajectory_splice(
     t: f64,
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
-    // SAFETY: as this function's.
+    // SAFETY: guaranteed by the caller.
     let next = || Ok(&unsafe { held(next, "next") }?.0);
-    // SAFETY: likewise.
+    // SAFETY: guaranteed by the caller.
     unsafe { made_of(trajectory, out, |motion| motion.splice(next()?, t).map_err(Fault::invalid)) }
 }
 
@@ -137,7 +137,7 @@ pub unsafe extern "C" fn kpam_trajectory_splice(
 /// null means at rest.
 ///
 /// # Safety
-/// All pointers except `out` are null or point to as many numbers; `out` can be written.
+/// All pointers except `out` are null or point to arrays of the sizes above; `out` can be written.
 #[unsafe(no_mangle)]
 #[allow(clippy::too_many_arguments, reason = "an interface in C has no other way to name them")]
 pub unsafe extern "C" fn kpam_retime(
@@ -156,9 +156,9 @@ pub unsafe extern "C" fn kpam_retime(
         if !(1..=1_000_000).contains(&count) || !(1..=gensim2_kpam::MAX_JOINTS).contains(&joints) {
             return Err(Fault::invalid(format!("count, joints: {count} waypoints of {joints} joints cannot be timed")));
         }
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         let list = |data, name| unsafe { numbers(data, joints, name) };
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         let rows = unsafe { numbers(waypoints, count * joints, "waypoints") }?;
         let limits = Limits::new(
             list(velocity_limits, "velocity_limits")?,
@@ -176,7 +176,7 @@ pub unsafe extern "C" fn kpam_retime(
         let rows: Vec<Vec<f64>> = rows.chunks_exact(joints).map(<[f64]>::to_vec).collect();
         retime(&rows, &limits, &options).map(|r| kpam_trajectory(r.trajectory)).map_err(Fault::invalid)
     };
-    // SAFETY: likewise.
+    // SAFETY: guaranteed by the caller.
     unsafe { giving(out, make) }
 }
 
@@ -187,7 +187,7 @@ pub unsafe extern "C" fn kpam_retime(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_free(trajectory: *mut kpam_trajectory) {
     if !trajectory.is_null() {
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         drop(unsafe { Box::from_raw(trajectory) });
     }
 }

@@ -1,5 +1,5 @@
-//! Arguments that do not fit, handles freed in any documented order, several threads: a status and a sentence each time.
-//! `address_sanitizer.sh beside this folder` runs the same under AddressSanitizer.
+//! Invalid arguments, handles freed in any documented order, and calls from several threads: every failure is a status
+//! and a message. `address_sanitizer.sh` in the crate's folder runs these tests under AddressSanitizer.
 #![allow(clippy::unwrap_used)]
 
 use std::ffi::{CStr, CString};
@@ -13,25 +13,25 @@ const GOAL: [f64; 6] = [0.8, -1.2, 1.5, -1.9, -1.6, 0.0];
 const ODD: [f64; 9] = [0.0, -1.0, 1e-300, 1e300, -1e300, f64::MAX, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
 
 fn last() -> String {
-    // SAFETY: always a string.
+    // SAFETY: the function always returns a string.
     unsafe { CStr::from_ptr(kpam_last_error()) }.to_string_lossy().into_owned()
 }
 
 fn load(urdf: &str, hand: &str) -> (kpam_status, *mut kpam_scene) {
     let (urdf, hand, mut out) = (CString::new(urdf).unwrap(), CString::new(hand).unwrap(), dangling_mut());
-    // SAFETY: strings that end with a zero.
+    // SAFETY: both strings end with a zero.
     let status = unsafe { kpam_scene_load(urdf.as_ptr(), null(), hand.as_ptr(), &raw mut out) };
     (status, out)
 }
 
 fn plan(scene: *const kpam_scene, start: &[f64], goal: &[f64]) -> (kpam_status, *mut kpam_trajectory) {
     let mut out = dangling_mut();
-    // SAFETY: vectors of as many entries as the robot has joints.
+    // SAFETY: both vectors have one entry for each joint of the robot.
     let status = unsafe { kpam_plan_joints(scene, start.as_ptr(), goal.as_ptr(), null(), &raw mut out) };
     (status, out)
 }
 
-/// A failed call stores null and leaves a message.
+/// Asserts that a call failed without a panic, stored null and left a message.
 fn refused<T>((status, out): (kpam_status, *mut T)) {
     assert_ne!(status, kpam_status::KPAM_OK);
     assert_ne!(status, kpam_status::KPAM_PANIC, "{}", last());
@@ -42,7 +42,7 @@ fn refused<T>((status, out): (kpam_status, *mut T)) {
 fn nulls_are_refused() {
     let (_, scene) = load(URDF, "flange");
     let (q, word) = (START.as_ptr(), c"x".as_ptr());
-    // SAFETY: pointers are null or fit.
+    // SAFETY: each pointer is null or points to memory of the documented size.
     unsafe {
         let (s, t) = (null_mut(), null());
         refused(call(|out| kpam_scene_load(null(), null(), word, out)));
@@ -86,13 +86,13 @@ fn odd_numbers_and_counts_are_refused_or_served() {
                 let (status, motion) = plan(scene, start, goal);
                 assert_ne!(status, kpam_status::KPAM_PANIC, "{}", last());
                 assert_eq!(motion.is_null(), status != kpam_status::KPAM_OK);
-                // SAFETY: null, or made here.
+                // SAFETY: `motion` is null or was created in this test, and is freed once.
                 unsafe { kpam_trajectory_free(motion) };
             }
         }
         let mut options = kpam_options_default();
         (options.margin, options.deadline_ms, options.velocity_scale) = (odd, odd, odd);
-        // SAFETY: all that is pointed at is there.
+        // SAFETY: all pointers are valid.
         unsafe {
             let (q, goal) = (START.as_ptr(), GOAL.as_ptr());
             let (status, motion) = call(|out| kpam_plan_joints(scene, q, goal, &raw const options, out));
@@ -111,7 +111,7 @@ fn odd_numbers_and_counts_are_refused_or_served() {
     let mut options = kpam_options_default();
     options.limits = u32::MAX;
     let rows = [0.0, 0.1, 0.2, odd_last()];
-    // SAFETY: likewise; counts that do not fit are refused before anything is read.
+    // SAFETY: all pointers are valid; invalid counts are rejected before anything is read.
     unsafe {
         refused(call(|out| kpam_plan_joints(scene, START.as_ptr(), GOAL.as_ptr(), &raw const options, out)));
         for (count, joints) in
@@ -139,7 +139,7 @@ fn files_that_are_none_are_refused() {
     {
         refused(load(urdf, hand));
     }
-    // SAFETY: a string that ends with a zero, of other than UTF-8.
+    // SAFETY: the string ends with a zero, but is not UTF-8.
     refused(unsafe { call(|out| kpam_scene_load(c"\xff\xfe".as_ptr(), null(), c"x".as_ptr(), out)) });
 }
 
@@ -148,7 +148,7 @@ fn handles_outlive_what_they_were_made_of() {
     let (_, scene) = load(URDF, "flange");
     let (status, motion) = plan(scene, &START, &GOAL);
     assert_eq!(status, kpam_status::KPAM_OK, "{}", last());
-    // SAFETY: each handle is freed once, and not used after that.
+    // SAFETY: each handle is freed once and not used afterwards.
     unsafe {
         kpam_scene_free(scene);
         let end = kpam_trajectory_end(motion);
@@ -195,7 +195,7 @@ fn threads_share_a_scene_and_a_motion_and_have_sentences_of_their_own() {
             let (status, made) = plan(scene, &START, &GOAL);
             assert_eq!(status, kpam_status::KPAM_OK, "{}", last());
             let [mut q, mut v, mut a] = [[0.0; 6]; 3];
-            // SAFETY: both are there until all threads are done; what was made here is freed once.
+            // SAFETY: scene and motion outlive all threads; each new handle is freed once.
             unsafe {
                 kpam_trajectory_sample_into(motion, 0.1, q.as_mut_ptr(), v.as_mut_ptr(), a.as_mut_ptr());
                 kpam_trajectory_free(made);
@@ -204,7 +204,7 @@ fn threads_share_a_scene_and_a_motion_and_have_sentences_of_their_own() {
     };
     let threads: Vec<_> = (0..4).map(|number| std::thread::spawn(move || work(number))).collect();
     threads.into_iter().for_each(|thread| thread.join().unwrap());
-    // SAFETY: no thread uses them any more.
+    // SAFETY: all threads that used the handles have ended.
     unsafe {
         kpam_trajectory_free(motion);
         kpam_scene_free(scene);

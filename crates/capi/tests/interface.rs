@@ -8,23 +8,23 @@ use std::process::Command;
 
 use gensim2_capi::{kpam_retime, kpam_status, kpam_trajectory_end, kpam_trajectory_free, kpam_trajectory_sample_into};
 
-/// The system's allocator, with a count of this thread's allocations.
+/// The system's allocator, which also counts the allocations of this thread.
 struct Counting;
 
 thread_local! {
     static COUNT: Cell<usize> = const { Cell::new(0) };
 }
 
-// SAFETY: hands everything on to the system's.
+// SAFETY: every call is forwarded to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         COUNT.with(|c| c.set(c.get() + 1));
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        // SAFETY: as this function's.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.dealloc(at, layout) }
     }
 }
@@ -56,29 +56,29 @@ fn sampling_allocates_nothing() {
     let waypoints = [0.0, 0.0, 1.0, 0.4, 0.2, 1.0];
     let mut motion = std::ptr::null_mut();
     let still = std::ptr::null();
-    // SAFETY: lengths fit.
+    // SAFETY: the arrays have the stated lengths.
     let status = unsafe {
         let limits = [velocity.as_ptr(), acceleration.as_ptr(), jerk.as_ptr()];
         kpam_retime(waypoints.as_ptr(), 3, 2, limits[0], limits[1], limits[2], still, still, 0.0, &raw mut motion)
     };
     assert_eq!(status, kpam_status::KPAM_OK);
-    // SAFETY: the motion is there.
+    // SAFETY: the motion has not been freed.
     let end = unsafe { kpam_trajectory_end(motion) };
     let [mut q, mut v, mut a] = [[0.0; 2]; 3];
     let before = COUNT.with(Cell::get);
     for k in 0..=1000 {
         let t = end * f64::from(k) / 1000.0;
-        // SAFETY: likewise.
+        // SAFETY: guaranteed by the caller.
         let status = unsafe { kpam_trajectory_sample_into(motion, t, q.as_mut_ptr(), v.as_mut_ptr(), a.as_mut_ptr()) };
         assert_eq!(status, kpam_status::KPAM_OK);
     }
     assert_eq!(COUNT.with(Cell::get), before);
     assert!((q[0] - 0.2).abs() < 1e-9 && (q[1] - 1.0).abs() < 1e-9, "{q:?}");
-    // SAFETY: likewise, once.
+    // SAFETY: the motion is freed once.
     unsafe { kpam_trajectory_free(motion) };
 }
 
-/// The folder with the library that this test was built beside.
+/// Returns the folder with the library that was built together with this test.
 fn built() -> PathBuf {
     let program = std::env::current_exe().unwrap();
     let above: Vec<&Path> = program.ancestors().skip(1).take(2).collect();

@@ -122,7 +122,7 @@ impl LinkBuilder {
         self
     }
 
-    /// Sets the mass of the link.
+    /// Sets the mass properties of the link.
     pub fn inertia(mut self, inertia: Inertia) -> Self {
         self.inertia = Some(inertia);
         self
@@ -140,8 +140,8 @@ impl RobotBuilder {
         self
     }
 
-    /// Disables the collision check between two links, as for neighbours and for links that overlap at the middle of
-    /// all joint ranges.
+    /// Disables the collision check between two links. Neighbours, and links that overlap when every joint is at the
+    /// middle of its range, are not checked anyway.
     pub fn disabled_collisions(mut self, one: impl Into<String>, other: impl Into<String>) -> Self {
         self.free.push((one.into(), other.into()));
         self

@@ -39,7 +39,7 @@ impl Aabb {
         Self { min: self.min - r, max: self.max + r }
     }
 
-    /// Returns the smallest box around both.
+    /// Returns the smallest box around both boxes.
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
@@ -82,7 +82,7 @@ impl Aabb {
                 exit = exit.min(a.max(b));
             }
         }
-        // Rounding may let a line in a face of the box miss it.
+        // The tolerance keeps a line that lies in a face of the box from missing it by rounding.
         enter <= exit + 1e-9
     }
 }

@@ -53,19 +53,19 @@ pub struct Scratch {
     early_exit: bool,
 }
 
-/// Size of the table of remembered directions. Pairs may share an entry, since any direction is a valid guess.
+/// Size of the table of remembered directions. Pairs may share an entry: any direction is a valid guess.
 const HINTS: usize = 4096;
 
 impl Scratch {
-    /// Returns memory that keeps directions from one query to the next, which is faster if bodies move little in
-    /// between.
+    /// Returns buffers that remember directions from one query to the next, which is faster if bodies move little
+    /// between the queries.
     #[must_use]
     pub fn remembering() -> Self {
         Self { hints: vec![Vector3::zeros(); HINTS], ..Self::default() }
     }
 
-    /// Sets whether queries may report any shapes within reach instead of the closest ones, when only the existence of
-    /// such shapes matters.
+    /// Sets whether queries may report any shapes within reach instead of the closest ones, for callers that only need
+    /// to know whether such shapes exist.
     pub fn set_early_exit(&mut self, early_exit: bool) {
         self.early_exit = early_exit;
     }
@@ -159,7 +159,7 @@ impl<'a> MovingShapes<'a> {
     }
 
     /// Places groups for the following queries: `poses` writes one pose for each group (base frame), of which `present`
-    /// lists the groups to place. A group without a pose is near nothing.
+    /// lists the groups to place. Groups without a pose are ignored by the queries.
     pub fn place(&self, present: &[usize], scratch: &mut Scratch, poses: impl FnOnce(&mut Vec<Pose>)) {
         poses(&mut scratch.poses);
         scratch.boxes.resize(self.pieces.len(), Aabb::EMPTY);
@@ -182,7 +182,7 @@ impl<'a> MovingShapes<'a> {
         scratch.corners.resize_with(self.pieces.len(), Corners::default);
     }
 
-    /// Pieces of a group as placed; empty if the group was not placed, or if other shapes were placed in this memory.
+    /// Pieces of a group as placed; empty if the group was not placed, or if `scratch` holds other shapes.
     fn placed(&self, group: usize, scratch: &Scratch) -> std::ops::Range<usize> {
         let same = scratch.boxes.len() == self.pieces.len() && scratch.group_boxes.len() == self.ranges.len();
         match self.ranges.get(group) {
@@ -346,7 +346,7 @@ impl<'a> MovingShapes<'a> {
                 }
                 self.ensure(i, scratch);
                 self.ensure(j, scratch);
-                // Entries of bodies start at the beginning of the table, those of pieces at its end.
+                // In the table of hints, entries of bodies start at the beginning, those of pieces at the end.
                 let other = HINTS - 1 - j % HINTS;
                 let mut toward = scratch.toward(i, other, || {
                     nalgebra::center(&theirs.min, &theirs.max) - nalgebra::center(&mine.min, &mine.max)
@@ -381,7 +381,7 @@ fn between_boxes(a: &Aabb, b: &Aabb, apart: f64) -> Contact {
     Contact { distance: apart, on_first, on_second, normal }
 }
 
-/// Returns the pairs of links (lower index first) to check against each other: both have shapes, `changes` says that
+/// Returns the pairs of links (lower index first) to check against each other: both have shapes, `changes` returns that
 /// one can move relative to the other, and the robot does not allow them to touch.
 #[must_use]
 pub fn checked_pairs(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> Vec<(usize, usize)> {

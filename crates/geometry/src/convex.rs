@@ -1,6 +1,6 @@
-//! A single kind of shape: the convex hull of points, rounded by a radius.
+//! The only shape of this crate: the convex hull of points, rounded by a radius.
 //!
-//! Boxes, spheres, capsules, hulls, triangles and cloud points are all of this kind, so one distance query serves every
+//! Boxes, spheres, capsules, hulls, triangles and cloud points are all such hulls, so one distance query serves every
 //! pair.
 
 use nalgebra::{Point3, Vector3};
@@ -49,7 +49,7 @@ impl Convex {
         Ok(hull)
     }
 
-    /// Points with their bounding box and sphere.
+    /// Creates the hull of these vertices, with their bounding box and bounding sphere.
     fn measured(points: Vec<Point3<f64>>, radius: f64) -> Self {
         let Aabb { min, max } = Aabb::around(&points, 0.0);
         let center = nalgebra::center(&min, &max);
@@ -149,7 +149,7 @@ impl Convex {
         self.bound
     }
 
-    /// Returns the box around the shape at a pose, computed from the shape's own box.
+    /// Returns the box around the shape at a pose: the box around its posed bounding box, which is fast but not tight.
     #[must_use]
     pub fn aabb_at(&self, pose: &Pose) -> Aabb {
         let r = pose.rotation.matrix();

@@ -33,7 +33,7 @@ impl Corners {
         corners
     }
 
-    /// Replaces the vertices by points at a pose.
+    /// Replaces the vertices by `points`, transformed by `pose`.
     pub fn place(&mut self, points: &[Point3<f64>], pose: &Pose) {
         self.blocks.clear();
         // A sum preserves non-finite values without a branch.
@@ -62,17 +62,17 @@ impl Corners {
         self.unbounded = total.iter().any(|t| t.is_nan() || *t > FURTHEST);
     }
 
-    /// Centre of the first block, which equals the point if there is only one.
+    /// Centre of the first block of vertices; a single vertex is its own centre.
     pub(crate) fn middle(&self) -> Point3<f64> {
         self.blocks.first().map_or_else(Point3::origin, |[x, y, z]| Point3::new(x[0], y[0], z[0]))
     }
 
-    /// Whether there are vertices, all of them measurable.
+    /// Whether there are vertices, all with finite coordinates whose squares do not overflow.
     pub(crate) fn are_measurable(&self) -> bool {
         !self.blocks.is_empty() && !self.unbounded
     }
 
-    /// Returns the vertex furthest along `direction`, the first of several.
+    /// Returns the vertex furthest along `direction`, the first one if several are equally far.
     pub(crate) fn furthest(&self, direction: &Vector3<f64>) -> Point3<f64> {
         struct Work<'a>(&'a Corners, &'a Vector3<f64>);
         impl Wide for Work<'_> {

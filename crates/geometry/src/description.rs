@@ -19,7 +19,7 @@ const JOINT: [&str; 9] =
 const LIMIT: [&str; 7] = ["lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"];
 const SAFETY: [&str; 4] = ["soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"];
 
-/// A URDF without interpretation.
+/// Content of a URDF as written in the file.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct Description {
@@ -93,7 +93,7 @@ pub enum Geometry {
 #[derive(Debug, Clone, Copy, Serialize)]
 #[non_exhaustive]
 pub struct Origin {
-    /// Translation, m.
+    /// Translation (m).
     pub xyz: [f64; 3],
     /// Roll, pitch and yaw (rad).
     pub rpy: [f64; 3],
@@ -107,7 +107,7 @@ pub struct Origin {
 pub struct InertialDescription {
     /// Frame of the centre of mass in the link.
     pub origin: Origin,
-    /// kg, not negative.
+    /// Mass (kg), not negative.
     pub mass: f64,
     /// ixx, ixy, ixz, iyy, iyz, izz (kg m^2).
     pub inertia: [f64; 6],
@@ -139,19 +139,19 @@ pub struct JointDescription {
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 #[non_exhaustive]
 pub struct LimitDescription {
-    /// rad or m.
+    /// Lower limit (rad or m).
     pub lower: Option<f64>,
-    /// rad or m.
+    /// Upper limit (rad or m).
     pub upper: Option<f64>,
-    /// rad/s or m/s, not negative.
+    /// Velocity limit (rad/s or m/s), not negative.
     pub velocity: Option<f64>,
-    /// N m or N, not negative.
+    /// Torque limit (N m; N for a sliding joint), not negative.
     pub effort: Option<f64>,
-    /// rad/s^2 or m/s^2, positive.
+    /// Acceleration limit (rad/s^2 or m/s^2), positive.
     pub acceleration: Option<f64>,
-    /// rad/s^2 or m/s^2, positive.
+    /// Deceleration limit (rad/s^2 or m/s^2), positive.
     pub deceleration: Option<f64>,
-    /// rad/s^3 or m/s^3, positive.
+    /// Jerk limit (rad/s^3 or m/s^3), positive.
     pub jerk: Option<f64>,
 }
 
@@ -207,14 +207,14 @@ impl Description {
                 return fail(format!("no link '{link}'"));
             }
             if let Some(other) = carried.insert(&joint.child, &joint.name) {
-                return fail(format!("link {} hangs on {other} already", joint.child));
+                return fail(format!("link {} is already the child of {other}", joint.child));
             }
         }
         Ok(Self { name: named(&root).unwrap_or_default(), links, joints, materials })
     }
 }
 
-/// Refuses a repeated name.
+/// Returns an error if a name is repeated.
 fn once<'n>(file: &str, kind: &str, mut names: impl Iterator<Item = &'n str>) -> Result<(), UrdfError> {
     let mut seen = HashSet::new();
     match names.find(|name| !seen.insert(*name)) {
@@ -426,7 +426,7 @@ fn limit(element: &Element<'_>) -> Result<LimitDescription, UrdfError> {
     let number = |name: &str| Ok(element.open::<1>(name)?.map(|[value]| value));
     let rate = |name: &str, may_be_zero: bool| match number(name)? {
         Some(v) if v < 0.0 => Err(element.wrong(name, format!("must not be negative, is {v}"))),
-        Some(0.0) if !may_be_zero => Err(element.wrong(name, "must not be 0; leave it out where it is not known")),
+        Some(0.0) if !may_be_zero => Err(element.wrong(name, "must not be 0; leave it out if it is unknown")),
         value => Ok(value),
     };
     Ok(LimitDescription {

@@ -42,7 +42,7 @@ pub fn signed_distance(
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Depth {
     Measured,
-    /// Any depth between the requested one and the true one.
+    /// A lower bound: any depth between the requested and the true one.
     AtLeast,
 }
 
@@ -73,7 +73,7 @@ pub(crate) fn measured(
     simplex.reset(extreme);
     let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
         GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
-        // The search may also have run out of iterations; only a separating direction proves a distance.
+        // GJK also returns this when it runs out of iterations; only a separating direction proves a distance.
         GJKResult::NoIntersection(n) if apart_along(a, b, &n) > reach + rounding => {
             *toward = n.into_inner();
             None
@@ -184,7 +184,7 @@ fn undecided(
 }
 
 /// Returns the radius of the sphere about the origin inside a tetrahedron of points of the hulls' Minkowski difference,
-/// a lower bound of their depth; zero if there is none.
+/// a lower bound of their depth; zero if the tetrahedron does not contain the origin.
 fn depth_shown(simplex: &VoronoiSimplex) -> f64 {
     if simplex.dimension() != 3 {
         return 0.0;

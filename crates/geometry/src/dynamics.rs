@@ -9,7 +9,7 @@ use crate::{JointCountError, JointKind, Pose, Robot, RobotError};
 /// Mass properties of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Inertia {
-    /// kg.
+    /// Mass (kg).
     pub mass: f64,
     /// Centre of mass in the link frame (m).
     pub center: Vector3<f64>,

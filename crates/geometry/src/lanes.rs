@@ -148,7 +148,7 @@ impl F32x8 {
         let odd = each(|i| (shifted.0[i].to_bits() & 1) as f32);
         let late = Self::ONE - each(|i| ((shifted.0[i].to_bits() >> 1) & 1) as f32) * 2.0;
         let even = Self::ONE - odd;
-        // 0: (s, c), 1: (c, -s), 2: (-s, -c), 3: (-c, s).
+        // Sine and cosine by quarter turn: 0: (s, c), 1: (c, -s), 2: (-s, -c), 3: (-c, s).
         ((sin * even + cos * odd) * late, (cos * even - sin * odd) * late)
     }
 }

@@ -20,8 +20,8 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// A joint that follows another: `value = multiplier * source + offset`. The source follows none; a chain of mimic
-/// joints in a URDF is composed when it is read.
+/// A joint that follows another: `value = multiplier * source + offset`. The source is independent, since chains of
+/// mimic joints are composed when a URDF is read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mimic {
     /// Index of the source in the joint vector; the source is not a mimic joint.

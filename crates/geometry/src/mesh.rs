@@ -45,7 +45,7 @@ pub(crate) fn three_numbers<'w>(words: impl Iterator<Item = &'w str>, line: usiz
     match (numbers.next(), numbers.next(), numbers.next()) {
         (Some(Ok(x)), Some(Ok(y)), Some(Ok(z))) => Ok([x, y, z]),
         (Some(_), Some(_), Some(_)) => Err(format!("line {}: a vertex is not three numbers", line + 1)),
-        _ => Err(format!("line {}: a vertex has under three numbers", line + 1)),
+        _ => Err(format!("line {}: a vertex has fewer than three numbers", line + 1)),
     }
 }
 
@@ -81,7 +81,7 @@ fn text_stl(bytes: &[u8]) -> Result<Vec<Point3<f64>>, String> {
             out.push(Point3::from(three_numbers(words, number)?));
         }
     }
-    if out.len() % 3 == 0 { Ok(out) } else { Err("is cut short: a facet has three vertices".to_owned()) }
+    if out.len() % 3 == 0 { Ok(out) } else { Err("is cut short: the last facet has fewer than three vertices".to_owned()) }
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ fn root(joints: &[Joint], from: usize) -> Result<Option<Mimic>, RobotError> {
         };
     }
     let field = format!("joint {}: mimic", joints[from].name);
-    Err(RobotError::new(field, "goes round in a circle; let one joint of it follow none"))
+    Err(RobotError::new(field, "is part of a cycle; make one joint of the cycle independent"))
 }
 
 #[cfg(test)]

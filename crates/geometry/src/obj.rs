@@ -36,14 +36,14 @@ impl Obj {
                     let count = out.vertices.len();
                     let corners: Vec<u32> = words
                         .map(|word| {
-                            corner(word, count).ok_or_else(|| fail("a face refers to a vertex that is not there"))
+                            corner(word, count).ok_or_else(|| fail("a face refers to a vertex that does not exist"))
                         })
                         .collect::<Result<_, _>>()?;
                     let [start, rest @ ..] = corners.as_slice() else {
-                        return Err(fail("a face has under three corners"));
+                        return Err(fail("a face has fewer than three corners"));
                     };
                     if rest.len() < 2 {
-                        return Err(fail("a face has under three corners"));
+                        return Err(fail("a face has fewer than three corners"));
                     }
                     let at = *group.get_or_insert_with(|| {
                         out.groups.iter().position(|(name, _)| *name == material).unwrap_or_else(|| {
@@ -65,7 +65,7 @@ impl Obj {
         }
         let last = out.groups.iter().flat_map(|(_, faces)| faces).flatten().max();
         if last.is_some_and(|last| *last as usize >= out.vertices.len()) {
-            return Err("a face refers to a vertex that is not there".to_owned());
+            return Err("a face refers to a vertex that does not exist".to_owned());
         }
         Ok(out)
     }

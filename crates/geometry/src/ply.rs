@@ -5,7 +5,7 @@ use crate::mesh::lines;
 /// Vertices, and a triangle fan for each face.
 type Surface = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
-/// Type of a number.
+/// Type of a number in a PLY file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     Int { bytes: usize, signed: bool },

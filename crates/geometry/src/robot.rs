@@ -24,7 +24,7 @@ pub struct Robot {
     chain: Chain,
     /// Pairs of links (lower index first) that are never checked, sorted.
     allowed: Vec<(usize, usize)>,
-    /// The pairs among them that are unchecked only because they overlap at the middle of all joint ranges.
+    /// The pairs of `allowed` that are unchecked only because they overlap at the middle of all joint ranges.
     #[serde(default)]
     unchecked: Vec<(usize, usize)>,
     #[serde(skip)]
@@ -86,7 +86,7 @@ impl Robot {
         Self::of_texts(text, file.as_ref(), srdf.map(|text| (text, "SRDF")), hand_link, base_link)
     }
 
-    /// Creates the robot of a URDF, and of an SRDF with its file name.
+    /// Creates the robot from the text of a URDF, and of an SRDF with its file name.
     fn of_texts(
         text: &str,
         path: &Path,
@@ -276,8 +276,8 @@ impl Robot {
         (link < self.links.len()).then(|| Chain::new(&self.links, &self.joints, link))
     }
 
-    /// Pairs of links (lower index first) that are never checked only because they overlap at the middle of all joint
-    /// ranges; an SRDF would decide whether they may touch.
+    /// Pairs of links (lower index first) that are unchecked only because they overlap when every joint is at the
+    /// middle of its range; an SRDF would decide whether they may touch.
     #[must_use]
     pub fn unchecked_pairs(&self) -> &[(usize, usize)] {
         &self.unchecked

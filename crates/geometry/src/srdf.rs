@@ -20,7 +20,7 @@ const ELEMENTS: [&str; 10] = [
 
 /// Returns the sorted pairs of links (lower index first) that are not checked: those of `disable_collisions`, and all
 /// pairs of a link of `disable_default_collisions` except those of `enable_collisions`. `known` are the names of all
-/// links of the URDF, of which `links` may be a part.
+/// links of the URDF; `links` may be only some of them.
 pub(crate) fn disabled_pairs(
     text: &str,
     file: &str,

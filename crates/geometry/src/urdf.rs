@@ -237,7 +237,7 @@ fn shape(spec: &ShapeDescription, folder: &Path, file: &str) -> Result<Convex, U
                 return Err(UrdfError::new(
                     file,
                     format!("{}: mesh.scale", spec.field),
-                    "a factor is 0; it must not be",
+                    "a factor is 0; use factors other than 0",
                 ));
             }
             let vertices = mesh::read(&resolve(filename, paths, folder)).map_err(|why| fail(format!("mesh {why}")))?;

@@ -139,7 +139,7 @@ impl<'d> Element<'d> {
             let tag = node.tag_name();
             // Xacro tools recognize the prefix, whatever the namespace.
             if tag.namespace().is_some_and(|uri| node.lookup_prefix(uri) == Some("xacro")) {
-                let message = format!("<xacro:{}> is not filled in; {}", tag.name(), expand(self.file));
+                let message = format!("<xacro:{}> is not expanded; {}", tag.name(), expand(self.file));
                 return Err(self.fail(message));
             }
             if tag.namespace() == self.node.tag_name().namespace() {
@@ -183,7 +183,7 @@ impl<'d> Element<'d> {
     pub fn text(&self, name: &str) -> Result<Option<&'d str>, UrdfError> {
         let Some(value) = self.node.attribute(name) else { return Ok(None) };
         if value.contains("${") || value.contains("$(") {
-            return Err(self.wrong(name, format!("{value:?} is not filled in; {}", expand(self.file))));
+            return Err(self.wrong(name, format!("{value:?} is not expanded; {}", expand(self.file))));
         }
         Ok(Some(value))
     }

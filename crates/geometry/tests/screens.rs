@@ -1,4 +1,4 @@
-//! Bounds of a screen are conservative compared with brute-force distances.
+//! Distance bounds of the collision screen (a fast check before exact distances) are conservative.
 
 #![allow(clippy::unwrap_used)]
 

@@ -24,7 +24,7 @@ pub enum Role {
     ObjectBody,
     /// The part that the joint moves.
     MovingLink,
-    /// Anything else.
+    /// Any other obstacle.
     Rigid,
     /// A rigid object that the hand reaches for and may touch.
     Target,

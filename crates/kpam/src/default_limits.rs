@@ -94,14 +94,14 @@ pub(crate) fn warnings(robot: &Robot, model: &Model, options: &Options) -> Vec<S
         let names: Vec<_> =
             unchecked.iter().map(|(a, b)| format!("{} and {}", links[*a].name(), links[*b].name())).collect();
         out.push(format!(
-            "never checked against each other, for they overlap at the middle of all joint ranges and no SRDF says whether they may: {}",
+            "not checked for collisions with each other, because they overlap at the middle of all joint ranges and there is no SRDF: {}",
             names.join(", ")
         ));
     }
     out
 }
 
-/// Refuses the limits of a seven-joint arm for any other robot.
+/// Returns an error if the options name a seven-joint arm's limits but the robot has another number of joints.
 pub(crate) fn check_limit_set(model: &Model, options: &Options) -> Result<(), ProblemError> {
     let name = match options.limits {
         Some(LimitSet::Panda) => "panda",

@@ -62,7 +62,7 @@ fn every_driven_joint_knows_its_variable() {
     assert_eq!(model.map().indices(), [4, 1, 5]);
     let driven: Vec<(&str, usize, usize)> =
         model.map().driven().iter().map(|d| (robot.links()[d.link].name(), d.joint, d.variable)).collect();
-    // In the order of the links that they carry, with the flap's own joint last.
+    // The driven joints are in the order of the links that they carry, with the flap's own joint last.
     let carried = [("a", 0, 0), ("b", 1, 1), ("c", 2, 2), ("d", 3, 0), ("hand", 4, 0), ("flap", 5, 2)];
     assert_eq!(driven, carried);
     let factors: Vec<f64> = model.map().driven().iter().map(|d| d.factor).collect();

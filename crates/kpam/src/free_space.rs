@@ -6,12 +6,12 @@ use gensim2_geometry::Robot;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, World};
 
-/// Maximum length of an edge by which a tree grows (weighted, m), and the shorter maximum after several blocked edges
-/// in a row: near obstacles only short edges are free.
+/// Maximum length of a tree's edge (weighted, m), and the shorter maximum after several blocked edges in a row, because
+/// only short edges are free near obstacles.
 const EDGE: f64 = 0.3;
 const SHORT_EDGE: f64 = 0.05;
 const STUCK: usize = 16;
-/// Number of directions tried to leave an overlap, with growing length, and the maximum length (weighted, m).
+/// Number of directions in which an overlap is left, with growing length, and the maximum length (weighted, m).
 const EXITS: usize = 96;
 const EXIT: f64 = 0.6;
 /// Step between checks on the way out of an overlap (weighted, m).
@@ -110,9 +110,9 @@ impl Draws {
 /// Reason why there is no free motion.
 #[derive(Debug, Clone)]
 pub(crate) enum NoWay {
-    /// One end is not free.
+    /// The start or the goal is in collision.
     Blocked(Hit),
-    /// The samples are used up; this obstacle blocks the straight segment.
+    /// The search used up its samples; this obstacle blocks the straight segment.
     NotFound(Hit),
     /// Like `NotFound`, and no sample could be connected to the start.
     BoxedIn(Hit),
@@ -261,7 +261,7 @@ fn grow(
     Some(tree.nodes.len() - 1)
 }
 
-/// Shortens the path: first over whole runs of vertices, then between random points on the path.
+/// Shortens the path: first by skipping vertices, then between random points on the path.
 fn shorten(
     world: &mut World<'_>,
     metric: &Metric,
@@ -358,7 +358,7 @@ mod tests {
 
     #[test]
     fn a_start_with_little_room_takes_short_edges() {
-        // No edge of 0.3 m leads from the middle past the screen.
+        // No edge of length 0.3 m leads from the middle past the screen.
         let path = out_of_a_chamber(0.12, 0.06).unwrap();
         assert!(path.len() > 2, "{path:?}");
     }

@@ -77,8 +77,8 @@ impl<'p> Follower<'p> {
 
     /// Follows `path` from `x`, which is at its start (or, with `backwards`, at its end).
     ///
-    /// The motion runs on the curve through the waypoints, which must keep to the path and the joint limits between
-    /// them as well. If a joint turns sharply, waypoints come closer together, or the path ends there.
+    /// The motion runs along the spline through the waypoints, which must stay on the path and within the joint limits
+    /// between waypoints, too. If it does not, the waypoints are spaced more closely, or the followed part ends there.
     pub fn follow(&mut self, path: &impl Guide, x: &Row, backwards: bool) -> Followed {
         let (way, turn) = path.length();
         let steps = ((way / STRIDE).max(turn / TURN).ceil() as usize).max(1);

@@ -1,9 +1,9 @@
-//! Keypoint constraints in, collision-free joint motion out.
+//! Motion planning from keypoint constraints to collision-free joint motions.
 //!
 //! A [`KeypointProblem`] holds a robot, a [`SolverConfig`], keypoints, the object's joint and obstacles; [`plan`] finds
-//! the cheapest actuation pose whose whole motion is reachable and free, and returns a [`Plan`] that says what was
-//! solved and what was not. Metres, radians, seconds; poses are in the robot base frame. No function panics: what does
-//! not fit is an error that names the field, or a plan's status.
+//! the cheapest actuation pose whose whole motion is reachable and collision-free, and returns a [`Plan`] with the
+//! motion or the reason of the failure. Metres, radians, seconds; poses are in the robot base frame. No function
+//! panics: invalid input is an error that names the field, and a failed plan has a status.
 //!
 //! The actuation pose `q` solves
 //!
@@ -15,7 +15,7 @@
 //! ```
 //!
 //! with `q0` the start, `W` the joint weights, `p` and `R` the hand's origin and orientation. The motion through it is
-//! the fastest found within velocity, acceleration, jerk and torque limits, and keeps a margin to everything.
+//! the fastest found within velocity, acceleration, jerk and torque limits, and keeps a margin from all obstacles.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -36,7 +36,7 @@
 //!     .link(Link::below("column", "hand").moved_by(turn))
 //!     .build("hand")?;
 //!
-//! // The fingertip on the handle, the finger along y within 0.01 rad; there from above, and straight up after.
+//! // Put the fingertip on the handle with the finger along y; approach from above, and lift afterwards.
 //! let along_y = TargetAxis::Fixed { axis: Vector3::y(), frame: Frame::World };
 //! let config = SolverConfig::builder()
 //!     .constraint(Constraint::point("tip", "handle", 0.001))

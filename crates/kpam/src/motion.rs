@@ -173,7 +173,7 @@ fn follow(problem: &KeypointProblem, from: Pose, value: f64, turning: bool) -> H
             HandPath::Trace { from, tip, point, axis, angle: value }
         }
         Some(j) => HandPath::Line { from, to: shifted(&from, &(j.axis * value)) },
-        // Validation refuses such a problem.
+        // Validation rejects a config that follows a joint if the problem has none.
         None => HandPath::Line { from, to: from },
     }
 }

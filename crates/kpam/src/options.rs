@@ -27,7 +27,7 @@ pub enum Timing {
     Config,
 }
 
-/// Acceleration and jerk limits of an arm that its URDF does not contain.
+/// Acceleration and jerk limits for arms whose URDF lacks them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -71,7 +71,7 @@ pub struct ContactWindow {
     pub links: Vec<String>,
     /// Bodies of the scene.
     pub bodies: Vec<String>,
-    /// First keyframe of the window (in time: `start`, ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ...).
+    /// First keyframe of the window: one of `start`, ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ..., in time order.
     pub from: String,
     /// Last keyframe of the window, or `end`.
     pub to: String,
@@ -102,7 +102,7 @@ pub struct Options {
     pub jerk_limits: Option<Vec<f64>>,
     /// Torque limits (N m; N for sliding joints) for each joint, 0.001 to 1e9; default: torques are not limited.
     pub torque_limits: Option<Vec<f64>>,
-    /// Acceleration and jerk limits if none are given; default: plain ones, and the plan reports them as assumed.
+    /// Source of missing acceleration and jerk limits; default: `Plain`, which the plan reports as assumed.
     pub limits: Option<LimitSet>,
     /// Velocity of each joint at the start, within 100 rad/s or m/s; default: at rest.
     pub start_velocity: Option<Vec<f64>>,
@@ -123,23 +123,23 @@ pub struct Options {
     /// Bounds of the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for none.
     pub workspace: Option<[[f64; 3]; 2]>,
     /// Clearance (m) of the whole motion from bodies that it may not touch, 0 to 0.2. A pair that is closer at the
-    /// start or end of a segment may not come closer than that along the segment; the plan reports such pairs.
+    /// start or end of a segment keeps at least this smaller distance along the segment; the plan reports such pairs.
     pub margin: f64,
     /// Smaller clearance (m) for a second attempt if no motion keeps `margin`, 0 to `margin`; default: no second
     /// attempt.
     pub least_margin: Option<f64>,
     /// Maximum overlap (m) of pairs that may touch, 0 to 1; null for no limit. Contact windows may have their own.
     pub contact_depth: Option<f64>,
-    /// Maximum depth (m) of arm and attached bodies inside the moving link if its travel is estimated, 0 to 0.1.
+    /// Maximum overlap (m) of arm or attached bodies with the moving link if its travel is estimated, 0 to 0.1.
     pub guess_depth: f64,
-    /// Maximum overlap (m) of the robot at the start, 0 to 1; the motion first leaves the overlap. With a deeper one,
-    /// nothing is planned.
+    /// Maximum overlap (m) of the robot at the start, 0 to 1; the motion first leaves the overlap. Planning fails if
+    /// the overlap is deeper.
     pub start_depth: f64,
     /// Clearance (m) of robot and attached bodies from the handled bodies (moving link, targets, picked bodies) up to
     /// the actuation pose, 0 to 0.05. By default, hand and fingers may touch them in the last segment before the
     /// actuation pose, and targets always.
     pub reach_clearance: Option<f64>,
-    /// Accept the longest part of the motion if the rest after the actuation pose is unreachable or blocked.
+    /// Whether to accept the longest part of the motion if the rest after the actuation pose is unreachable or blocked.
     pub allow_partial: bool,
     /// Value of the finger joints (joints below the hand) during the motion (m or rad), within their limits; mimic
     /// joints follow. Default: as in `q_start`.
@@ -288,8 +288,8 @@ impl Options {
     }
 }
 
-/// Refuses joints that are almost blocked, whose motions would take too long to be stored, and joints without a
-/// velocity limit, which would be limited by their acceleration only.
+/// Returns an error for velocity limits so low that motions would take too long to be stored, and for missing velocity
+/// limits, without which only the acceleration would limit the speed.
 fn check_speeds(robot: &Robot, model: &Model, options: &Options) -> Result<(), ProblemError> {
     let mut velocity = options.velocity_limits.as_ref().map_or(model.velocity, |l| model.map().least(|j| l[j]));
     if let Some(most) = greatest_velocity(options) {
@@ -312,12 +312,12 @@ fn check_speeds(robot: &Robot, model: &Model, options: &Options) -> Result<(), P
             let name = &robot.joints()[*j].name();
             let message = if speed.is_infinite() {
                 format!(
-                    "joint {name} has no velocity limit (velocity=\"0\" in a URDF says that it is not known); write it in the \
+                    "joint {name} has no velocity limit (velocity=\"0\" in a URDF means unknown); write it in the \
                      joint's <limit>, or give options.velocity_limits"
                 )
             } else {
                 format!(
-                    "let {name} go at {speed:e} per second (those of joints that mimic it included); give at least {GENTLEST}"
+                    "limit {name} to {speed:e} per second (including the limits of joints that mimic it); give at least {GENTLEST}"
                 )
             };
             Err(ProblemError::new("options.velocity_limits", message))

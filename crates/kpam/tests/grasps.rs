@@ -48,7 +48,7 @@ fn table() -> Body {
     )
 }
 
-/// Returns grasps of a body among others that are out of the robot's way.
+/// Returns grasps of a body among others. The robot is far away from them.
 fn grasps(object: &Body, others: &[Body], options: &GraspOptions) -> Result<Vec<Grasp>, ProblemError> {
     let slide = Joint::prismatic("x", Vector3::x()).limits(-1.0, 1.0);
     let robot = Robot::builder("cart").link(Link::base("rail")).link(Link::below("rail", "cart").moved_by(slide));
@@ -75,7 +75,8 @@ fn a_box_is_held_across_its_narrow_sides() {
     let all = found(&object, &[], &options(|o| o.up = None));
     assert!(all.len() > 20, "{}", all.len());
     for grasp in &all {
-        // Of its three widths only 40 and 60 mm fit; opposite faces are parallel, so the contacts are aligned.
+        // Opposite faces are parallel, so the contacts are aligned. Only the widths of 40 and 60 mm fit between the
+        // pads.
         let axis = closing(grasp).abs();
         let wide = if axis.x > 0.999 { 0.04 } else { 0.06 };
         assert!(axis.x > 0.999 || axis.z > 0.999, "{axis}");

@@ -1,4 +1,4 @@
-//! A robot in a closed space: planning gives up on all poses once it has given up on some.
+//! A robot in a closed space: after the search has failed for some poses, planning gives up on all others at once.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;

@@ -22,8 +22,8 @@ pub(crate) fn member<'py>(py: Python<'py>, class: &str, value: &str) -> PyResult
     py.import("gensim2_kpam.results")?.getattr(class)?.call1((value,))
 }
 
-/// Returns the numbers of any array-like, flattened, with their shape. Refuses complex numbers, dates, text, records and
-/// masked entries, some of which NumPy would convert.
+/// Returns the numbers of any array-like, flattened, with their shape. Returns an error for complex numbers, dates,
+/// text, structured and masked arrays, because NumPy would silently convert some of them.
 pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let array = match value.cast_exact::<PyArrayDyn<f64>>() {
         Ok(array) if is_aligned(array) => array.clone(),
@@ -33,7 +33,7 @@ pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f6
     let array = array.try_readonly().map_err(|e| problem_error(field, format!("cannot be read: {e}")))?;
     let (view, mut data) = (array.as_array(), Vec::new());
     if data.try_reserve_exact(view.len()).is_err() {
-        return Err(problem_error(field, format!("has {} numbers, for which there is no memory", view.len())));
+        return Err(problem_error(field, format!("has {} numbers, too many for the available memory", view.len())));
     }
     data.extend(view.iter());
     Ok((data, view.shape().to_vec()))
@@ -67,7 +67,7 @@ fn converted<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f
     Ok(array.call_method1("astype", ("float64",))?.cast_into()?)
 }
 
-/// Numbers (n,) of any size, which need not be finite: limits.
+/// Reads limits (n,): a list of any length, whose numbers may be infinite.
 pub(crate) fn list(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Vec<f64>> {
     let (data, shape) = numbers(value, field)?;
     if shape.len() == 1 { Ok(data) } else { Err(problem_error(field, format!("must have shape (n,), not {shape:?}"))) }
@@ -125,8 +125,8 @@ pub(crate) fn array2<'py>(py: Python<'py>, rows: &[Vec<f64>], columns: usize) ->
     PyArray2::from_owned_array(py, ndarray::Array2::from_shape_fn((rows.len(), columns), |(r, c)| rows[r][c]))
 }
 
-/// Converts a config or options mapping to JSON; `field` is the path so far, and `error` creates the exception of a
-/// field and a message.
+/// Converts a config or options mapping to JSON; `field` is the path of the value, for error messages; `error` creates
+/// the exception from a field and a message.
 pub(crate) fn json(
     value: &Bound<'_, PyAny>,
     field: &str,
@@ -154,7 +154,7 @@ pub(crate) fn json(
     {
         return Ok(Value::Number(i.into()));
     }
-    // A numpy scalar is recognized by its dtype; its integers are no Python ints.
+    // NumPy scalars are recognized by their dtype, because NumPy integers are not instances of Python's int.
     if value.hasattr("dtype")? && value.getattr("shape")?.len()? == 0 {
         return json(&value.call_method0("item")?, field, depth + 1, error);
     }
@@ -169,7 +169,7 @@ pub(crate) fn json(
         return Ok(Value::Object(out));
     }
     if value.is_instance_of::<PyFloat>() || value.hasattr("__float__")? && !value.hasattr("__len__")? {
-        let Ok(v) = value.extract::<f64>() else { return fail("is no number that fits 64 bits".to_owned()) };
+        let Ok(v) = value.extract::<f64>() else { return fail("does not fit into 64 bits".to_owned()) };
         return match Number::from_f64(v) {
             Some(n) => Ok(Value::Number(n)),
             None => fail(format!("{v} is not finite")),
@@ -213,7 +213,7 @@ pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py,
     }
 }
 
-/// Header of pickles and version of their layout, which must be incremented with every change of a pickled type.
+/// Header of pickled data with the version of its layout. Increment the version whenever a pickled type changes.
 const TAG: &[u8; 4] = b"kpam";
 const LAYOUT: u8 = 2;
 
@@ -224,17 +224,17 @@ pub(crate) fn freeze<T: Serialize>(value: &T) -> PyResult<Vec<u8>> {
     postcard::to_extend(value, out).map_err(|e| KpamError::new_err(format!("pickle: {e}")))
 }
 
-/// Reverses [`freeze`].
+/// Restores a value from the bytes of [`freeze`].
 pub(crate) fn thaw<T: DeserializeOwned>(bytes: &[u8]) -> PyResult<T> {
     let fail = |message: String| Err(KpamError::new_err(format!("pickle: {message}")));
     let Some((layout, value)) = bytes.strip_prefix(TAG.as_slice()).and_then(<[u8]>::split_first) else {
         return fail(
-            "has no version; it was written before 0.2, or is damaged: make it anew from its sources".to_owned(),
+            "has no version; it was written before 0.2 or is damaged; create it again".to_owned(),
         );
     };
     if *layout != LAYOUT {
         let version = env!("CARGO_PKG_VERSION");
-        return fail(format!("is of layout {layout}; gensim2_kpam {version} reads layout {LAYOUT}: make it anew"));
+        return fail(format!("is of layout {layout}; gensim2_kpam {version} reads layout {LAYOUT}; create it again"));
     }
     match postcard::from_bytes(value) {
         Ok(value) => Ok(value),

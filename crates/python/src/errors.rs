@@ -16,7 +16,7 @@ create_exception!(gensim2_kpam, UrdfError, KpamError, "A robot description that 
 create_exception!(gensim2_kpam, ConfigError, KpamError, "A solver config that cannot be used: field, remedy.");
 create_exception!(gensim2_kpam, ProblemError, KpamError, "A problem whose parts do not fit each other: field, remedy.");
 
-/// Adds the exceptions to the module. Attributes without a value are None.
+/// Adds the exceptions to the module. Attributes that do not apply to an exception are None.
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = m.py();
     let base = py.get_type::<KpamError>();
@@ -29,7 +29,7 @@ pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("ProblemError", py.get_type::<ProblemError>())
 }
 
-/// Longest line of an error; the middle of longer ones is left out.
+/// Maximum number of characters of an error message; the middle of a longer message is omitted.
 const LONGEST_LINE: usize = 1500;
 
 /// Returns a message as one line of at most `LONGEST_LINE` characters. Non-printing characters are escaped, because the

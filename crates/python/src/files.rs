@@ -1,4 +1,4 @@
-//! Parsers of URDF and OBJ files for other uses than loading a robot.
+//! Parsers of URDF and OBJ files for purposes other than loading a robot.
 
 use gensim2_geometry::{Description, Obj};
 use numpy::{PyArray2, ndarray};
@@ -8,7 +8,7 @@ use pyo3::types::PyList;
 
 use crate::errors::{from_urdf, problem_error};
 
-/// Parses a URDF without interpretation: dicts, lists, strings and numbers; None for missing or infinite values.
+/// Parses a URDF into dicts, lists, strings and numbers; missing or infinite values become None.
 #[pyfunction]
 pub(crate) fn read_urdf<'py>(py: Python<'py>, content: &[u8], file: &str) -> PyResult<Bound<'py, PyAny>> {
     let description = py.detach(|| Description::read(content, file)).map_err(|e| from_urdf(&e))?;
@@ -16,7 +16,7 @@ pub(crate) fn read_urdf<'py>(py: Python<'py>, content: &[u8], file: &str) -> PyR
     py.import("json")?.call_method1("loads", (text,))
 }
 
-/// Parses a Wavefront OBJ file: vertices (N, 3); name and triangles (M, 3) of each material; names of material files.
+/// Parses an OBJ file: returns vertices (N, 3), each material's name and triangles (M, 3), names of material files.
 #[pyfunction]
 pub(crate) fn read_obj<'py>(
     py: Python<'py>,

@@ -1,4 +1,4 @@
-//! Robot, shapes, bodies and the object's joint.
+//! Python classes of robots, shapes, bodies and object joints.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, from_shape, from_urdf, problem_error};
 use crate::interrupt::interruptible;
 
-/// Shapes with this many parts or more are created in pieces, with a check for signals before each.
+/// Shapes with at least this many parts are created in pieces; signals are checked before each piece.
 pub(crate) const LONG: usize = 8192;
 
 /// Converts triangles (M, 3, 3) and spheres (K, 4) of shapes.
@@ -34,15 +34,15 @@ fn surface<'py>(py: Python<'py>, shapes: &[Convex]) -> PyResult<(Bound<'py, PyAn
     Ok((PyArray3::from_owned_array(py, triangles).into_any(), convert::array2(py, &balls, 4).into_any()))
 }
 
-/// A URDF arm. Instances can be pickled.
+/// A robot arm read from a URDF. Instances can be pickled.
 #[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyRobot(pub Arc<Robot>);
 
 #[pymethods]
 impl PyRobot {
-    /// Reads a URDF and its collision meshes: `Robot.from_urdf("ur5.urdf", hand_link="flange")`. `hand_link` carries the
-    /// tool; `srdf` names pairs of links that may touch; `base_link` is the base frame (default: the only root). A file
-    /// that cannot be used is a `UrdfError` that names link or joint.
+    /// Reads a URDF and its collision meshes: `Robot.from_urdf("ur5.urdf", hand_link="flange")`. `hand_link` carries
+    /// the tool; `srdf` names pairs of links that may touch; `base_link` is the base frame (default: the only root). An
+    /// unusable file raises a `UrdfError` that names the link or joint.
     #[staticmethod]
     #[pyo3(name = "from_urdf", signature = (path, *, hand_link, srdf = None, base_link = None))]
     fn read_urdf(path: PathBuf, hand_link: &str, srdf: Option<PathBuf>, base_link: Option<&str>) -> PyResult<Self> {
@@ -61,7 +61,7 @@ impl PyRobot {
         self.0.joints().iter().map(|j| j.name().to_owned()).collect()
     }
 
-    /// Pairs of links that are never checked only because they overlap at the middle of all joint ranges.
+    /// Pairs of links that are not checked because they overlap when all joints are at the middle of their ranges.
     #[getter]
     fn unchecked_pairs(&self) -> Vec<(String, String)> {
         let name = |link: usize| self.0.links()[link].name().to_owned();
@@ -117,7 +117,7 @@ impl PyRobot {
         self.0.mass()
     }
 
-    /// Torques (N m; N for sliding joints) of a motion under gravity: three (n,) -> (n,), three (N, n) -> (N, n).
+    /// Joint torques (N m; N for sliding joints) under gravity, of the arguments' shape: (n,) or (N, n).
     #[pyo3(signature = (q, velocity, acceleration, *, gravity = None), text_signature = "($self, q, velocity, acceleration, *, gravity=(0.0, 0.0, -9.81))")]
     fn inverse_dynamics<'py>(
         &self,
@@ -171,7 +171,7 @@ impl PyRobot {
         Ok(PyArray3::from_owned_array(py, array).into_any())
     }
 
-    /// (6, n): linear, then angular velocity of the link's origin, in base axes. (N, n) -> (N, 6, n).
+    /// Jacobian (6, n) or (N, 6, n) of `link` (default: the hand): linear, then angular velocity in base axes.
     #[pyo3(signature = (q, link = None))]
     fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
         let n = self.0.joints().len();
@@ -238,7 +238,7 @@ fn push_rows(pose: &Pose, out: &mut Vec<f64>) {
     out.extend([0.0, 0.0, 0.0, 1.0]);
 }
 
-/// A collision shape in the body frame; a mesh is a surface of triangles without an inside.
+/// A collision shape in the body frame; a mesh is a surface of triangles, not a solid.
 #[pyclass(name = "Shape", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyShape(pub Vec<Convex>);
 

@@ -17,9 +17,9 @@ const POLL: Duration = Duration::from_millis(50);
 /// Time that cancelled work has to end.
 const GRACE: Duration = Duration::from_millis(300);
 
-/// Runs `work`. If a signal handler raises meanwhile, the flag `cancel` is set for `work` to see, and the exception is
-/// returned once `work` has ended, or after [`GRACE`] if it has not reacted (a tree over millions of triangles is built
-/// in one step). The thread of such work ends later by itself, and results that it caches are kept.
+/// Runs `work` on its own thread. If a signal handler raises an exception meanwhile, this function sets the flag
+/// `cancel`, waits until `work` ends or [`GRACE`] has passed, and returns the exception. Work that ignores the flag,
+/// such as building a tree over millions of triangles, ends later on its thread; its cached results are kept.
 pub(crate) fn interruptible<T: Send + 'static>(
     py: Python<'_>,
     cancel: Cancel,
@@ -28,7 +28,7 @@ pub(crate) fn interruptible<T: Send + 'static>(
     let (sender, receiver) = channel();
     let flag = cancel.clone();
     thread::Builder::new()
-        // The caller has returned if a signal has arrived.
+        // Sending fails if a signal has already made the caller return.
         .spawn(move || drop(sender.send(work(&flag))))
         .map_err(|e| KpamError::new_err(format!("threads: cannot be started ({e})")))?;
     let receiver = Mutex::new(receiver);

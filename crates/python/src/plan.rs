@@ -8,7 +8,7 @@ use crate::KpamError;
 use crate::convert;
 use crate::timing::PyTrajectory;
 
-/// Result of planning: motion, residuals, failures. Instances can be pickled.
+/// Result of planning: the motion, constraint residuals, and reasons of a failure. Instances can be pickled.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyPlan(pub(crate) Plan, pub(crate) StageTimes);
 
@@ -119,13 +119,13 @@ impl PyPlan {
         Ok(out)
     }
 
-    /// Number of poses whose motion was tried.
+    /// Number of actuation poses for which planning a motion was attempted.
     #[getter]
     fn tried(&self) -> usize {
         self.0.tried
     }
 
-    /// Outcome of each pose that was tried, if requested: dicts `q`, `rank`, `status`, `reason`.
+    /// Outcome of each actuation pose that was tried, if `explain` was set: dicts `q`, `rank`, `status`, `reason`.
     #[getter]
     fn tried_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let out = PyList::empty(py);
@@ -199,7 +199,7 @@ impl PyPlan {
         self.0.trajectory().cloned().map(PyTrajectory)
     }
 
-    /// JSON-compatible data; the trajectory as `times` and `positions`.
+    /// Returns JSON-compatible data of the plan, including `times` and `positions` of the trajectory.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mut value = serde_json::to_value(&self.0).map_err(|e| KpamError::new_err(e.to_string()))?;
         if let Some(map) = value.as_object_mut() {

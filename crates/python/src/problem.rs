@@ -30,7 +30,7 @@ impl PySolverConfig {
         SolverConfig::from_value(&value).map(Self).map_err(|e| from_config(&e))
     }
 
-    /// The config as it was given.
+    /// Returns the config as the caller gave it.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let value = serde_json::from_str(self.0.source()).map_err(|e| KpamError::new_err(e.to_string()))?;
         convert::python(py, &value)
@@ -105,7 +105,7 @@ pub(crate) fn read_options<O: DeserializeOwned + Default>(value: Option<&Bound<'
     }
 }
 
-/// Parts of a problem besides its scene.
+/// Arguments of a problem other than its scene.
 #[allow(non_snake_case)]
 pub(crate) struct Question<'a, 'py> {
     pub config: &'a Bound<'py, PySolverConfig>,
@@ -128,7 +128,7 @@ impl Question<'_, '_> {
         convert::vector(self.q_start, "q_start", None)
     }
 
-    /// Builds the problem from a builder that has robot, bodies and joint.
+    /// Adds these arguments to a builder that has the robot, bodies and joint, and builds the problem.
     pub fn asked_of(&self, builder: KeypointProblemBuilder) -> PyResult<PyKeypointProblem> {
         let object_axis = match self.object_axis {
             "x" => 0,

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::errors::problem_error;
 
-/// Renamed options with their former names, which users' files may still contain.
+/// Former and current names of options; users' files may still contain the former names.
 const OPTIONS: [(&str, &str); 3] =
     [("starts", "num_seeds"), ("descents", "num_refinements"), ("harvest", "extra_seeds")];
 
@@ -19,14 +19,14 @@ pub(crate) fn options(py: Python<'_>, options: &mut Value) -> PyResult<()> {
     for (former, today) in OPTIONS {
         let Some(value) = options.remove(former) else { continue };
         if options.insert(today.to_owned(), value).is_some() {
-            return Err(problem_error(&format!("options.{former}"), format!("is called {today}, which is given too")));
+            return Err(problem_error(&format!("options.{former}"), format!("is the old name of {today}, which is given too; omit it")));
         }
         warn(py, &format!("options.{former}"), &format!("options.{today}"))?;
     }
     Ok(())
 }
 
-/// Returns the value of a keyword argument `today`, which may be given as `former`; other keywords are refused.
+/// Returns the keyword argument `today`, accepted also under its old name `former`; other keywords are errors.
 pub(crate) fn keyword<'py, T>(
     py: Python<'py>,
     given: Option<T>,
@@ -43,7 +43,7 @@ where
             return Err(PyTypeError::new_err(format!("got an unexpected keyword argument '{key}'")));
         }
         if value.is_some() {
-            return Err(PyTypeError::new_err(format!("'{former}' is called '{today}', which is given too")));
+            return Err(PyTypeError::new_err(format!("'{former}' is the old name of '{today}', which is given too")));
         }
         warn(py, former, today)?;
         value = if other.is_none() { None } else { Some(other.extract::<T>().map_err(Into::into)?) };
@@ -52,6 +52,6 @@ where
 }
 
 fn warn(py: Python<'_>, former: &str, today: &str) -> PyResult<()> {
-    let message = format!("{former} is called {today}; the old name goes with the next release");
+    let message = format!("{former} is now called {today}; the next release removes the old name");
     PyErr::warn(py, &py.get_type::<PyFutureWarning>(), &CString::new(message)?, 1)
 }

@@ -18,7 +18,7 @@ use crate::renamed;
 use crate::timing::PyTrajectory;
 use crate::transit::{Asked, PyMotion, limit_set};
 
-/// Number of configurations that are checked without a separate thread.
+/// Maximum number of configurations that are checked on the calling thread.
 const FEW: usize = 256;
 
 /// A joint of an object and the names of the bodies that it moves. Instances can be pickled.
@@ -76,8 +76,8 @@ impl PyScene {
         Scene::new(Arc::clone(&robot.get().0), bodies, joints).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// Which of (N, 3) points lie within `clearance` (m) of the robot at joints `q` (n,) or of its attached bodies:
-    /// (N,) bool.
+    /// Returns (N,) bool: which of the points (N, 3) lie within `clearance` (m) of the robot at joints `q` (n,) or of
+    /// its attached bodies.
     #[pyo3(signature = (q, points, clearance = 0.02))]
     fn own_points<'py>(
         &self,
@@ -120,30 +120,30 @@ impl PyScene {
         points(py, self.0.object_keypoints())
     }
 
-    /// The scene with a joint at another value, and the bodies that it moves.
+    /// Returns the scene with a joint at another value; the bodies of this joint move with it.
     fn with_joint(&self, name: &str, value: f64) -> PyResult<Self> {
         self.0.with_joint(name, value).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// The scene with a body at another pose in the base frame, or in the hand frame if it is attached.
+    /// Returns the scene with a body at another pose in the base frame, or in the hand frame if the body is attached.
     fn with_pose(&self, body: &str, pose: &Bound<'_, PyAny>) -> PyResult<Self> {
         self.0.with_pose(body, &convert::pose(pose, "pose")?).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// The scene with a body attached to the hand at joints `q`; joints of objects no longer move it.
+    /// Returns the scene with a body attached to the hand at joints `q`; object joints no longer move this body.
     fn attached(&self, body: &str, q: &Bound<'_, PyAny>) -> PyResult<Self> {
         self.0.attached(body, &self.hand(q)?).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// The scene with an attached body released at the hand's pose for joints `q`: it becomes a rigid obstacle, which
-    /// the joint `on`, if given, moves along.
+    /// Returns the scene with an attached body released at the hand's pose for joints `q`. The body becomes a rigid
+    /// obstacle; the joint `on`, if given, moves it.
     #[pyo3(signature = (body, q, on = None))]
     fn detached(&self, body: &str, q: &Bound<'_, PyAny>, on: Option<&str>) -> PyResult<Self> {
         self.0.detached(body, &self.hand(q)?, on).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// A problem on this scene; the keypoints of its bodies are added to the given ones. `joint` names the joint that
-    /// the config moves; its bodies are the moving link.
+    /// Returns a problem on this scene, with the given keypoints and those of the scene's bodies. `joint` names the
+    /// joint that the config moves; the bodies of this joint are the moving link.
     #[pyo3(signature = (
         config, q_start, *, tool_keypoints = None, object_keypoints = None, T_base_object = None, joint = None,
         object_axis = "y", object_yaw = 0.0, T_base_world = None, options = None
@@ -177,7 +177,7 @@ impl PyScene {
         question.asked_of(builder)
     }
 
-    /// Grasps of a body among the other bodies, best first.
+    /// Returns grasps of a body, best first, in which the hand avoids the other bodies.
     #[pyo3(signature = (body, gripper, center_of_mass = None, options = None))]
     fn grasps(
         &self,
@@ -190,7 +190,7 @@ impl PyScene {
         self.grasps_of(py, body, gripper, center_of_mass, options)
     }
 
-    /// A pick and its placements with the first grasp that reaches every target.
+    /// Plans a pick and its placements with the first grasp that reaches every target.
     #[pyo3(signature = (body, gripper, q_start, grasps, *, targets = Vec::new(), approach = 0.1, lift = None, options = None))]
     #[allow(clippy::too_many_arguments)]
     fn plan_grasp(
@@ -214,8 +214,8 @@ impl PyScene {
         self.plan_grasp_with(py, task, &grasps, &targets)
     }
 
-    /// A timed motion from `q_start` to rest at one of the goals that keeps `margin` (m) from all obstacles: `goal` is
-    /// (n,), or alternatives (K, n), or the pose (4, 4) of `link` (default: the hand) in the base frame.
+    /// Plans a timed motion from `q_start` to rest at one of the goals that keeps `margin` (m) from all obstacles:
+    /// `goal` is (n,), or alternatives (K, n), or the pose (4, 4) of `link` (default: the hand) in the base frame.
     #[pyo3(signature = (
         q_start, goal, *, link = None, margin = 0.005, samples = 100_000, seed = 0, velocity_scale = 1.0,
         acceleration_scale = 1.0, limits = None, velocity_limits = None, acceleration_limits = None,
@@ -275,8 +275,8 @@ impl PyScene {
         self.motion_to(py, q_start, Asked { goal, link, deadline_ms, cancel, options })
     }
 
-    /// Distinct joint vectors (K, n) that bring `link` (default: the hand) to a pose (4, 4) in the base frame, closest
-    /// to `q_start` first, at most `max_solutions`. Obstacles are ignored.
+    /// Returns distinct joint vectors (K, n) that bring `link` (default: the hand) to a pose (4, 4) in the base frame,
+    /// closest to `q_start` first, at most `max_solutions`. Obstacles are ignored.
     #[allow(clippy::too_many_arguments)]
     #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **others), text_signature = "($self, pose, q_start, *, link=None, max_solutions=16, seed=0)")]
     fn ik<'py>(
@@ -293,7 +293,7 @@ impl PyScene {
         self.solutions(py, pose, q_start, link, max_solutions, seed)
     }
 
-    /// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
+    /// Returns whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
     fn in_collision<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let q = self.rows(q)?;
         let single = q.count.is_none();
@@ -304,8 +304,8 @@ impl PyScene {
         Ok(PyArray1::from_vec(py, hits).into_any())
     }
 
-    /// Smallest signed distance (m) of the robot to a body or itself, at most `max_distance`: (n,) -> float, (N, n) ->
-    /// (N,).
+    /// Returns the smallest signed distance (m) of the robot to a body or itself, at most `max_distance`: (n,) ->
+    /// float, (N, n) -> (N,).
     #[pyo3(signature = (q, max_distance = None, **others), text_signature = "($self, q, max_distance=1.0)")]
     fn distance<'py>(
         &self,
@@ -325,8 +325,8 @@ impl PyScene {
         Ok(convert::array1(py, &found).into_any())
     }
 
-    /// Pairs within `reach` (m) of each other, closest first: for (n,) a list of dicts `bodies`, `distance` (m,
-    /// negative if they overlap), `point` (3,); for (N, n) a list of such lists.
+    /// Lists the pairs within `reach` (m) of each other, closest first: for (n,) a list of dicts `bodies`, `distance`
+    /// (m, negative if they overlap), `point` (3,); for (N, n) a list of such lists.
     #[pyo3(signature = (q, reach = 0.0))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, reach: f64) -> PyResult<Bound<'py, PyList>> {
         is_reach(reach, "reach")?;
@@ -379,8 +379,8 @@ impl PyScene {
         JointRows::of(q, self.0.robot().joints().len())
     }
 
-    /// Whether a check is faster than starting a thread that can be interrupted: few configurations, and a scene that
-    /// is already prepared (also for `places`, if requested).
+    /// Whether a check is faster than starting an interruptible thread: there are few configurations, and the scene is
+    /// prepared (for distances, with `places`, also its bodies).
     fn is_quick(&self, q: &JointRows, places: bool) -> bool {
         let (scene, bodies) = (&self.0, self.0.bodies());
         let ready = scene.is_ready() && (!places || bodies.is_ready());
@@ -404,7 +404,7 @@ impl PyScene {
         found.map_err(|e| from_problem(&e))
     }
 
-    /// Answers a query for each row, with or without `places`.
+    /// Computes `ask` for each row of joints; `places` is set for queries that need the prepared bodies.
     fn each<T: Send + 'static>(
         &self,
         py: Python<'_>,
@@ -456,7 +456,7 @@ fn points(
     Ok(out)
 }
 
-/// Ends planning from another thread: pass it to `plan` and call `cancel`.
+/// Flag that ends planning from another thread: pass the flag to `plan` and call `cancel`.
 #[pyclass(name = "Cancel", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyCancel(pub Cancel);
 

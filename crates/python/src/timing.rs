@@ -34,13 +34,13 @@ impl PyTrajectory {
         convert::array2(py, &self.0.positions(), self.0.joints()).into_any()
     }
 
-    /// Seconds from the first waypoint to the last.
+    /// Duration of the motion (s).
     #[getter]
     fn duration(&self) -> f64 {
         self.0.end() - self.0.start()
     }
 
-    /// Position, velocity, acceleration at t, each (n,), or (N, n) for (N,) times; at rest after the end.
+    /// Returns position, velocity, acceleration at t (s), each (n,), or (N, n) for (N,) times; at rest after the end.
     fn sample<'py>(
         &self,
         py: Python<'py>,
@@ -68,7 +68,7 @@ impl PyTrajectory {
         Ok((array(|s| &s.position), array(|s| &s.velocity), array(|s| &s.acceleration)))
     }
 
-    /// (ceil(duration / dt) + 1, n) positions, the last one at the end.
+    /// Returns positions (ceil(duration / dt) + 1, n) every `dt` seconds; the last row is the end of the motion.
     fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
         let (start, end) = (self.0.start(), self.0.end());
         let steps = ((end - start) / dt - 1e-9).ceil();
@@ -76,7 +76,7 @@ impl PyTrajectory {
             let least = (end - start) / MAX_ROWS;
             return Err(problem_error(
                 "dt",
-                format!("must be above {least:.3e} s here, for {MAX_ROWS:e} rows, not {dt}"),
+                format!("must be above {least:.3e} s for at most {MAX_ROWS:e} rows, not {dt}"),
             ));
         }
         let rows: Vec<Vec<f64>> =
@@ -147,8 +147,8 @@ fn writable<'py>(array: &Bound<'py, PyArray1<f64>>, field: &str) -> PyResult<PyR
     array.try_readwrite().map_err(|e| problem_error(field, format!("cannot be written: {e}")))
 }
 
-/// The fastest motion along the cubic spline through (N, n) waypoints within (n,) velocity, acceleration and jerk
-/// limits, which stops at the waypoints in `stops` and at the last; and the (N,) times at the waypoints.
+/// Returns the fastest motion along the spline through waypoints (N, n) within velocity, acceleration and jerk limits
+/// (n,), with stops at the waypoints with indices `stops` and at the last; and the times (N,) of the waypoints.
 #[pyfunction]
 #[pyo3(signature = (
     waypoints, velocity_limits, acceleration_limits, jerk_limits, *, stops = Vec::new(), slowest = None,

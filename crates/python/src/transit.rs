@@ -135,7 +135,7 @@ fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyRe
     }
 }
 
-/// Arguments of a motion, from Python.
+/// Arguments of `Scene.plan_to`, converted from Python.
 pub(crate) struct Asked<'a, 'py> {
     pub goal: &'a Bound<'py, PyAny>,
     pub link: Option<String>,

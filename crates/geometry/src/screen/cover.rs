@@ -1,4 +1,4 @@
-//! Few spheres that together contain a convex shape without extending far beyond it.
+//! Covers a convex shape with few spheres that contain it without extending far beyond it.
 
 use nalgebra::{Point3, Vector3};
 
@@ -19,7 +19,7 @@ const MAX_BALLS: usize = 20;
 const SLOP: f64 = 0.004;
 /// Number of iterations of the search for the smallest sphere around points (Badoiu and Clarkson).
 const ROUNDS: usize = 48;
-/// Number of directions in which the excess of a sphere is measured.
+/// Number of directions in which the distance by which a sphere exceeds the shape is measured.
 const LOOKS: usize = 48;
 
 /// Returns the smallest sphere found around points, grown by `radius`.
@@ -45,7 +45,7 @@ pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
     best
 }
 
-/// Part of a hull inside a box: its surface there, and all vertices of that part.
+/// Part of a hull inside a box: its surface there, and all vertices of this part.
 struct Cell {
     bounds: Aabb,
     surface: Vec<Vec<Point3<f64>>>,
@@ -86,7 +86,7 @@ impl Hull {
         Some(Cell { bounds, surface, corners, ball, slop })
     }
 
-    /// Splits a cell across an axis at the middle of its content.
+    /// Splits a cell across an axis in the middle of the box around its vertices.
     fn halves(&self, cell: &Cell, axis: usize) -> Vec<Cell> {
         let held = Aabb::around(&cell.corners, 0.0);
         let at = 0.5 * (held.min[axis] + held.max[axis]);

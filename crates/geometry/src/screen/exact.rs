@@ -1,4 +1,4 @@
-//! Exact distances of single pairs that a screen could not clear.
+//! Exact distances of single pairs that the screen could neither accept nor reject.
 
 use std::sync::Arc;
 
@@ -48,7 +48,7 @@ struct Placed {
 /// Shapes for exact measurement.
 #[derive(Debug, Clone, Default)]
 pub struct Measure {
-    /// Shapes of each group in its link's frame, and that link.
+    /// Each group's link, and its shapes in the frame of this link.
     groups: Vec<(usize, Arc<[Piece]>)>,
     elements: Vec<Placed>,
 }
@@ -67,7 +67,7 @@ impl Measure {
         });
     }
 
-    /// Visits the shapes of a group whose boxes lie within `reach` of an element, in whichever frame is cheaper.
+    /// Visits the shapes of a group whose boxes lie within `reach` of an element, in the cheaper of both frames.
     fn near_element(
         &self,
         group: usize,

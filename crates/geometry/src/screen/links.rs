@@ -1,4 +1,4 @@
-//! Data precomputed from a robot's shapes, independent of its surroundings.
+//! Data precomputed from the shapes of a robot's links, valid for any surroundings.
 
 use std::sync::Arc;
 
@@ -8,12 +8,12 @@ use super::cover::{Ball, ball_around, cover};
 use super::exact::Piece;
 use crate::{JointKind, Robot};
 
-/// Data precomputed from a robot's shapes, independent of its surroundings.
+/// Data precomputed from the shapes of a robot's links, valid for any surroundings.
 #[derive(Debug, Clone, Default)]
 pub struct Cover {
-    /// Spheres that contain each link's shapes, in its frame.
+    /// Spheres that contain each link's shapes, in the link's frame.
     pub(super) balls: Vec<Vec<Ball>>,
-    /// A sphere around those of each link, if there are any.
+    /// A sphere around the spheres of each link, if it has any.
     pub(super) around: Vec<Option<Ball>>,
     pub(super) pieces: Vec<Arc<[Piece]>>,
     levers: Vec<f64>,
@@ -51,7 +51,7 @@ fn mean_levers(robot: &Robot, balls: &[Vec<Ball>]) -> Vec<f64> {
         let mut q: Vec<f64> = joints
             .iter()
             .map(|joint| {
-                // Multiples of the golden ratio, which are evenly spread.
+                // Multiples of the golden ratio are evenly spread.
                 counter += 1;
                 let share = (f64::from(counter) * 0.618_033_988_749_894_9).fract();
                 let (low, high) = (joint.lower().max(-3.2), joint.upper().min(3.2));
@@ -78,7 +78,7 @@ fn mean_levers(robot: &Robot, balls: &[Vec<Ball>]) -> Vec<f64> {
             sums[joint] += furthest;
         }
     }
-    // A joint without a load still gets a minimum value.
+    // A joint that moves no shape still gets a minimum value.
     sums.iter().map(|s| (s / f64::from(LOOKS)).max(0.01)).collect()
 }
 
@@ -92,7 +92,7 @@ fn hangs_on(robot: &Robot, mut link: usize, top: usize) -> bool {
     true
 }
 
-/// Returns the sphere around spheres, if there are any.
+/// Returns a sphere around spheres; `None` if there are none.
 pub(super) fn around(balls: &[Ball]) -> Option<Ball> {
     let centers: Vec<Point3<f64>> = balls.iter().map(|b| b.center).collect();
     if centers.is_empty() {

@@ -27,9 +27,9 @@ use solid::Solid;
 
 /// Number of configurations screened at once.
 pub const LANES: usize = crate::lanes::WIDTH;
-/// Number of obstacles from which on a tree is used to find the near ones.
+/// Minimum number of obstacles for which a tree is used to find the near ones.
 const TREE: usize = 20;
-/// Error of single precision (m) per metre of the robot's size.
+/// Rounding error of single precision (m) per metre of the robot's size.
 const SLACK: f64 = 1e-5;
 /// Cloud points that are this much (m) beyond the robot's reach get their own grid, so that stray points neither
 /// coarsen the main grid nor reduce its precision.
@@ -64,7 +64,7 @@ struct Cluster {
     corners: [[f32; 3]; 8],
 }
 
-/// A body, cloud or pair that a group may be near.
+/// A shape, cloud or pair of groups to which a distance refers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Other {
     /// One convex shape of a body.
@@ -75,7 +75,7 @@ pub enum Other {
     Pair(usize),
 }
 
-/// A group and another body that may be too close to it.
+/// A group and another body whose distance may be too small.
 #[derive(Debug, Clone, Copy)]
 pub struct Suspect {
     /// The group; for a pair, the first one.
@@ -84,7 +84,7 @@ pub struct Suspect {
     pub other: Other,
     /// Lower bound, for each lane, of the distance minus the required distance (m).
     pub gap: [f32; LANES],
-    /// Upper bound of the same; large if unknown. If it is negative, the two are surely too close.
+    /// Upper bound of the same difference; large if unknown. If it is negative, the two are surely too close.
     pub max_gap: [f32; LANES],
 }
 
@@ -97,7 +97,7 @@ pub struct Needs {
     pub pairs: Vec<f64>,
 }
 
-/// Shapes that move with a link: its own, or those of attached bodies, each with its pose in the link's frame.
+/// Shapes that move with a link: the link's own shapes, or those of a body attached to it.
 pub struct Riders<'a> {
     /// The link.
     pub link: usize,
@@ -113,7 +113,7 @@ pub struct Screen {
     groups: Vec<Cluster>,
     balls: Vec<Sphere>,
     solids: Vec<Solid>,
-    /// Maximum excess of each solid's true distance over its bound (m).
+    /// Maximum amount (m) by which each solid's true distance exceeds its lower bound.
     looseness: Vec<f32>,
     body_of: Vec<usize>,
     tree: Option<Bvh>,
@@ -227,7 +227,7 @@ impl Screen {
                         out.clouds.push(PointGrid::new(body, &near, radius, 0.0));
                     }
                     if !far.is_empty() {
-                        // One centimetre covers the rounding of single precision within a kilometre.
+                        // The margin of 1 cm covers the rounding of single precision up to a distance of 1 km.
                         let least = far.iter().map(from_base).fold(f64::INFINITY, f64::min) - 0.01;
                         out.clouds.push(PointGrid::new(body, &far, radius, least as f32));
                     }

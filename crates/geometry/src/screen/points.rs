@@ -12,9 +12,9 @@ const CELL: f64 = 0.04;
 const MAX_CELLS: f64 = 400_000.0;
 /// Distances along an axis are capped at this number of cells.
 const FURTHEST: i16 = 12;
-/// Up to this distance in cells, the boxes around the cells' points are used; beyond it, the cells themselves.
+/// Within this distance (cells), bounds use the boxes around the points of the cells; beyond it, the cells themselves.
 const TIGHT: usize = 3;
-/// Number of consecutive corners compared with a cell's box at once: all closer than that.
+/// Number of consecutive corners that are compared with a cell's box at once, enough for all within [`TIGHT`] cells.
 const RUN: usize = 8;
 /// Relative error of a squared distance in single precision.
 const ROUNDING: f32 = 1e-6;
@@ -26,7 +26,7 @@ pub(crate) struct PointGrid {
     pub body: usize,
     /// Radius of every point (m).
     pub radius: f64,
-    /// Lower bound of the distance (m) between the base's origin and every point's sphere; 0 is no bound.
+    /// Lower bound of the distance (m) between the base's origin and every point's sphere; 0 if unknown.
     pub from_base: f32,
     lanes: Vec<Points>,
     /// First block of lanes of each cell.
@@ -79,7 +79,7 @@ impl PointGrid {
             cell,
             dims,
             slack: (4e-6 * size) as f32,
-            // The error of a square grows with the square; up to 4 m a smaller bound was measured.
+            // The rounding error of a square grows with the square; below 4 m, measurements showed a smaller error.
             squared_slack: ROUNDING * (size * (size / 4.0).max(1.0)) as f32,
         };
         out.fill(points);
@@ -224,8 +224,8 @@ impl PointGrid {
         for k in 0..3 {
             let most = F32x8::splat(self.dims[k] as f32 * cell);
             let from = p[k] - F32x8::splat(self.origin[k] as f32);
-            // All points lie in the grid. For a position outside, the squared distance to the closest position inside
-            // is added.
+            // All points lie in the grid. For a position outside the grid, the squared distance to the closest position
+            // inside is added.
             let inside = from.max(F32x8::ZERO).min(most);
             let beyond = from - inside;
             squared = squared + beyond * beyond;
@@ -384,8 +384,7 @@ mod tests {
             let wanted = points.iter().map(|p| (p - Point3::from(at)).norm()).fold(f64::INFINITY, f64::min);
             let found = f64::from(grid.bounds(&at.map(|v| F32x8::splat(v as f32))).to_array()[5]);
             prop_assert!(found <= wanted - 0.01 + 1e-7, "{found} {wanted}");
-            // The tolerance is a cell's diagonal plus the loss of interpolation; outside the grid the loss may be
-            // larger.
+            // The tolerance is a cell's diagonal plus the loss of interpolation, which may be larger outside the grid.
             let bounds = Aabb::around(&points, 0.0);
             let inside = (0..3).all(|k| (bounds.min[k]..=bounds.max[k]).contains(&at[k]));
             prop_assert!(!inside || wanted > 0.4 || found >= wanted - 0.01 - 0.08, "{found} {wanted}");

@@ -75,11 +75,11 @@ struct Fixed {
     t: [f32; 3],
 }
 
-/// A fixed rotation.
+/// A fixed rotation, in a form that is fast to apply.
 #[derive(Debug, Clone, Copy)]
 enum Turn {
     None,
-    /// A quarter turn about x in either direction, as between most joints of most arms.
+    /// A quarter turn about x in either direction, the most frequent rotation between joints of arms.
     Quarter {
         sign: f32,
     },
@@ -87,7 +87,7 @@ enum Turn {
 }
 
 impl Turn {
-    /// Classifies a rotation, if single precision cannot distinguish it from a quarter turn.
+    /// Classifies a rotation; it counts as a quarter turn if single precision cannot tell the difference.
     fn of(rotation: &Matrix3<f64>) -> Self {
         const SAME: f64 = 6e-8;
         let quarter = |sign: f64| Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -sign, 0.0, sign, 0.0);
@@ -105,7 +105,7 @@ impl Turn {
 #[derive(Debug, Clone)]
 enum Motion {
     None,
-    /// About the frame's own z axis in either direction, as in most URDF arms.
+    /// Rotation about the frame's own z axis in either direction, as in most URDF arms.
     Spin {
         joint: usize,
         sign: f32,
@@ -201,7 +201,7 @@ impl Posing {
                 out.push(base);
                 continue;
             }
-            // Closures may not be inlined, and code that is not inlined is not compiled for wide vectors.
+            // No closure: closures may not be inlined, and code that is not inlined is not compiled for wide vectors.
             let frame = match step.parent {
                 Some(p) => out[p].then(&step.origin),
                 None => base,
@@ -245,7 +245,7 @@ impl Posing {
         }
     }
 
-    /// Maximum distance (m) of link origins from the base, with prismatic joints within `reach` (m).
+    /// Maximum distance (m) of link origins from the base; prismatic joints travel up to `reach` (m).
     pub fn size(&self, reach: impl Fn(usize) -> f64) -> f64 {
         self.steps
             .iter()

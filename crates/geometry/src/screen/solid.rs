@@ -16,7 +16,7 @@ const ROUNDING: f64 = 1e-6;
 /// Three coordinates of eight points.
 pub type Points = [F32x8; 3];
 
-/// A convex obstacle in a form for fast point queries; it contains the original shape.
+/// A convex obstacle in a form for fast point queries, which contains the original shape.
 #[derive(Debug, Clone)]
 pub(crate) enum Solid {
     /// Rounded box: middle, axes as rows, half extents.
@@ -49,7 +49,7 @@ pub(crate) fn length(v: &Points) -> F32x8 {
 }
 
 impl Solid {
-    /// Returns the tightest form for a shape in the base frame.
+    /// Returns the tightest of these forms for a shape in the base frame.
     pub fn of(shape: &Convex) -> Self {
         let points = shape.points();
         let size = points.iter().map(|p| p.coords.norm()).fold(1.0, f64::max);
@@ -83,12 +83,12 @@ impl Solid {
         }
     }
 
-    /// Lower bounds of the distance (m) to the nearest of `balls`, placed at `centers` in eight configurations; then
-    /// the same for the inner spheres.
+    /// Lower bounds of the distance (m) to the nearest of `balls`, placed at `centers` in eight configurations; then to
+    /// their inner spheres.
     #[inline(always)]
     pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> [F32x8; 2] {
         let mut least = [F32x8::splat(f32::MAX); 2];
-        // The loop is inside each arm, so that the kind of solid is tested only once.
+        // The loop is inside each match arm, so that the type of solid is tested only once.
         macro_rules! over {
             ($distance:ident($($part:expr),*)) => {
                 for (center, ball) in centers.iter().zip(balls) {
@@ -107,7 +107,7 @@ impl Solid {
         least
     }
 
-    /// Maximum excess (m) of the true distance of `shape` over the bound; infinite if unknown.
+    /// Returns the maximum amount (m) by which the true distance of `shape` exceeds the bound; infinite if unknown.
     pub fn looseness(&self, shape: &Convex) -> f32 {
         let rounded = |size: f32| 4.0 * ROUNDING as f32 * (1.0 + size);
         match self {
@@ -194,7 +194,7 @@ fn cuboid(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
                 for (row, edge) in [ways[i], ways[j], ways[k]].iter().enumerate() {
                     let axis = edge.try_normalize(1e-12)?;
                     axes[row] = single(&axis);
-                    // Includes all vertices despite rounding.
+                    // The box includes all vertices despite rounding.
                     half[row] = points.iter().map(|p| axis.dot(&(p.coords - center)).abs()).fold(0.0, f64::max) as f32;
                 }
                 return Some(Solid::Cuboid { center: single(&center), axes, half, radius });

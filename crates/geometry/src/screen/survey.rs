@@ -1,4 +1,4 @@
-//! Lower bounds of all distances in eight configurations.
+//! Lower bounds of the distances of all pairs in eight configurations.
 
 use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Point3;
@@ -12,7 +12,7 @@ use crate::{Aabb, Robot};
 const CLOSE: f32 = 0.02;
 
 impl Screen {
-    /// Places the spheres of a batch whose lanes are set.
+    /// Computes the positions of all spheres for a batch whose lanes are set.
     pub fn place(&self, batch: &mut Batch) {
         self.posing.place(&batch.q, &mut batch.frames);
         struct Work<'a>(&'a Screen, &'a mut Batch);
@@ -236,7 +236,7 @@ impl Screen {
         }
         self.ensure(a, batch);
         self.ensure(b, batch);
-        // Spheres of the second group that come near the first.
+        // Spheres of the second group that are close to the first group.
         let mut open = std::mem::take(&mut batch.open);
         open.clear();
         for k in two.balls.clone() {
@@ -266,7 +266,7 @@ impl Screen {
         visit(&Suspect { group: a, other: Other::Pair(pair), gap, max_gap })
     }
 
-    /// Examines one group and one other body, as [`Screen::survey`] examines all.
+    /// Examines one group and one other body, in the same way as [`Screen::survey`] examines all pairs.
     pub fn look_at(
         &self,
         batch: &mut Batch,

@@ -1,4 +1,4 @@
-//! Axis constraints as linear bands of a hand direction.
+//! Axis constraints, approximated by linear bands on a hand direction.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -9,8 +9,7 @@ use crate::resolve::AxisBound;
 
 /// Fraction of the tolerance that constraints aim for, so that rounding never exceeds the tolerance.
 pub(super) const INSIDE: f64 = 0.995;
-/// Number of sides of the polygon inscribed in the cone of a parallel constraint, which gives away 2 % of the
-/// tolerance.
+/// Number of sides of the polygon inscribed in the cone of a parallel constraint, which loses 2 % of the tolerance.
 const CONE_SIDES: usize = 16;
 /// Sine and cosine of the direction of each side.
 static SIDES: LazyLock<[(f64, f64); CONE_SIDES]> =

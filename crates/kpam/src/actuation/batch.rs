@@ -17,10 +17,10 @@ use crate::resolve::Resolved;
 
 /// Residuals below this (m or rad) are rounding errors.
 const ROUNDING: f64 = 4e-6;
-/// Range and initial value of the damping: a smaller value is rounding, a larger one makes no progress.
+/// Minimum, initial and maximum damping: smaller values vanish in rounding, larger ones make no progress.
 const DAMPING: [f32; 3] = [1e-6, 1e-3, 1e3];
 
-/// One number for each variable.
+/// One number for each variable, in eight lanes.
 pub(super) type Lanes = [F32x8; MAX_JOINTS];
 /// Normal equations of a Gauss-Newton step: half the gradient of the squared residuals, and the lower triangle of the
 /// matrix of gradient products.
@@ -75,15 +75,15 @@ pub(super) struct BatchProjection {
     pub workspace: Option<[Single; 2]>,
     pub lower: [f32; MAX_JOINTS],
     pub upper: [f32; MAX_JOINTS],
-    /// Squared norm of residuals below which a projection has converged, and below which it may be within the
-    /// tolerances.
+    /// Squared norms of the residuals: below the first a projection has converged, below the second it may be within
+    /// the tolerances.
     pub near: [f32; 2],
     /// Weights of the joints' steps, relative to each other.
     pub metric: [f32; MAX_JOINTS],
     /// Weights of the joints' squared steps.
     pub weights: [f32; MAX_JOINTS],
-    /// Start configuration, to which costs refer, with continuous joints unwound near zero; rotation (by rows) and
-    /// position of the hand there.
+    /// Start configuration, from which costs are measured, with continuous joints unwound near zero; rotation (by rows)
+    /// and position of the hand there.
     pub begin: Row,
     pub begin_turn: [Single; 3],
     pub begin_at: Single,
@@ -178,7 +178,7 @@ impl BatchProjection {
         };
         let limits = |values: &Row| std::array::from_fn(|v| values[v] as f32);
         let near = near.max(ROUNDING);
-        // Slightly contradictory constraints are met although no residual vanishes.
+        // Slightly contradictory constraints can be within tolerance although no residual vanishes.
         let tolerances = resolved.points.iter().map(|p| p.tolerance).chain(resolved.axes.iter().map(|a| a.tolerance));
         let reach = near + tolerances.map(|t| 3.0 * t * t).sum::<f64>().sqrt();
         Self {
@@ -241,7 +241,7 @@ impl BatchProjection {
             if seats.iter().all(|seat| seat.start.is_none()) {
                 return out;
             }
-            // No lane continues from its last position.
+            // No lane takes another step.
             let last = seats.iter().all(|seat| seat.start.is_none() || seat.rounds >= rounds);
             let [next, new_cost] = self.look(&trial, &begin, (!last).then_some(&mut *trial_normal));
             let after = next.to_array();

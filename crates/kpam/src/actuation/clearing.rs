@@ -11,12 +11,12 @@ const STEPS: usize = 10;
 const STEP: f64 = 0.15;
 /// Maximum distance that one step tries to gain (m), since the direction out of a deep overlap changes on the way.
 const GAIN: f64 = 0.03;
-/// Number of steps within which the largest missing distance must decrease to the following share.
+/// Number of steps within which the largest missing distance must shrink to the share `SLOWEST`.
 const PATIENCE: usize = 3;
 const SLOWEST: f64 = 0.9;
-/// Number of times that a step halves its target if the constraints leave no room for all of it.
+/// Number of times that a step halves its gain in distance if the constraints do not allow the full gain.
 const HALVINGS: usize = 4;
-/// Extra distance beyond the required one that a pose is moved to, and that is sufficient (m).
+/// Extra distance (m) beyond the required one that the steps aim for, and the smaller one with which they end.
 const SPARE: f64 = 2e-3;
 const ENOUGH: f64 = 1e-3;
 /// Extra distance beyond the required one up to which bodies are considered, so that a step away from one body does not
@@ -95,8 +95,8 @@ mod tests {
     use super::*;
     use crate::model::Model;
 
-    /// The tip stays at its goal while the hand tilts out of a plane. Deeper than the hand's length there is no such
-    /// pose.
+    /// The tip stays at its goal while the hand tilts out of a plane. If the tip is deeper than the hand is long, no
+    /// such pose exists.
     #[test]
     fn a_hand_leans_out_of_a_plane() {
         let mut found = 0;

@@ -21,8 +21,8 @@ const BASIN: f64 = 0.05;
 
 impl ActuationSearch<'_> {
     /// Runs SQP from a pose that meets the constraints, and returns the cheapest pose on the way that still meets them.
-    /// The descent stops early if it would end at a higher cost than an optimum in `known`; `None` if it leads to one
-    /// of those.
+    /// The descent stops early if it would end at a higher cost than an optimum in `known`; It returns `None` if it
+    /// leads to an optimum in `known`.
     pub(super) fn descend(&mut self, from: &Row, known: &[Candidate]) -> Option<Candidate> {
         let n = self.model.n();
         let mut x = *from;
@@ -59,7 +59,7 @@ impl ActuationSearch<'_> {
             };
             self.bounds = bounds;
             let QpOutcome::Solved { step, multipliers } = outcome else {
-                // Curvature has moved the pose away from the linearized constraints, so project it back first.
+                // Project back a pose that curvature has moved away from the linearized constraints.
                 if self.project(&mut x) > 1e-6 {
                     break;
                 }
@@ -72,7 +72,7 @@ impl ActuationSearch<'_> {
                 continue;
             };
             let length = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
-            // If the model is accurate and leads to its own optimum, it predicts the final cost.
+            // If the quadratic model is accurate and its optimum is within reach, the model predicts the final cost.
             if iteration > 0 && length < 0.9 * radius {
                 let predicted = predicted(n, &step, &gradient, &hessian);
                 if known.iter().any(|c| c.cost < cost + SURELY * predicted) {
@@ -179,7 +179,7 @@ impl ActuationSearch<'_> {
     }
 
     /// Combines the multipliers into the vectors that weight the second derivatives in the Lagrangian. The frames
-    /// belong to the pose at which the bounds were linearized; the next pose is close enough.
+    /// belong to the pose at which the bounds were linearized; the next pose, to which they are applied, is close.
     fn curvature_of(&self, multipliers: &[f64], out: &mut Curvature) {
         out.points.clear();
         out.axes.clear();
@@ -251,8 +251,7 @@ impl ActuationSearch<'_> {
             let p = hand.rotation * t.on_hand + origin;
             add(&placed.linear_row(&p, &t.normal), 2.0 * t.weight);
         }
-        // Perpendicular to the constraints, the constraints determine the step; stiffness there only keeps the Hessian
-        // convex.
+        // The constraints alone determine the step perpendicular to them; this stiffness only keeps the Hessian convex.
         const STIFF: f64 = 20.0;
         for p in &self.resolved.points {
             let at = hand.rotation * p.on_hand + origin;
@@ -283,7 +282,7 @@ impl ActuationSearch<'_> {
     }
 }
 
-/// Returns the change of the cost that the model of a step predicts.
+/// Returns the change of the cost that the quadratic model predicts for a step.
 fn predicted(n: usize, step: &Row, gradient: &Row, hessian: &[Row; MAX_JOINTS]) -> f64 {
     let curved = |i: usize| (0..n).map(|k| hessian[i][k] * step[k]).sum::<f64>();
     (0..n).map(|i| step[i] * (gradient[i] + 0.5 * curved(i))).sum()

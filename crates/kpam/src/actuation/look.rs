@@ -39,7 +39,7 @@ impl Wide for Look<'_> {
 
     #[inline(always)]
     fn run(self) -> [F32x8; 2] {
-        // Arms have six or seven joints: for those the compiler unrolls all loops.
+        // Most arms have six or seven joints; with a fixed number the compiler unrolls all loops.
         match self.batch.n {
             6 => self.of::<6>(),
             7 => self.of::<7>(),
@@ -98,7 +98,7 @@ impl Look<'_> {
             }
         }
         let hand = &frames[batch.hand];
-        // As `ActuationSearch::cost`.
+        // The cost is the same as in `ActuationSearch::cost`.
         let mut cost = F32x8::splat(1.5);
         for v in 0..N {
             let step = x[v] - begin[v];

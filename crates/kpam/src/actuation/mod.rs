@@ -123,8 +123,8 @@ impl<'p> ActuationSearch<'p> {
     /// Returns the pose to which additional start value `index` projects, if it meets the constraints.
     pub fn sample(&mut self, index: usize) -> Option<Candidate> {
         let mut x = self.further_start(index);
-        // With a required clearance from the target, the position within the tolerances matters, and their centre is
-        // only one of many.
+        // With a required clearance from the target, projections aim at various positions within the tolerances,
+        // because the centre of the tolerances may lack the clearance.
         if self.problem.options.reach_clearance.is_some() {
             self.aim = Aim::within(self.resolved, index + 1);
         }
@@ -133,7 +133,7 @@ impl<'p> ActuationSearch<'p> {
         met.then(|| self.candidate(&x))
     }
 
-    /// Returns the pose if it meets the constraints, else its projection onto them, if that does.
+    /// Returns the pose `x` if it meets the constraints, otherwise its projection onto them, if possible.
     pub fn from(&mut self, x: &Row) -> Option<Candidate> {
         let mut x = *x;
         (self.violation(&x) <= 0.0 || self.project(&mut x) <= 0.0).then(|| self.candidate(&x))

@@ -11,8 +11,8 @@ use super::seeds::NEARBY;
 use super::{Actuation, ActuationSearch, Candidate, SAME};
 use crate::model::{MAX_JOINTS, Row};
 
-/// Half as many seeds are added if fewer than this many have led to the constraints, or if the cheapest pose lies
-/// outside the region of most seeds.
+/// If fewer seeds than this converge, or if the cheapest pose lies outside the region of most seeds, half as many seeds
+/// are added.
 const ENOUGH: usize = 3;
 /// Multiple of the number of seeds tried before the constraints count as infeasible.
 const PERSISTENCE: usize = 5;
@@ -20,8 +20,8 @@ const PERSISTENCE: usize = 5;
 const SCREEN: usize = 1;
 /// One in this many seeds continues after the comparison.
 const KEPT: usize = 4;
-/// Number of steps that the continued seeds get first, enough for most that converge. The others wait with those that
-/// were not continued.
+/// Number of steps that the continued seeds get first, enough for most that converge. Seeds that need more steps are
+/// postponed.
 const SOON: usize = 7;
 /// Weight of a seed's remaining constraint error (m, rad) relative to its cost when seeds are compared.
 const MISS: f32 = 10.0;
@@ -45,7 +45,7 @@ type Missed = Vec<Row>;
 impl ActuationSearch<'_> {
     /// Searches for the cheapest pose from the current joints, from points around them, and from points spread evenly
     /// over the joint ranges. It uses `seeds` starts, half as many more if few of them reach the constraints or if the
-    /// cheapest pose lies far from the current joints, and further ones while none reaches them.
+    /// cheapest pose lies far from the current joints, and more while no start reaches the constraints.
     ///
     /// Every start takes a step onto the constraints. The cheapest quarter continues, and the others only if few of
     /// these converge. The cheapest distinct poses are then optimized.
@@ -87,7 +87,7 @@ impl ActuationSearch<'_> {
         }
     }
 
-    /// Returns the pose with the smallest constraint error, the first of equals.
+    /// Returns the pose with the smallest constraint error; the first one if several are equal.
     fn least_missed(&mut self, missed: &Missed) -> Option<Row> {
         let mut best: Option<(f64, &Row)> = None;
         for x in missed {
@@ -193,8 +193,8 @@ impl ActuationSearch<'_> {
         out
     }
 
-    /// Returns whether the cheapest pose lies outside the region of seeds around the current joints, where few seeds
-    /// search.
+    /// Returns whether the cheapest pose lies outside the region of seeds around the current joints, in a region with
+    /// few seeds.
     fn are_far(&self, arrived: &[Arrival]) -> bool {
         let best = arrived.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         best.is_some_and(|best| {

@@ -20,7 +20,7 @@ pub(super) const SLACK: f64 = 0.3;
 /// Targeted distance from the faces of the workspace (m).
 pub(super) const INNER: f64 = 1e-3;
 
-/// Share of the tolerances of points and of angles within which a projection may aim.
+/// Shares of the tolerances of points and of angles within which a projection may aim.
 const POINT_AIM: f64 = 0.7;
 const ANGLE_AIM: f64 = 0.4;
 
@@ -79,7 +79,7 @@ impl ActuationSearch<'_> {
                 }
                 milestone = norm;
             }
-            // Arms have six or seven joints: for those the compiler unrolls all loops.
+            // Most arms have six or seven joints; with a fixed number the compiler unrolls all loops.
             let step = match n {
                 6 => self.gauss_newton(6, x, &rows, damping),
                 7 => self.gauss_newton(7, x, &rows, damping),

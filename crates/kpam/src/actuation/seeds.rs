@@ -12,7 +12,7 @@ const ANYWHERE: usize = 3;
 /// If the cheap poses allow no motion, additional seeds lie within twice the distance from the current joints,
 /// alternating with seeds anywhere.
 const FURTHER: f64 = 2.0 * NEARBY;
-/// Distance in the sequence between two seeds: more points than a plan uses, and coprime to the bases.
+/// Length of one random seed's section of the sequence: more points than a plan uses, coprime to the bases.
 const STRETCH: usize = 104_729;
 
 impl ActuationSearch<'_> {
@@ -53,7 +53,7 @@ impl ActuationSearch<'_> {
         x
     }
 
-    /// Returns the index in the sequence of point `number`; each seed has its own section.
+    /// Returns the index in the sequence of point `number`; each random seed has its own section of the sequence.
     fn drawn(&self, number: usize) -> usize {
         self.problem.options.seed * STRETCH + number
     }
@@ -116,7 +116,7 @@ mod tests {
         let model = Model::new(&problem.robot, &problem.q_start).unwrap();
         let resolved = problem.resolve().unwrap();
         let search = ActuationSearch::new(&problem, &model, &resolved);
-        // For as few points as a plan uses and for many: the share of each joint's range in each fifth of its box.
+        // Each fifth of a joint's range gets its share of the points, with as few points as a plan uses and with many.
         for (count, least, most) in [(60, 2, 7), (3000, 180, 220)] {
             for v in 0..model.n() {
                 let (low, high) = model.range(v);

@@ -19,7 +19,7 @@ impl Wide for Step<'_> {
 
     #[inline(always)]
     fn run(self) -> Lanes {
-        // Arms have six or seven joints: for those the compiler unrolls all loops.
+        // Most arms have six or seven joints; with a fixed number the compiler unrolls all loops.
         match self.batch.n {
             6 => self.of::<6>(),
             7 => self.of::<7>(),

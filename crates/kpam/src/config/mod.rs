@@ -20,8 +20,8 @@ pub enum Frame {
     World,
     /// The object frame.
     Object,
-    /// The joint frame at the config's target keypoint: y in the direction in which the keypoint moves on opening, z
-    /// along the joint axis, x = y × z.
+    /// The joint frame at the config's target keypoint: y in the direction in which the keypoint moves when the joint
+    /// opens, z along the joint axis, x = y × z.
     Joint,
 }
 
@@ -64,7 +64,7 @@ pub enum Constraint {
     },
     /// The four axis constraints: the angle between two directions lies within `tolerance` (rad) of `arccos(inner)`.
     Axis {
-        /// Type as written.
+        /// Type as written in the config, for example `frame_axis_parallel`.
         kind: String,
         /// Tool keypoint at the start of the tool's direction.
         from: String,
@@ -305,8 +305,8 @@ impl SolverConfig {
         self.actuation_time.is_some() || self.pre_times.is_some() || self.post_times.is_some()
     }
 
-    /// Keyframe times (s) on the config's clock, increasing: pre-actuation, actuation, post-actuation, release. Without
-    /// given times, the actuation is at 24 and motions take 4 each; the release always takes 4.
+    /// Keyframe times (s) on the config's clock, increasing: pre-actuation, actuation, post-actuation, release. By
+    /// default, the actuation is at 24 s and each motion takes 4 s; the release always takes 4 s.
     ///
     /// # Errors
     /// The times do not increase from `start`.

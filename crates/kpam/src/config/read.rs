@@ -202,8 +202,8 @@ fn frame_of(map: &Map<String, Value>, field: &str, at: &str, default: Option<Fra
         "world" => Ok(Frame::World),
         "object" => Ok(Frame::Object),
         "joint" => Ok(Frame::Joint),
-        // Configs of the original mistakenly contain the constraint's type here; the original treats everything but
-        // "object" as world axes.
+        // Configs of the original project mistakenly write the constraint's type here; its solver uses world axes for
+        // every value except "object".
         "frame_axis_parallel" | "frame_axis_orthogonal" => Ok(Frame::World),
         other => Err(ConfigError::new(path, format!("must be world, object or joint, not {other:?}"))),
     }

@@ -1,4 +1,4 @@
-//! Contacts of two closing pads, computed with lines between them that are spread evenly over their faces.
+//! Contacts of two closing pads, computed along an even grid of lines between the faces of the pads.
 
 use gensim2_geometry::Pose;
 use nalgebra::{Point3, Vector3};
@@ -29,7 +29,7 @@ pub(super) struct Hold {
     pub width: f64,
     /// Centre between the pads, from the grip frame's origin along the closing axis (m).
     pub offset: f64,
-    /// On the negative and the positive side of the closing axis.
+    /// Contacts of the pad on the negative and of the pad on the positive side of the closing axis.
     pub patches: [Patch; 2],
     /// Unit direction along which the pads press on each other through the object, object frame: the closing axis if
     /// the contacts are opposite each other, else the line between the centres of both contacts.

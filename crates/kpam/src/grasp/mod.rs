@@ -1,8 +1,9 @@
 //! Grasps of an object for a parallel gripper.
 //!
-//! Points spread evenly over the object's surface, and lines through them along the normals, give pairs of opposite
-//! points whose normals lie within the friction cone. About each such line the hand is rotated and shifted. The
-//! contacts of its pads, and the clearance of the open hand on its approach, decide and rank the grasps.
+//! The search casts a line along the normal through evenly spread surface points. Two opposite points on a line form a
+//! pair if their normals lie within the friction cone. For each pair, the hand is tried at several angles about the
+//! line and at several depths. The contacts of its pads and the clearance of the open hand on its approach rank the
+//! grasps.
 
 mod clearance;
 mod gripper;
@@ -87,7 +88,7 @@ pub struct Grasp {
 }
 
 impl Scene {
-    /// Returns grasps of a body among the others, best first; may be empty. Attached bodies are ignored.
+    /// Returns grasps of a body, best first, that avoid all other bodies except attached ones; may be empty.
     ///
     /// `center_of_mass` is in the body frame; by default the centroid of the body's volume. The search is
     /// deterministic.
@@ -104,7 +105,7 @@ impl Scene {
         options.check()?;
         let object = self.body(body)?;
         if object.role == Role::Attached {
-            return Err(ProblemError::new("body", format!("{body:?} rides on the hand already")));
+            return Err(ProblemError::new("body", format!("{body:?} is already attached to the hand")));
         }
         let object_base = object.pose.inverse();
         let up = match options.up {

@@ -118,7 +118,7 @@ impl Scene {
     pub fn plan_grasp(&self, task: &GraspTask, grasps: &[Grasp]) -> Result<Option<GraspPlan>, ProblemError> {
         task.check()?;
         if self.body(&task.body)?.role == Role::Attached {
-            return Err(ProblemError::new("body", format!("{:?} rides on the hand already", task.body)));
+            return Err(ProblemError::new("body", format!("{:?} is already attached to the hand", task.body)));
         }
         let asked = Asked { scene: self, task };
         for (index, grasp) in grasps.iter().enumerate() {

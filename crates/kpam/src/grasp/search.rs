@@ -15,15 +15,15 @@ use crate::ProblemError;
 const TURNS: usize = 12;
 /// Depths of the pads beyond the contact points, as fractions of a pad's length, deepest first.
 const DEPTHS: [f64; 4] = [0.75, 0.5, 0.3, 0.15];
-/// Minimum such depth.
+/// Minimum depth, as a fraction of a pad's length.
 const SHALLOWEST: f64 = 0.04;
 /// Number of bisections for the maximum depth above an obstacle.
 const HALVINGS: usize = 5;
-/// Minimum room on each side of the object at an opening (m).
+/// Minimum room between the object and each open pad (m).
 const ROOM: f64 = 0.006;
 /// Openings beyond the object's width that are tried after the full stroke, widest first (m).
 const OPENINGS: [f64; 4] = [0.04, 0.024, 2.0 * ROOM, ROOM];
-/// Clearance at which no narrower opening is tried (m).
+/// Clearance (m) that is sufficient, so that narrower openings are not tried.
 const COMFORTABLE: f64 = 0.005;
 /// Grasps closer than this to a better one, in position and direction, count as the same (m, cosine).
 const SAME: (f64, f64) = (0.006, 0.95);

@@ -1,4 +1,4 @@
-//! An object as seen by lines: where a line enters and leaves its material, and the normals there.
+//! Intersections of lines with an object: where a line enters and leaves the material, and the normals there.
 
 use gensim2_geometry::{Aabb, Bvh, Convex};
 use nalgebra::{Point3, Vector3};
@@ -140,7 +140,7 @@ impl Surface {
         Some((p, if enters { -normal } else { normal }))
     }
 
-    /// Intervals of a line inside matter, in order.
+    /// Computes the intervals of a line inside material, in order.
     pub fn spans(&self, origin: &Point3<f64>, direction: &Vector3<f64>, out: &mut Vec<Span>) {
         out.clear();
         let mut crossings: Vec<(f64, Vector3<f64>)> = Vec::new();

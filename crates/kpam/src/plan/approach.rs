@@ -19,13 +19,13 @@ const BOXED_IN: usize = 3;
 
 /// A free motion to the first keyframe.
 pub(super) struct Approach {
-    /// Segments end at rest, and begin at rest except the first one of a moving start.
+    /// Waypoints of each segment. Segments end at rest, and begin at rest except the first one after a moving start.
     pub pieces: Vec<Vec<Row>>,
     /// Waypoints of the motion with a stop at every corner.
     pub corners: Vec<Vec<Row>>,
-    /// Margins that it keeps.
+    /// Margins that the motion keeps.
     pub kept: Margins,
-    /// Collision, if collisions do not count.
+    /// A collision of the motion, if the options permit collisions.
     pub hit: Option<Hit>,
 }
 impl Planner<'_> {
@@ -40,7 +40,7 @@ impl Planner<'_> {
             if self.stop.is_empty() || self.warm_start.is_none() || self.world.start_overlap > TOUCH {
                 return Err(NoWay::Blocked(hit.clone()));
             }
-            // Only the current motion may still be free; it is swept when it is resumed.
+            // If the stop is blocked, only the current motion may still be free; it is swept when it is resumed.
             let kept = self.margins(&start, goal, segment, self.margin, false);
             let pieces = vec![straight(&[start, *goal])];
             return Ok(Approach { pieces, corners: Vec::new(), kept, hit: None });
@@ -61,7 +61,7 @@ impl Planner<'_> {
             self.world.keep_apart(&mut wide, there);
         }
         let curved = wide.with_clearance(self.margin + PAD);
-        // While it leaves an overlap at the start, the motion is still inside.
+        // While the motion leaves an overlap at the start, the overlap is permitted.
         let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
         if let Some(way) = self.warm_start_way(&begin, goal, segment, &curved) {
             let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
@@ -86,7 +86,7 @@ impl Planner<'_> {
         Ok(Approach { pieces, corners: stops, kept, hit: None })
     }
 
-    /// Returns a smooth curve near the corners with increasingly dense knots, if one is free.
+    /// Returns a collision-free smooth curve near the corners, trying increasingly dense knots.
     fn rounded(&mut self, corners: &[Row], segment: MotionSegment, margins: &Margins) -> Option<Vec<Row>> {
         let n = self.model.n();
         SPACINGS.into_iter().map(|spacing| rounded(n, corners, spacing, NEAR)).find(|curve| {
@@ -94,20 +94,20 @@ impl Planner<'_> {
         })
     }
 
-    /// Returns the margins of the free motion between two poses; `parted`: bodies that overlapped at the start are
-    /// separated.
+    /// Returns the margins of the free motion between two poses; `parted` is set if bodies that overlapped at the start
+    /// are separated.
     fn margins(&mut self, from: &Row, to: &Row, segment: MotionSegment, clearance: f64, parted: bool) -> Margins {
         let margins = self.world.margins_between([State::still(from), State::still(to)], segment, clearance);
         if parted { margins.parted() } else { margins }
     }
 
-    /// Returns the obstacle of the stop from the start, if known and relevant; then only the current motion can be
-    /// free.
+    /// Returns the obstacle of the stop from the start, if known and relevant; if there is one, only the current motion
+    /// can be free.
     pub(super) fn blocked_stop(&self) -> Option<&Hit> {
         self.stop_checked.as_ref().and_then(Option::as_ref).filter(|_| self.problem.options.avoid_collisions)
     }
 
-    /// Finds the obstacle of the stop from the start, if not done yet.
+    /// Finds the obstacle that blocks the stop from the start, unless it was searched before.
     fn stop_hit(&mut self, segment: MotionSegment) -> Option<Hit> {
         if self.stop_checked.is_none() {
             let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
@@ -138,7 +138,7 @@ impl Planner<'_> {
         margins: &Margins,
         samples: usize,
     ) -> Result<Vec<Row>, NoWay> {
-        // If samples cannot be connected to the start for some poses, they cannot for others.
+        // If no sample could be connected to the start for several poses, none can for the others.
         let max_samples = if self.boxed_in < BOXED_IN { samples } else { 0 };
         let sampling = Sampling { max_samples, seed: self.problem.options.seed };
         let found = free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling);

@@ -20,13 +20,13 @@ pub(super) enum Stage {
     Swept,
 }
 
-/// Motion of a candidate up to its first failure: joint waypoints of each path, and the reason of the failure.
+/// The motion of a candidate up to its first failure: joint waypoints of each path, and the reason of the failure.
 #[derive(Clone)]
 pub(super) struct Attempt {
     pub x: Row,
     /// The actuation pose before whole turns were removed.
     pub origin: Row,
-    /// Index of its pose in the order of trial.
+    /// Index of its pose in the order in which poses are tried.
     pub rank: usize,
     pub stage: Stage,
     pub motions: Motions,
@@ -46,22 +46,22 @@ pub(super) struct Attempt {
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
     pub failure: Option<Failure>,
-    /// Extent and failure of following the paths, without regard to obstacles.
+    /// How far the hand paths can be followed, without regard to obstacles, and the reason of the end.
     pub reach: ((usize, f64), Option<Failure>),
-    /// Path and waypoint up to which the motion may be free, once an obstacle beyond it is known.
+    /// Path and waypoint up to which the motion may be free, if an obstacle beyond is known.
     seen: Option<(usize, usize)>,
     /// Whether the pose itself overlaps a body, so that no motion was searched.
     pub overlaps: bool,
-    /// The timed motion, once approach and pre-actuation motions are complete; with a failure, the part before it.
+    /// The timed motion, once approach and pre-actuation motions are complete; after a failure, the part before it.
     pub timed: Option<Timed>,
-    /// Index of the first planned path; earlier ones are done.
+    /// Index of the first path to plan; earlier paths have already been executed.
     pub first: usize,
 }
 
 impl Attempt {
     pub fn new(x: &Row, motions: Motions, first: usize) -> Self {
         let count = motions.paths.len();
-        // Paths before the first one are done.
+        // Paths before the first one have already been executed.
         let done = first.saturating_sub(motions.actuation);
         Self {
             x: *x,
@@ -86,7 +86,7 @@ impl Attempt {
         }
     }
 
-    /// Score of the timed motion: its extent; zero if it has no timed motion.
+    /// Score of the timed motion, which is its extent; zero if no motion was timed.
     pub fn score(&self) -> f64 {
         if self.timed.is_some() { self.extent() } else { 0.0 }
     }
@@ -96,8 +96,8 @@ impl Attempt {
         self.timed.is_some() && self.failure.is_none()
     }
 
-    /// Extent if its approach is free: zero if it does not get past the actuation pose. This is an upper bound until
-    /// the motion is swept.
+    /// Extent of the motion, provided that its approach is free; zero if it ends at or before the actuation pose. It is
+    /// an upper bound until the motion is swept.
     pub fn extent(&self) -> f64 {
         let short = self.failure.as_ref().is_some_and(|f| f.keyframe() <= self.motions.actuation);
         if short { 0.0 } else { 1.0 + self.after.0 as f64 + self.after.1 }
@@ -109,7 +109,7 @@ impl Attempt {
         if path - self.motions.actuation < whole { 1.0 } else { part }
     }
 
-    /// Yields the paths in the order of examination: from the actuation pose to the start, then to the end.
+    /// Yields the paths in the order of examination: from the actuation pose back to the start, then to the end.
     fn outwards(&self) -> impl Iterator<Item = usize> + use<> {
         let act = self.motions.actuation;
         (self.first..act).rev().chain(act.max(self.first)..self.paths.len())
@@ -125,8 +125,8 @@ impl Attempt {
         Way { waypoints: &self.paths[path], travel: &self.travel[path], off: &[] }
     }
 
-    /// Records an obstacle on a path. Before the actuation, only the motion between the obstacle and the actuation
-    /// remains.
+    /// Records an obstacle on a path. An obstacle before the actuation leaves only the motion between the obstacle and
+    /// the actuation.
     pub fn block(&mut self, path: usize, hit: Hit) {
         let act = self.motions.actuation;
         if path < act {
@@ -205,8 +205,8 @@ impl Planner<'_> {
         false
     }
 
-    /// Sweeps the paths, and ends the motion at a collision. Each path keeps the margin, or the clearance at its ends
-    /// if that is smaller.
+    /// Sweeps the paths, and ends the motion at a collision. Each path keeps the margin, or the distance at its ends if
+    /// it is smaller.
     pub(super) fn sweep_all(&mut self, out: &mut Attempt, bar: Option<f64>) {
         out.stage = Stage::Swept;
         self.act(out);
@@ -234,8 +234,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Sweeps a path; returns the last free waypoint and the obstacle. A path that ends earlier has another end with
-    /// other clearances, so it is swept again if it still extends beyond `bar`.
+    /// Sweeps a path; returns the last free waypoint and the obstacle. A shortened path has another end with other
+    /// distances, so it is swept again if it still extends beyond `bar`.
     fn sweep_path(&mut self, out: &mut Attempt, path: usize, bar: Option<f64>) -> Option<(usize, Hit)> {
         let segment = self.world.schedule.along(path);
         let act = out.motions.actuation;

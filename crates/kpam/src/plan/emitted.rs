@@ -89,8 +89,8 @@ impl Samples {
 }
 
 impl Planner<'_> {
-    /// Times an attempt's motion and sweeps the result. After a collision, adjacent segments get a stop between them,
-    /// then the free motion stops at every corner.
+    /// Times an attempt's motion and sweeps the result. After a collision, it retries with a stop between segments,
+    /// then also with a stop at every corner of the free motion.
     pub(super) fn emit(&mut self, attempt: &mut Attempt) -> Result<Timed, Failure> {
         let clock = self.clock.clone();
         let mut manner = TakeUp::GoesOn;
@@ -126,8 +126,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Finds the first segment of the approach in which separated bodies overlap again, with the pair. If no straight
-    /// way out of the overlaps at the start was found, the overlaps may persist.
+    /// Finds the first segment of the approach in which separated bodies overlap again, and the pair. Needed only if no
+    /// straight way out of these overlaps was found, since the margins then permit them.
     fn comes_back(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
         if self.world.start_overlap <= TOUCH || self.exit != Some(None) || segments[0].toward != self.entry {
             return None;
@@ -156,7 +156,7 @@ impl Planner<'_> {
         let joints = self.model.n();
         segments.iter().zip(&timed.spans).enumerate().find_map(|(k, (segment, span))| {
             let mut rest = *span;
-            // Where the object's joint moves, only close samples determine its travel in between.
+            // If the object's joint moves, only closely spaced samples determine its travel between them.
             if segment.travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits()) {
                 let rough = Samples::of(&timed.trajectory, joints, *span, ROUGH);
                 let travel: Vec<f64> = segment.travel.first().copied().into_iter().collect();
@@ -188,7 +188,7 @@ mod tests {
         let samples = Samples::of(&motion, 2, [motion.start(), motion.end()], OFF);
         assert_eq!(samples.off.len() + 1, samples.waypoints.len());
         assert!(samples.off.iter().all(|off| off[..2].iter().all(|o| *o <= 2.5 * OFF)));
-        // Some position on the segment is this close in every joint.
+        // At some position on the segment, every joint is this close.
         let beside = |x: &Row, k: usize| {
             let (a, b) = (&samples.waypoints[k], &samples.waypoints[k + 1]);
             let (mut from, mut to) = (0.0_f64, 1.0_f64);

@@ -17,7 +17,7 @@ pub(super) struct PathEnd {
 impl PathEnd {
     fn told(&self) -> String {
         let [x, y, z] = [self.left.x, self.left.y, self.left.z];
-        let left = format!("({x:.3}, {y:.3}, {z:.3}) m of it, base frame, are left");
+        let left = format!("({x:.3}, {y:.3}, {z:.3}) m in the base frame remain");
         match &self.limit {
             Some((joint, end, limit, unit)) => format!("{left}, and {joint} is at its {end} limit, {limit:.4} {unit}"),
             None => format!("{left}; no joint is at a limit: the arm is stretched or singular there"),
@@ -67,7 +67,7 @@ impl Failure {
         }
     }
 
-    /// Explanation in one sentence; `label` names keyframes.
+    /// Explains the failure in one sentence; `label` returns the names of keyframes.
     pub fn reason(&self, label: impl Fn(usize) -> String) -> String {
         match self {
             Self::Unreachable { keyframe, fraction, end } => {
@@ -89,7 +89,7 @@ impl Failure {
                 place(hit)
             ),
             Self::TooFast { keyframe, allowed, needed } => {
-                format!("the clock gives {allowed:.2} s to {}, the joints need {needed:.2} s", label(*keyframe))
+                format!("the config's times leave {allowed:.2} s to {}, but the joints need {needed:.2} s", label(*keyframe))
             }
             Self::Untimed { keyframe } => {
                 format!("no motion to {} from the start velocity keeps the joint limits", label(*keyframe))

@@ -16,7 +16,7 @@ const AT_LIMIT: f64 = 10.0 * LIMIT_MARGIN;
 
 impl Planner<'_> {
     /// Returns the motion from one actuation pose as far as the arm can follow the hand paths. With `one_of_many`, the
-    /// attempt is rejected as early as possible, for any reason.
+    /// attempt ends at the first reason to reject it.
     pub(super) fn followed(&mut self, x: &Row, one_of_many: bool) -> Attempt {
         let hand = self.follower.hand(x);
         let motions = motions(self.problem, &hand);
@@ -65,15 +65,15 @@ impl Planner<'_> {
         }
     }
 
-    /// Returns margins that only overlaps violate. Bodies that overlapped at the start are separated on the approach,
-    /// if there is one.
+    /// Returns margins that only overlaps violate. If there is an approach, bodies that overlapped at the start have
+    /// been separated.
     pub(super) fn overlaps_only(&self) -> Margins {
         let plain = Margins::plain(0.0);
         if self.entry > self.world.schedule.actuation() { plain } else { plain.parted() }
     }
 
-    /// Changes the scene as at the actuation pose of an attempt: picked bodies are attached to the hand, and released
-    /// bodies are placed.
+    /// Changes the scene to the state at the actuation pose of an attempt: picked bodies are attached to the hand, and
+    /// released bodies are placed.
     pub(super) fn act(&mut self, attempt: &Attempt) {
         if self.acting != Some(attempt.origin) {
             self.world.act_at(&attempt.origin, attempt.motions.letting_go());
@@ -81,7 +81,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Returns a collision that rejects an attempt. With `one_of_many` the collision is not reported, so any will do.
+    /// Returns a collision that rejects an attempt. With `one_of_many`, any collision is returned.
     pub(super) fn judge<T>(&mut self, one_of_many: bool, look: impl FnOnce(&mut World<'_>) -> Option<T>) -> Option<T> {
         self.world.set_early_exit(one_of_many && !self.explain && self.problem.options.avoid_collisions);
         let hit = look(&mut self.world);
@@ -100,7 +100,7 @@ impl Planner<'_> {
         let toward = self.world.schedule.toward(self.entry);
         let mut plain = Margins::plain(0.0);
         if self.problem.options.reach_clearance.is_some() {
-            // A pair that is already closer may stay so.
+            // A pair that is already closer may keep its distance.
             plain = self.world.margins_between([State::still(&goal); 2], toward, 0.0);
         }
         if let Some(hit) = self.judge(true, |world| world.hit_at(State::still(&goal), toward, &plain)) {
@@ -118,8 +118,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Resumes a motion after the actuation pose: overlaps there may persist, and the stop is swept. If the stop is not
-    /// free, the current motion may be; its paths are followed from the start itself.
+    /// Resumes a motion after the actuation pose: overlaps there may persist, and the stop is swept. If the stop is
+    /// blocked, the paths are followed from the start itself, since the current motion may still be free.
     fn take_up(&mut self, out: &mut Attempt) {
         let path = self.entry - 1;
         let segment = self.world.schedule.along(path);
@@ -173,7 +173,7 @@ impl Planner<'_> {
         let mut travel = 0.0;
         for i in act..out.paths.len() {
             let path = &out.motions.paths[i];
-            // Paths before the entry are done; the path to the entry is followed from the current state.
+            // Paths before the entry are executed; the path to the entry is followed from the current state.
             if i + 1 < self.entry {
                 travel = travel_over(self.problem, i - act, path, travel, 0.0..1.0);
                 continue;

@@ -157,7 +157,7 @@ pub struct Plan {
     pub q_plan: Option<Vec<f64>>,
     /// Index of that pose in the order of trial; 0 is the cheapest.
     pub rank: Option<usize>,
-    /// Number of poses whose motion was tried.
+    /// Number of actuation poses for which planning a motion was attempted.
     pub tried: usize,
     /// Outcome of each tried pose, if [`Request::explain`] is set.
     pub tried_poses: Vec<TriedPose>,
@@ -165,7 +165,7 @@ pub struct Plan {
     pub residuals: Vec<Residual>,
     /// Keyframes that follow from `q_plan`.
     pub keyframes: Vec<KeyframeReport>,
-    /// Fraction of the motion after the actuation pose that is feasible, 0..1.
+    /// Fraction of the motion after the actuation pose that is reachable and collision-free, 0..1.
     pub reached_fraction: f64,
     /// Collisions that block the motion.
     pub collisions: Vec<Collision>,
@@ -196,7 +196,7 @@ pub struct StageTimes {
     pub setup: f64,
     /// Search of the actuation pose.
     pub actuation: f64,
-    /// Everything after it.
+    /// All later stages: following paths, collision checks and timing.
     pub trajectory: f64,
 }
 
@@ -304,7 +304,7 @@ fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, Prob
 /// `max_solutions`.
 ///
 /// # Errors
-/// None for a problem that was built.
+/// Never for a problem from [`KeypointProblem::builder`].
 pub fn ik(problem: &KeypointProblem, max_solutions: usize) -> Result<Vec<IkSolution>, ProblemError> {
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;

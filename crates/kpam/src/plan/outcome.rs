@@ -13,11 +13,11 @@ pub enum Status {
     Solved,
     /// Only part of the motion was found, as the caller permitted.
     Partial,
-    /// No joint values meet the constraints.
+    /// No joint values meet all constraints.
     ActuationInfeasible,
-    /// From every tried actuation pose, a keyframe is out of reach.
+    /// A keyframe is out of reach from every tried actuation pose.
     Unreachable,
-    /// From every tried actuation pose, an obstacle is in the way.
+    /// An obstacle blocks the motion from every tried actuation pose.
     Collision,
     /// At the start, the robot overlaps a body by more than the problem allows.
     StartInCollision,
@@ -25,7 +25,7 @@ pub enum Status {
     TooFast,
     /// No motion from the start state stays within the joints' limits.
     CannotStop,
-    /// A free path was found, but no motion along it that keeps the limits from the start state on.
+    /// A collision-free path was found, but no motion along it keeps the limits from the start state on.
     Untimed,
     /// The search used up its samples without a free motion; one may exist.
     NotFound,

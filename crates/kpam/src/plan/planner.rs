@@ -24,20 +24,20 @@ pub(super) struct Planner<'p> {
     pub world: World<'p>,
     /// State at the start: position, velocity and acceleration.
     pub start: [Row; 3],
-    /// The stop from the start, at whose end planning begins; empty at rest.
+    /// Nodes of the stop from a moving start, after which planning begins; empty at rest.
     pub stop: Vec<Node>,
     /// Clearance (m) to keep from bodies that may not be touched.
     pub margin: f64,
-    /// Obstacle of the stop, once checked.
+    /// Obstacle that blocks the stop; `None` until checked.
     pub stop_checked: Option<Option<Hit>>,
     /// Inputs of a trajectory of this problem.
     pub builder: Builder,
     pub clock: Option<Vec<f64>>,
-    /// State in which the start has left its overlaps, once searched.
+    /// Configuration in which the robot has left its overlaps at the start; `None` until searched.
     pub exit: Option<Option<Row>>,
-    /// Number of searches since a sample could last be connected to the start.
+    /// Number of searches since one last connected a sample to the start.
     pub boxed_in: usize,
-    /// Index in time order of the first keyframe to reach; earlier ones are done.
+    /// Index in time order of the first keyframe to reach; earlier keyframes have been passed.
     pub entry: usize,
     pub warm_start: Option<&'p Plan>,
     pub explain: bool,
@@ -83,7 +83,7 @@ impl<'p> Planner<'p> {
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
             Timing::Limits => None,
-            // The config has been validated; a start time after its first keyframe ends as TooFast.
+            // The config is valid, so only a start time after the first keyframe fails, which ends as `TooFast`.
             Timing::Config => problem.config.clock(f64::NEG_INFINITY).ok(),
         };
         Ok(Self {
@@ -133,14 +133,14 @@ impl<'p> Planner<'p> {
         }
     }
 
-    /// Returns the body that the robot overlaps too deeply at the start, if any.
+    /// Returns the pair whose overlap at the start is deeper than permitted, if any.
     pub(super) fn too_deep(&self) -> Option<Hit> {
         let options = &self.problem.options;
         let deep = options.avoid_collisions && self.world.start_overlap > options.start_depth;
         self.world.start_hit.clone().filter(|_| deep)
     }
 
-    /// Returns the plan of a problem that starts too deep inside a body.
+    /// Returns the failed plan if the robot overlaps a body too deeply at the start.
     pub(super) fn too_deep_at_start(&self) -> Option<Plan> {
         // After the actuation the positions of bodies are not known yet.
         let hit = self.too_deep().filter(|_| self.entry <= self.world.schedule.actuation())?;
@@ -157,7 +157,7 @@ impl<'p> Planner<'p> {
         Some(out)
     }
 
-    /// Returns the plan of a problem whose planning was ended; `so_far` describes the progress.
+    /// Returns the plan if planning ended early; `so_far` describes the progress.
     pub(super) fn ended(&self, so_far: &str) -> Plan {
         if self.world.is_cancelled() {
             return refused(Lack::Cancelled, "planning was cancelled".to_owned());
@@ -166,7 +166,7 @@ impl<'p> Planner<'p> {
         refused(Lack::NotFound, format!("{spent}; so far {so_far}"))
     }
 
-    /// Returns the plan from the trials; `cheapest` is the best pose without regard to obstacles.
+    /// Returns the plan that results from the trials; `cheapest` is the best pose without regard to obstacles.
     pub(super) fn conclude(&mut self, trials: Trials, cheapest: &Candidate) -> Plan {
         let solved = trials.done();
         let Trials { best, tried, mut poses, .. } = trials;

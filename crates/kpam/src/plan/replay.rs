@@ -22,7 +22,7 @@ struct Replay<'p> {
 }
 
 impl<'p> Replay<'p> {
-    /// Returns `None` if the plan has no motion, or one of another robot.
+    /// Returns `None` if the plan has no motion, or a motion of another robot.
     fn new(problem: &'p KeypointProblem, plan: &'p Plan) -> Option<Self> {
         let (trajectory, q) = (plan.trajectory()?, plan.q_plan.as_ref()?);
         let motions = motions(problem, &problem.robot.link_pose(q, problem.robot.hand())?);
@@ -34,7 +34,7 @@ impl<'p> Replay<'p> {
         Some(Self { problem, plan, trajectory, motions, before })
     }
 
-    /// Index in time order of the next keyframe; at a keyframe, that keyframe.
+    /// Index in time order of the next keyframe, or of the keyframe at this time.
     fn toward(&self, t: f64) -> usize {
         let keyframes = &self.plan.keyframes;
         let due = keyframes.iter().position(|k| k.time.is_some_and(|due| due >= t - 1e-9));

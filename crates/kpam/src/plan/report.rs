@@ -34,7 +34,7 @@ impl Planner<'_> {
     }
 
     /// Returns the plan if no joint values meet the constraints; `outside` is the distance (m) outside the workspace
-    /// box at which they could be met.
+    /// box of the closest pose that meets the other constraints.
     pub(super) fn infeasible(&mut self, best_effort: Option<Row>, outside: Option<f64>) -> Plan {
         let mut out = refused(Lack::ActuationInfeasible, "no joint values meet the constraints".to_owned());
         out.start_overlap = self.world.start_overlap;
@@ -72,7 +72,7 @@ impl Planner<'_> {
         let (lack, reason) = match &attempt.failure {
             Some(failure) => (Some(failure.lack()), failure.reason(label)),
             None if self.problem.options.avoid_collisions => {
-                (None, format!("the whole motion is reachable and keeps {} m clear", self.margin))
+                (None, format!("the whole motion is reachable and keeps a clearance of {} m", self.margin))
             }
             None => (None, "the whole motion is reachable; collisions were reported but not avoided".to_owned()),
         };
@@ -159,13 +159,13 @@ impl Planner<'_> {
         }
         if let Some(least) = out.tight.iter().min_by(|a, b| a.distance.total_cmp(&b.distance)) {
             out.warnings.push(format!(
-                "nearer than {} m at the start or a keyframe: {} pairs, {} and {} at {} the nearest ({:.4} m); the motion keeps there what they have",
+                "closer than {} m at the start or a keyframe: {} pairs, closest {} and {} at {} ({:.4} m); the motion keeps their distance there",
                 out.margin, out.tight.len(), least.bodies[0], least.bodies[1], least.at, least.distance
             ));
         }
         if out.margin < self.problem.options.margin && self.problem.options.avoid_collisions {
             let wished = self.problem.options.margin;
-            out.warnings.push(format!("no motion was found that keeps {wished} m; this one keeps {} m", out.margin));
+            out.warnings.push(format!("no motion with a clearance of {wished} m was found; this one keeps {} m", out.margin));
         }
     }
 
@@ -173,7 +173,7 @@ impl Planner<'_> {
     pub(super) fn explained(&self, attempt: &Attempt) -> TriedPose {
         let label = |k: usize| attempt.motions.keyframes[k].label.clone();
         let (status, reason) = match &attempt.failure {
-            None => (Status::Solved, "the whole motion is reachable and clear".to_owned()),
+            None => (Status::Solved, "the whole motion is reachable and collision-free".to_owned()),
             Some(failure) => (failure.lack().into(), failure.reason(label)),
         };
         TriedPose { q: self.full(&attempt.x), rank: attempt.rank, status, reason }

@@ -9,9 +9,9 @@ use crate::Cancel;
 pub struct Request<'a> {
     /// Earlier plan of this or a similar problem, whose pose and path are tried first.
     pub warm_start: Option<&'a Plan>,
-    /// Label of the first keyframe still to reach. Earlier parts of the motion are done: the problem's `q_start` and
-    /// `start_velocity` are the current state, and everything else is as in the original problem. After the actuation
-    /// pose, the earlier plan must contain that pose.
+    /// Label of the first keyframe still to reach. Earlier parts of the motion have been executed: the problem's
+    /// `q_start` and `start_velocity` are the current state, and everything else is as in the problem of the earlier
+    /// plan. After the actuation pose, the earlier plan must contain that pose.
     pub resume: Option<&'a str>,
     /// Maximum number of states checked for collisions; planning ends at the first candidate beyond it.
     pub max_checks: Option<u64>,

@@ -12,11 +12,11 @@ use crate::world::{Margins, MotionSegment, Way};
 
 /// Number of positions at which a path is compared with the hand pose.
 const PLACES: usize = 32;
-/// Length in metres that one radian counts in this comparison.
+/// Length (m) that counts as much as one radian in this comparison.
 const LEVER: f64 = 0.1;
 /// Time between waypoints taken from an earlier plan (s).
 const STEP: f64 = 0.05;
-/// Maximum number of these waypoints; those of longer motions are further apart.
+/// Maximum number of waypoints taken from an earlier plan; waypoints of longer motions are further apart.
 const MAX_STEPS: f64 = 1e4;
 /// The earlier path is used if its ends are within this distance of the current state and of the goal (rad or m).
 const NEAR_START: f64 = 0.05;
@@ -26,10 +26,10 @@ const AT_END: f64 = 1e-4;
 /// An earlier path that extends further than this (rad or m) counts as damaged.
 const FURTHEST: f64 = 100.0;
 
-/// The rest of a hand path from the current hand pose. The deviation from the path decreases along the way.
+/// The remaining part of a hand path from the current hand pose. The deviation from the path decreases along it.
 pub(super) struct Rest<'p> {
     path: &'p HandPath,
-    /// Fraction of the path that is done.
+    /// Fraction of the path that has been executed.
     pub begin: f64,
     off: Vector3<f64>,
     turned: Vector3<f64>,
@@ -77,8 +77,8 @@ impl Guide for Rest<'_> {
 }
 
 impl Planner<'_> {
-    /// Returns the rest of the current hand path: joint waypoints, the fraction of the whole path at each, and the
-    /// fraction of the rest that they cover. The earlier plan's waypoints are used if the arm is on them.
+    /// Returns the remaining part of the current hand path: joint waypoints, the fraction of the whole path at each,
+    /// and the followed fraction of this part. Waypoints of the earlier plan are used if the arm is on them.
     pub(super) fn rest_of(&mut self, path: &HandPath) -> (Vec<Row>, Vec<f64>, f64) {
         let start = self.rest();
         let rest = Rest::new(path, &self.follower.hand(&start));
@@ -95,7 +95,7 @@ impl Planner<'_> {
         (waypoints, done, fraction)
     }
 
-    /// Returns whether waypoints keep the hand on a path, starting at most `off` (m) beside it, and end at its end.
+    /// Returns whether waypoints start at most `off` (m) beside a path, keep the hand on it, and end at its end.
     fn keeps_to(&mut self, path: &HandPath, way: &[Row], off: f64) -> bool {
         let Some(last) = way.last() else { return false };
         let (hand, end) = (self.follower.hand(last), path.at(1.0));
@@ -104,7 +104,7 @@ impl Planner<'_> {
             && way.iter().all(|x| Rest::new(path, &self.follower.hand(x)).off.norm() < OFF_PATH + off)
     }
 
-    /// Returns the waypoints of the earlier plan from `start` to `goal`, if they lead there and are free.
+    /// Returns the waypoints of the earlier plan from `start` to `goal`, if they are collision-free.
     pub(super) fn warm_start_way(
         &mut self,
         start: &Row,
@@ -141,7 +141,7 @@ impl Planner<'_> {
         if self.apart(&way[nearest], start) > NEAR_START {
             return None;
         }
-        // Continue with the waypoint after the nearest, which may lie behind.
+        // Continue with the waypoint after the nearest one, which the arm may already have passed.
         way.drain(..(nearest + 1).min(way.len() - 1));
         way.insert(0, *start);
         Some(way)

@@ -32,7 +32,7 @@ const SAVES: f64 = 1e-6;
 /// Maximum difference (rad or m, and rates) of two states that count as equal.
 const SAME: f64 = 1e-6;
 
-/// Ways in which a moving start can join a motion, the fastest first.
+/// How a moving start joins a motion, the fastest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum TakeUp {
     /// The earlier plan's motion continues.
@@ -66,8 +66,8 @@ pub(super) struct Stretch<'a> {
 }
 
 impl Planner<'_> {
-    /// Returns the timed motion along segments, joined by a moving start as early as possible, but not in a faster way
-    /// than `manner`.
+    /// Returns the timed motion along segments, joined by a moving start as early as possible, but not faster than with
+    /// `manner`.
     pub(super) fn timed(
         &mut self,
         attempt: &Attempt,
@@ -80,7 +80,7 @@ impl Planner<'_> {
             let blocked = Failure::Blocked { keyframe: self.entry, hit: hit.clone() };
             return going_on.map(|rest| (rest, TakeUp::GoesOn)).ok_or(blocked);
         }
-        // With given times the start of the motion is fixed.
+        // If the config sets times, the start of the motion is fixed.
         let other = if self.stop.is_empty() || self.clock.is_some() {
             self.timed_from_rest(segments, keyframes).map(|timed| (timed, TakeUp::Stopped))
         } else {
@@ -130,7 +130,7 @@ impl Planner<'_> {
         keyframes: usize,
         manner: TakeUp,
     ) -> Result<(Timed, TakeUp), Failure> {
-        // In contact the hand must keep its path and speed, which a superposition of two motions does not.
+        // In contact the hand must keep its path and speed, but a sum of two motions does not.
         let manner = if segments.first().is_none_or(|first| first.contact) { TakeUp::Stopped } else { manner };
         let free = segments.first().filter(|_| manner == TakeUp::Blended);
         let places = free.map_or(0, |first| first.waypoints.len() - 1);
@@ -193,8 +193,8 @@ impl Planner<'_> {
         Ok(self.builder.bears(&timed.trajectory).then_some(timed))
     }
 
-    /// Returns the timed motion along segments from rest at their start; with given times, after the stop, whose
-    /// duration counts.
+    /// Returns the timed motion along segments from rest at their start; if the config sets times, the time of the stop
+    /// is part of the motion.
     fn timed_from_rest(&mut self, segments: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
         let mut times = vec![None; keyframes];
         let mut ends: Vec<f64> = Vec::with_capacity(segments.len());
@@ -272,7 +272,7 @@ impl Planner<'_> {
             let share = if whole { 1.0 } else { attempt.after.1 };
             // A part of a path takes its share of the time.
             let due = clock.map(|c| c[i] + (c[i + 1] - c[i]) * share);
-            // When a motion is resumed, the hand gradually returns to its path.
+            // A resumed motion returns to its path gradually.
             let kept = i >= act && i + 1 != self.entry;
             segments.push(Stretch {
                 waypoints: Cow::Borrowed(waypoints),
@@ -293,7 +293,7 @@ impl Planner<'_> {
     /// Returns the number of segments that can be driven without a stop.
     fn joined(&mut self, segments: &[Stretch<'_>]) -> usize {
         let mut count = segments.len();
-        // With one segment less, only the end may bend differently.
+        // Without the last segment, only the end of the curve may bend differently.
         while count > 1 {
             let (path, ends) = self.path(&segments[..count]);
             let bad = (0..count - 1).find(|k| !self.bend_stands(&segments[*k], &segments[k + 1], &path, &ends, *k));
@@ -317,7 +317,7 @@ impl Planner<'_> {
         (Spline::through(self.model.n(), &waypoints, None), ends)
     }
 
-    /// Returns whether the path keeps the joint limits and the hand path where segment `k` meets the next.
+    /// Returns whether the path keeps joint limits and hand path at the bend between segment `k` and the next.
     fn bend_stands(
         &mut self,
         segment: &Stretch<'_>,
@@ -398,7 +398,7 @@ impl Planner<'_> {
                     let allowed = last.due.map_or(0.0, |d| d - begin);
                     Failure::TooFast { keyframe: last.toward, allowed, needed }
                 }
-                // If planning was cancelled, the plan reports that.
+                // The plan itself reports a cancellation.
                 Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
             })?;
         for (segment, time) in segments.iter().zip(&passed) {

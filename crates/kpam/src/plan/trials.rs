@@ -1,9 +1,9 @@
 //! Search for the cheapest actuation pose whose whole motion is reachable and collision-free, or else for the longest
 //! partial motion after the actuation.
 //!
-//! Poses are tried in the order of their cost, and the first complete motion ends the search. For the others, checks of
-//! single waypoints give an upper bound of their extent. Once no pose is left that may allow the whole motion, those
-//! with the largest bound are examined first, so that few of them are swept and usually one is timed.
+//! Poses are tried in the order of their cost, and the first complete motion ends the search. For incomplete motions,
+//! checks of single waypoints give an upper bound of their extent. If no pose allows the whole motion, the incomplete
+//! motions are examined in the order of their bounds, so that only few are swept and usually one is timed.
 
 use super::Plan;
 use super::TriedPose;
@@ -26,13 +26,13 @@ pub(super) struct Trials {
     pub tried: usize,
     /// Outcome of each pose, if requested.
     pub poses: Vec<TriedPose>,
-    /// Incomplete motions whose exact extent is not known yet.
+    /// Incomplete motions whose extent is known only as an upper bound.
     parts: Vec<Attempt>,
-    /// Motions that only lack the free approach.
+    /// Motions that are complete except for the free approach.
     again: Vec<Attempt>,
     /// Poses that overlap a body.
     overlapping: Vec<Row>,
-    /// Whether the hand gets past any other pose.
+    /// Whether the hand gets past the actuation pose with any tried pose.
     is_passed: bool,
 }
 
@@ -41,12 +41,12 @@ impl Trials {
         self.best.as_ref().is_some_and(Attempt::is_whole)
     }
 
-    /// Returns the score that a pose must beat, if any; among equals the cheapest pose wins.
+    /// Returns the score that a pose must beat, if any; the cheapest of several poses with equal scores wins.
     fn bar(&self, rank: usize) -> Option<f64> {
         self.best.as_ref().map(|b| if rank < b.rank { b.score().next_down() } else { b.score() })
     }
 
-    /// Returns the motion that may extend furthest, if further than the best so far; among equals the cheapest.
+    /// Returns the incomplete motion with the largest bound, the cheapest of equals, if it may beat the best so far.
     fn furthest(&mut self) -> Option<Attempt> {
         let order = |a: &Attempt, b: &Attempt| a.extent().total_cmp(&b.extent()).then(b.rank.cmp(&a.rank));
         let k = (0..self.parts.len()).max_by(|a, b| order(&self.parts[*a], &self.parts[*b]))?;
@@ -64,8 +64,8 @@ impl Trials {
 }
 
 impl Planner<'_> {
-    /// Returns the motion that continues an earlier plan through its actuation pose, if that pose is still valid. After
-    /// the actuation there is no other.
+    /// Returns the motion that continues an earlier plan through its actuation pose, if that pose is still valid. A
+    /// motion that is resumed after the actuation has no other pose.
     pub(super) fn warm_start_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
         let past = self.entry > self.world.schedule.actuation();
         let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
@@ -89,7 +89,7 @@ impl Planner<'_> {
         let options = &self.problem.options;
         let (samples, most) = (options.samples.min(FIRST_SAMPLES), options.candidates);
         let mut trials = Trials::default();
-        // Other poses than the cheapest are searched if that one allows no motion.
+        // Other poses are searched only if the cheapest one allows no motion.
         let (cheapest, mut others) = (found.candidates[0], None);
         // The hand paths from a pose do not depend on the margin.
         let mut followed: Vec<Attempt> = Vec::new();
@@ -102,7 +102,7 @@ impl Planner<'_> {
                 kept = Some((margins[round - 1], part));
             }
             self.set_margin(*margin);
-            // A partial motion with a smaller margin neither bounds nor replaces one with a larger margin.
+            // A partial motion with a smaller margin must not replace one with a larger margin.
             self.partial = options.allow_partial && (is_last || self.world.is_limited());
             self.drop_parts(&mut trials);
             trials = Trials { tried: trials.tried, poses: trials.poses, ..Trials::default() };
@@ -164,7 +164,7 @@ impl Planner<'_> {
         trials.keep(attempt);
     }
 
-    /// Drops motions whose extents no longer matter.
+    /// Drops incomplete motions once their extents can no longer affect the result.
     fn drop_parts(&self, trials: &mut Trials) {
         for attempt in std::mem::take(&mut trials.parts) {
             self.keep(attempt, trials);
@@ -196,7 +196,7 @@ impl Planner<'_> {
         attempt
     }
 
-    /// Tries one pose of many. An incomplete motion is postponed.
+    /// Tries one pose of many. An incomplete motion is kept for later.
     fn try_followed(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
         attempt.rank = trials.tried;
         trials.tried += 1;
@@ -244,8 +244,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Finds the longest of the postponed motions, and searches more thoroughly for approaches to motions that lack
-    /// nothing else.
+    /// Finds the longest of the incomplete motions, and searches more thoroughly for the approach of motions that are
+    /// complete otherwise.
     fn try_rest(&mut self, samples: usize, trials: &mut Trials) {
         self.try_parts(samples, trials);
         for attempt in std::mem::take(&mut trials.again) {
@@ -258,7 +258,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Finds the longest of the postponed motions.
+    /// Finds the longest of the incomplete motions.
     fn try_parts(&mut self, samples: usize, trials: &mut Trials) {
         while !self.is_done(trials)
             && let Some(mut attempt) = trials.furthest()

@@ -95,7 +95,7 @@ impl KeypointProblemBuilder {
         self
     }
 
-    /// Sets the object's yaw (rad) from the scene's randomization, for the original's interpretation of frames.
+    /// Sets the object's yaw (rad) from the scene's randomization, used only by [`crate::options::Frames::Original`].
     pub fn object_yaw(mut self, yaw: f64) -> Self {
         self.0.object_yaw = yaw;
         self

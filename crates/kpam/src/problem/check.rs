@@ -98,7 +98,7 @@ impl KeypointProblem {
                 let joints = self.robot.joints();
                 let name = joints[i].name();
                 let source = joints[i].mimic().map_or(name, |m| joints[m.source].name());
-                let message = format!("{given} is not where {name} stands as it follows {source}: {follows}");
+                let message = format!("{given} contradicts the mimic joint {name}, whose value follows from {source}: {follows}");
                 return Err(ProblemError::new(format!("q_start[{i}]"), message));
             }
         }
@@ -109,13 +109,13 @@ impl KeypointProblem {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         if self.options.contacts.is_some() && self.options.reach_clearance.is_some() {
             let message =
-                "goes by the default rules, which options.contacts replaces; leave one of them out".to_owned();
+                "belongs to the default contact rules, which options.contacts replaces; omit one of the two options".to_owned();
             return fail("reach_clearance", message);
         }
         for (i, window) in self.options.contacts.iter().flatten().enumerate() {
             let known = |name: &String| self.robot.link_index(name).is_some() || self.rides(name);
             if let Some(name) = window.links.iter().find(|name| !known(name)) {
-                let message = format!("{name:?} is neither a link nor a body that rides on the hand");
+                let message = format!("{name:?} is neither a link nor a body attached to the hand");
                 return fail(&format!("contacts[{i}].links"), message);
             }
             if let Some(name) = window.bodies.iter().find(|name| !self.bodies.iter().any(|b| b.name == **name)) {

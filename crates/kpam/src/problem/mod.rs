@@ -131,7 +131,7 @@ impl KeypointProblem {
         self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)
     }
 
-    /// Index in time order of a label in a contact window: start, then the keyframes; `end` is one past the last.
+    /// Returns the position of a contact window's label in time order: `start`, then the keyframes, then `end`.
     pub(crate) fn window_index(&self, label: &str) -> Option<usize> {
         let schedule = Schedule::of(&self.config);
         match label {

@@ -10,14 +10,14 @@ pub use interior_point::InteriorPoint;
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// `low <= row . d <= high`; equal ends form an equality, infinite ends are ignored.
+/// Bounds `low <= row . d <= high` of a linear form; equal ends form an equality, infinite ends are ignored.
 #[derive(Debug, Clone, Copy)]
 pub struct Bound {
     /// Coefficients.
     pub row: Row,
-    /// Lower end.
+    /// Lower end; may be minus infinity.
     pub low: f64,
-    /// Upper end.
+    /// Upper end; may be infinity.
     pub high: f64,
 }
 

@@ -23,15 +23,15 @@ use program::{Bound, Program};
 const TURN: f64 = 0.03;
 /// Tolerance of hand positions (m).
 const EXACT: f64 = 1e-6;
-/// Pairs closer than this (m) are kept apart by the program.
+/// The quadratic program keeps the distance of pairs closer than this (m).
 const REACH: f64 = 0.06;
 /// Initial bound (rad or m) on a joint's step in a round.
 const TRUST: f64 = 0.3;
-/// The search ends when the bound falls below this value.
+/// The refinement ends when the bound on a joint's step falls below this value (rad or m).
 const FINEST: f64 = 0.01;
 /// Maximum number of rounds.
 const ROUNDS: usize = 5;
-/// The search ends after a round that saves less than this share.
+/// The refinement ends after a round that reduces the cost by less than this share.
 const SMALL: f64 = 5e-3;
 /// Default number of waypoints.
 const WAYPOINTS: f64 = 40.0;
@@ -272,7 +272,7 @@ impl Refinement<'_> {
         waypoints.iter().map(boxed).collect()
     }
 
-    /// Returns hand poses and clearances to first order about the waypoints.
+    /// Returns the constraints on hand poses and clearances, linearized at the waypoints.
     fn bounds(&mut self, waypoints: &[Row]) -> Vec<Bound> {
         let n = self.model.n();
         // A cube inside the sphere of allowed rotations.

@@ -26,7 +26,7 @@ pub(super) struct Program<'a> {
 }
 
 impl Program<'_> {
-    /// Returns the optimal step of every waypoint; `None` if there is none.
+    /// Returns the optimal step of every waypoint; `None` if the program has no solution.
     pub fn solve(&self) -> Option<Vec<Row>> {
         let n = self.joints;
         let count = self.waypoints.len() - 1;

@@ -1,10 +1,10 @@
-//! The barrier problem of a third-order pass: linear forms in the coefficients, their bounds, and Newton steps with
-//! pentadiagonal matrices.
+//! Log-barrier problem of a time-optimal speed with jerk limits (see `third_order`): its linear forms of the spline
+//! coefficients, their bounds, and Newton steps with pentadiagonal matrices.
 
 use super::limits::Limits;
 use super::third_order::{PathProblem, Station};
 
-/// Coefficients of a linear form in three consecutive c, starting with that of cell `at`.
+/// A linear form of the three consecutive spline coefficients c that start with that of cell `at`.
 #[derive(Clone, Copy)]
 pub(super) struct Form {
     pub at: usize,
@@ -17,7 +17,7 @@ impl Form {
     }
 }
 
-/// |row| sqrt(x) <= limit if the station of `x` is given, |row - middle| <= limit otherwise.
+/// A limit on a linear form: |row| sqrt(x) <= limit if the station of `x` is given, otherwise |row - middle| <= limit.
 pub(super) struct Bound {
     pub row: Form,
     pub middle: f64,
@@ -26,7 +26,7 @@ pub(super) struct Bound {
 }
 
 impl Bound {
-    /// Fraction of the limit, without the factor sqrt(x).
+    /// Returns the used fraction of the limit, without the factor sqrt(x).
     pub(super) fn value(&self, c: &[f64]) -> f64 {
         (self.row.value(c) - self.middle) / self.limit
     }
@@ -42,9 +42,9 @@ pub(super) struct Problem {
     /// x at stations and in the middle of cells, each with the maximum given by velocity limits.
     pub ceilings: Vec<(Form, f64)>,
     pub bounds: Vec<Bound>,
-    /// The time is the sum of factors divided by square roots of linear forms: steps and x at the middle of cells.
+    /// The duration is the sum of steps / sqrt(x) over these pairs of x in the middle of a cell and its step.
     pub times: Vec<(Form, f64)>,
-    /// The first and last c are these multiples of their neighbours, plus `fixed` for the first.
+    /// The first and last c are these multiples of their neighbours; `fixed` is added to the first.
     pub ends: [f64; 2],
     pub fixed: f64,
 }
@@ -112,8 +112,8 @@ impl Problem {
         out
     }
 
-    /// Collects rows of acceleration at stations and of jerk at both ends of cells, and times and ceilings in the
-    /// middle of cells.
+    /// Collects the forms of acceleration at stations, of jerk at both ends of cells, and of duration and velocity
+    /// limits in the middle of cells.
     pub(super) fn collect(&mut self, path: &PathProblem<'_>, moving: bool) {
         let (limits, stations) = (path.limits, path.stations);
         let n = limits.joints();
@@ -212,7 +212,7 @@ impl Problem {
     pub(super) fn merit(&self, c: &[f64], weight: f64, slack: f64) -> Option<f64> {
         let mut out = 0.0;
         let mut product = 1.0_f64;
-        // One logarithm of the product of many rows.
+        // One logarithm of the product of many rows is faster than a logarithm of each.
         let mut log = |value: f64| {
             if value <= 0.0 || value.is_nan() {
                 return false;
@@ -311,7 +311,7 @@ impl Problem {
     }
 }
 
-/// Solves a pentadiagonal system for the negative right side; `None` if it is not positive definite.
+/// Solves the pentadiagonal system `band x = -right`; `None` if the matrix is not positive definite.
 pub(super) fn solve(band: &mut [[f64; 3]], right: &[f64]) -> Option<Vec<f64>> {
     let n = band.len();
     let mut out: Vec<f64> = right.iter().map(|r| -r).collect();

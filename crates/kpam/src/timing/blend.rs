@@ -1,6 +1,6 @@
-//! Blends: a motion from rest begins while the motion that leads to its start (the lead) still decelerates, so that
-//! their velocities add up. A lead that brakes into a corner and a motion that accelerates out of it form one motion
-//! past the corner.
+//! Blends of two motions: the second one begins while the first one (the lead) still decelerates, and their velocities
+//! add up. A lead that brakes into a corner and a motion that accelerates out of it then round the corner without a
+//! stop.
 
 use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, Piece, peaks, range, smooth_range};
@@ -34,8 +34,8 @@ impl Blend<'_> {
         self.lead.last().map_or(0.0, |node| node.time)
     }
 
-    /// Returns the lead followed by `motion`, which begins as early as the limits allow, and its delay (s) relative to
-    /// the lead.
+    /// Returns the lead followed by `motion`, which begins as early as the limits allow, and the delay (s) of `motion`
+    /// relative to the start of the lead.
     pub fn of(&self, motion: &Trajectory) -> (Trajectory, f64) {
         let end = self.end();
         let mut late = end;
@@ -66,8 +66,8 @@ impl Blend<'_> {
         (self.joined(motion, self.end(), None), self.end())
     }
 
-    /// Returns nodes of the sum of both from `begin` to the end of the lead, with time 0 at `begin`; `None` if a limit
-    /// is exceeded.
+    /// Returns nodes of the sum of lead and `motion` from `begin` to the end of the lead, with time 0 at `begin`;
+    /// `None` if a limit is exceeded.
     fn over(&self, motion: &Trajectory, begin: f64) -> Option<Vec<Node>> {
         let joints = self.limits.joints();
         let lead = Piece::plain(0.0, joints, self.lead);
@@ -113,7 +113,7 @@ impl Blend<'_> {
         Some(nodes)
     }
 
-    /// Returns the motion that begins `late` after the lead, with `over` while both move.
+    /// Returns the lead and `motion`, which begins `late` seconds after it; `over` are the nodes while both move.
     fn joined(&self, motion: &Trajectory, late: f64, over: Option<Vec<Node>>) -> Trajectory {
         let (joints, start, end) = (self.limits.joints(), motion.start(), self.end());
         if end <= 0.0 {
@@ -139,7 +139,7 @@ impl Blend<'_> {
     }
 }
 
-/// Returns whether a motion through nodes keeps the position limits, unless it starts beyond them, and the
+/// Returns whether a motion through nodes keeps the position limits, except beyond which it starts, and the
 /// position-dependent velocity limits.
 pub(crate) fn keeps(limits: &Limits, room: [&Row; 2], nodes: &[Node]) -> bool {
     let joints = limits.joints();

@@ -25,8 +25,8 @@ const EVEN: f64 = 0.3;
 const PEAK: f64 = 0.004;
 /// Rounding error of a quintic's jerk times the cube of its duration (rad or m).
 const ROUNDING: f64 = 3e-13;
-/// If no stop is found along the path, the motion continues if it comes to rest within this multiple of the time that
-/// independent joints need.
+/// If no stop is found along the path, the motion runs to its end if this takes at most this multiple of the time in
+/// which the joints could stop independently.
 const PATIENCE: f64 = 20.0;
 
 impl Trajectory {
@@ -120,12 +120,12 @@ impl Trajectory {
                 hardest = hardest.max(-(room.max(0.0)) / tangent[v].abs());
             }
             let wanted = hardest.max(-(2.0 * jerk * speed).sqrt());
-            // Immediately if the change takes long, else uniformly.
+            // A large change of acceleration is made as fast as possible, a small one uniformly over the interval.
             let change = wanted - gain;
             let soon = (change.abs() / jerk).min(step);
             let whole = if soon > EVEN * step { soon } else { step };
             let rate = (change / whole).clamp(-jerk, jerk);
-            // The maximum speed is reached at a node; between nodes it is only bounded from above.
+            // A node is placed at the maximum speed, since speeds between nodes are only bounded from above.
             let peak = -gain / rate;
             let whole = if peak > PEAK * step && peak < whole + PEAK * step { peak } else { whole };
             let ends = |t: f64| {
@@ -302,7 +302,7 @@ mod tests {
                 assert!(stop.moving_with_rates(stop.end())[1].iter().all(|v| v.abs() < 1e-6));
             }
         }
-        // Because of rounding, some are not quite at rest there.
+        // Rounding leaves at least one motion not quite at rest at its end.
         assert!(moving > 0);
     }
 
@@ -361,7 +361,7 @@ mod tests {
             let piece = Piece::plain(0.0, 2, &[node(0.0), node(duration)]);
             let long = short.with(vec![piece], vec![0.0, duration], limits);
             stops(&long, 0.5, 1.05);
-            // If the times are not finer than the stop's duration, it still ends at rest.
+            // Even if the path's times are further apart than the stop takes, the stop ends.
             let stop = long.brake(0.9 * duration).unwrap();
             assert!(stop.end() <= 0.9 * duration + 1.0);
         }

@@ -17,7 +17,7 @@ const HALVINGS: usize = 40;
 /// The path of a motion from a time on, parametrized by its length.
 pub(super) struct Path<'m> {
     motion: &'m Trajectory,
-    /// Times (s) and lengths (rad or m) up to them.
+    /// Times (s), each with the length (rad or m) of the path until then.
     pub places: Vec<(f64, f64)>,
     /// Whether the motion is at rest at the end.
     pub rests: bool,
@@ -83,12 +83,12 @@ impl<'m> Path<'m> {
     }
 }
 
-/// Appends the positions of a path after its first one.
+/// Appends times and lengths of the path after the first entry of `places`.
 fn measure(motion: &Trajectory, places: &mut Vec<(f64, f64)>) {
     let speed = |t: f64| norm(motion, &motion.moving_with_rates(t)[1]);
     let (mut from, mut length) = places[0];
-    // Between its corners the motion is one polynomial. Pieces overlap if the next one takes effect before the last has
-    // ended.
+    // Between its corners the motion is one polynomial. Pieces may overlap in time, so the times at which they take
+    // effect count as corners, too.
     let pieces = motion.from(from);
     let mut corners: Vec<f64> =
         pieces.iter().flat_map(|piece| [piece.corners(), vec![piece.counts]].concat()).collect();
@@ -136,7 +136,7 @@ fn turn(motion: &Trajectory, mut low: f64, mut high: f64) -> Option<f64> {
         let middle = 0.5 * (low + high);
         if back(middle) { high = middle } else { low = middle }
     }
-    // A path with a sharp bend is passed at some speed.
+    // Only a motion that comes to rest reverses; it passes a sharp bend at some speed.
     (norm(motion, &velocity(low)) < TOLERANCE).then_some(low)
 }
 

@@ -1,8 +1,8 @@
 //! Time-optimal speed along a path as a second-order cone program (Verscheure, Demeulenaere, Swevers, De Schutter and
 //! Diehl, "Time-Optimal Path Tracking for Robots: A Convex Optimization Approach", 2009), solved by Clarabel.
 //!
-//! Variables: x at each station, c <= sqrt(x) at each station, d >= 1 / (c_i + c_i+1) on each cell. The time of a cell is
-//! 2 Δs d. With x and c in hand, u is (x_i+1 - x_i) / 2 Δs.
+//! Variables: x at each station, c <= sqrt(x) at each station, d >= 1 / (c_i + c_i+1) on each cell. The time of a cell
+//! is 2 Δs d. The path acceleration u follows as (x_i+1 - x_i) / 2 Δs.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{

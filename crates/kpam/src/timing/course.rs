@@ -47,9 +47,9 @@ impl Course<'_> {
         Ok(Retimed { trajectory: builder.build(&JointMap::each(joints, &first[..joints])), times })
     }
 
-    /// Returns the earliest motion from a moving start: before the second waypoint, it switches to a motion from rest
-    /// that begins at the start, at the position from which the start may have come, or at the position where the start
-    /// would stop.
+    /// Returns the motion from a moving start that ends first: before the second waypoint, it switches to a motion
+    /// along the path from rest. That motion begins at the start, at the mirror image of the position where the start
+    /// would stop, or at the position where the start would stop.
     pub fn under_way(
         &self,
         builder: &Builder,

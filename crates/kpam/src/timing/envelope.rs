@@ -24,7 +24,7 @@ pub struct Braking {
     pub lower: f64,
     /// Twice the deceleration that the bound assumes (rad/s^2 or m/s^2), above 0.
     pub gain: f64,
-    /// Reduction (rad/s or m/s), at least 0.
+    /// Speed subtracted from the bound (rad/s or m/s), at least 0.
     pub offset: f64,
 }
 
@@ -46,7 +46,7 @@ impl Braking {
     }
 }
 
-/// The bounds of all joints; `None` for a joint with only its constant limit.
+/// Position-dependent velocity limits of all joints; `None` for a joint with only its constant limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Envelope([Option<Braking>; MAX_JOINTS]);
 
@@ -94,7 +94,7 @@ impl Envelope {
         out
     }
 
-    /// Returns whether another set of bounds is not wider, up to [`TOLERANCE`].
+    /// Returns whether the bounds `other` are nowhere wider than these, up to [`TOLERANCE`].
     pub fn admits(&self, other: &Self) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= 10.0 * TOLERANCE;
         self.0.iter().zip(&other.0).all(|pair| match pair {
@@ -235,7 +235,7 @@ mod tests {
             let limits = limits.with_braking(&[Some(braking), None]).unwrap();
             let motion = match retime(&waypoints, &limits, &RetimeOptions::default()) {
                 Ok(out) => out.trajectory,
-                // A spline may overshoot to a position where the bound is nearly zero.
+                // The spline may overshoot to a position where the bound is nearly zero.
                 Err(e) => {
                     prop_assert!(e.to_string().contains("waypoints"), "{e}");
                     let rows: Vec<Row> = waypoints

@@ -1,4 +1,4 @@
-//! Switching to another motion in progress: the fastest motion from a state to each of its states.
+//! Switching to a motion that is already in progress: the fastest motion from a state to one of the motion's states.
 
 use rsruckig::error::ThrowErrorHandler;
 use rsruckig::input_parameter::InputParameter;
@@ -60,7 +60,7 @@ pub(crate) fn to_state(limits: &Limits, from: &[Row; 3], to: &[Row; 3]) -> Optio
 }
 
 /// Returns a motion through `lead`, from time 0 on, which ends in the state of `motion` at `time`, followed by the rest
-/// of `motion`. It begins when `motion` does.
+/// of `motion`. Its start time is that of `motion`.
 pub(crate) fn gone_over(limits: &Limits, lead: &[Node], motion: &Trajectory, time: f64) -> Trajectory {
     let first = Piece::plain(motion.start(), limits.joints(), lead);
     let late = first.end() - time;

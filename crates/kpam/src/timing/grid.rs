@@ -31,7 +31,7 @@ pub(crate) struct Grid {
     pub shares: Vec<[f64; 2]>,
     /// The station of each knot.
     pub station_of: Vec<usize>,
-    /// Torques at the stations, their limits, and the usable share of what gravity leaves of them.
+    /// Torques at the stations, their limits, and the usable share of the torque left after gravity compensation.
     load: Option<(Vec<Torque>, Row, f64)>,
 }
 
@@ -74,7 +74,7 @@ impl Grid {
         out
     }
 
-    /// Adds torque limits; `None` if the joints cannot be held at a station.
+    /// Adds torque limits; `None` if gravity exceeds the limits at a station.
     pub fn loaded(mut self, load: Load<'_>) -> Option<Self> {
         let Some((dynamics, room)) = load else { return Some(self) };
         let mut buffers = Buffers::default();

@@ -22,11 +22,11 @@ const AVERAGING_DEVIATION: f64 = 1e-4;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     joints: usize,
-    /// rad/s or m/s.
+    /// Velocity limits (rad/s or m/s).
     pub(crate) velocity: Row,
-    /// rad/s^2 or m/s^2.
+    /// Acceleration limits (rad/s^2 or m/s^2).
     pub(crate) acceleration: Row,
-    /// rad/s^3 or m/s^3.
+    /// Jerk limits (rad/s^3 or m/s^3).
     pub(crate) jerk: Row,
     /// Position-dependent velocity limits.
     pub(crate) envelope: Option<Envelope>,

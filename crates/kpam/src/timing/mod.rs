@@ -1,13 +1,13 @@
 //! Timing: computes, from joint waypoints, a motion in time that keeps velocity, acceleration and jerk limits
 //! everywhere.
 //!
-//! A path is a spline through waypoints ([`spline`]); the speed along it is time-optimal ([`reachability`], or [`conic`]
-//! on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`time_scaling`], [`motion`]); a moving
-//! average over a short window bounds the jerk ([`limits`]). Where jerk limits are too low for a short window, jerk is
-//! bounded along the path ([`smooth`]): S-curves on straight ones ([`profile`]), a third-order optimum on others
-//! ([`third_order`]). Velocity limits may depend on the position ([`envelope`]), and torques have limits where the masses
-//! are known ([`torque`]). A start under way is led to rest ([`state_to_state`], [`stop`]),
-//! or goes over to another motion on its way ([`going_over`]).
+//! A path is a spline through waypoints ([`spline`]); the speed along it is time-optimal ([`reachability`], or
+//! [`conic`] on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`time_scaling`],
+//! [`motion`]); a moving average over a short window bounds the jerk ([`limits`]). If jerk limits are too low for a
+//! short window, jerk is bounded along the path ([`smooth`]): S-curves on straight ones ([`profile`]), a third-order
+//! optimum on others ([`third_order`]). Velocity limits may depend on the position ([`envelope`]), and torques have
+//! limits where the masses are known ([`torque`]). A moving start is brought to rest ([`state_to_state`], [`stop`]) or
+//! switches to another motion ([`going_over`]).
 
 mod barrier;
 mod blend;

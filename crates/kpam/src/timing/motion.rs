@@ -8,7 +8,7 @@ use crate::model::{MAX_JOINTS, Row};
 /// Position and velocity of every joint at one time.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Node {
-    /// s.
+    /// Time (s).
     pub time: f64,
     pub position: Row,
     pub velocity: Row,
@@ -203,7 +203,7 @@ pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
     (low, high)
 }
 
-/// A part of a trajectory: at its local time `t` it is the average of the cubics between nodes over `[t - w, t]`.
+/// A part of a trajectory: at local time `t`, its state is the average of the cubics between nodes over `[t - w, t]`.
 ///
 /// Averaging preserves every bound on position, velocity and acceleration, and bounds the jerk by twice the maximum
 /// acceleration divided by `w`. With `w = 0` it is the motion of the nodes itself.
@@ -221,7 +221,7 @@ pub(crate) struct Piece {
     states: Vec<f64>,
     /// Accelerations right after the nodes, joint by joint; empty if they follow from the states.
     accelerations: Vec<f64>,
-    /// Indices of important nodes, in order.
+    /// Indices of the nodes at marked waypoints, in order.
     marks: Vec<usize>,
     /// Whether quintics with given accelerations join the nodes.
     smooth: bool,
@@ -239,7 +239,7 @@ impl Piece {
     }
 
     /// Creates the motion through `nodes`, which ends at rest, averaged over `width`. The first node, at time 0, is
-    /// reached `width / 2` after the start of the average, so a moving start lies that far back along its line.
+    /// reached `width / 2` after the start of the average, so a moving start is extended backwards.
     pub fn averaged(start: f64, width: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
         let (Some(first), Some(last)) = (nodes.first(), nodes.last()) else {
             return Self::new(start, 0.0, joints, nodes, &[]);
@@ -312,7 +312,7 @@ impl Piece {
             && self.marks.iter().all(|m| *m < nodes)
     }
 
-    /// s.
+    /// Duration (s).
     pub fn duration(&self) -> f64 {
         self.times[self.times.len() - 1]
     }
@@ -326,8 +326,8 @@ impl Piece {
         self.start + (self.times[node] + 0.5 * self.width).clamp(0.0, self.duration())
     }
 
-    /// Returns the times of the trajectory (s) between which its acceleration is one polynomial: where its window meets
-    /// nodes.
+    /// Returns the times of the trajectory (s) between which its acceleration is one polynomial: those at which an end
+    /// of the averaging window passes a node.
     pub fn corners(&self) -> Vec<f64> {
         let inside = |t: &f64| (0.0..=self.duration()).contains(t);
         let mut out: Vec<f64> = self.times.iter().flat_map(|t| [*t, t + self.width]).filter(inside).collect();

@@ -4,9 +4,9 @@
 /// Speed along a path at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Pace {
-    /// s.
+    /// Time (s).
     pub time: f64,
-    /// Position on the path, with its first and second time derivative.
+    /// Position on the path; its first and second time derivatives follow.
     pub s: f64,
     pub speed: f64,
     pub gain: f64,
@@ -36,7 +36,7 @@ impl Along {
         }
     }
 
-    /// Returns the durations of the three phases of such a change.
+    /// Returns the durations of the three phases of the fastest change of speed by `change`.
     fn ramp(&self, change: f64) -> [f64; 3] {
         let time = self.ramp_time(change);
         let edge = (self.acceleration / self.jerk).min(0.5 * time);
@@ -44,7 +44,7 @@ impl Along {
     }
 
     /// Returns the fastest motion over `length` from `speed` to rest, with zero acceleration at both ends, as states at
-    /// every change of jerk. `None` if it cannot stop in time.
+    /// every change of jerk. `None` if `length` is too short to stop.
     pub fn profile(&self, length: f64, speed: f64) -> Option<Vec<Pace>> {
         // Changes of speed are symmetric, so each covers its mean speed times its duration.
         let changes =

@@ -1,7 +1,7 @@
 //! Time-optimal speed along a path by reachability analysis (Pham and Pham, "A New Approach to Time-Optimal Path
-//! Parameterization Based on Reachability Analysis", 2018). From the end backwards: the greatest x at each station from
-//! which the rest can be driven; then forwards, as fast as that admits. Each step is a linear program in (u, x), solved
-//! in closed form.
+//! Parameterization Based on Reachability Analysis", 2018). A backward pass computes the greatest x at each station
+//! from which the end can be reached; a forward pass drives as fast as these bounds allow. Each step is a linear
+//! program in (u, x), solved in closed form.
 
 use super::grid::Grid;
 use super::limits::Limits;

@@ -11,7 +11,7 @@ use super::trajectory::{Builder, Trajectory};
 use crate::model::{JointMap, MAX_JOINTS};
 use crate::{Cancel, ProblemError};
 
-/// Options of a retiming beside waypoints and limits.
+/// Options of [`retime`].
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct RetimeOptions {
@@ -27,7 +27,7 @@ pub struct RetimeOptions {
     pub start_time: f64,
     /// Position limits (rad or m) within which a moving start must be able to stop.
     pub position_limits: Option<(Vec<f64>, Vec<f64>)>,
-    /// Method for the speed along the path; low jerk limits require their own method.
+    /// Method for the speed along the path; low jerk limits need a method of their own and ignore this option.
     pub method: Method,
     /// Flag that ends the retiming from another thread, with an error.
     pub cancel: Option<Cancel>,
@@ -44,14 +44,14 @@ pub struct Retimed {
     pub times: Vec<f64>,
 }
 
-/// The fastest motion found along the cubic spline through joint waypoints, within velocity, acceleration and jerk
-/// limits, at rest at the stops and at the end. From a moving start to a single other waypoint, it is the fastest
-/// possible motion, independent of the path. Through several waypoints, it first leads to a motion along the path,
-/// which it joins before the second waypoint.
+/// Returns the fastest motion found along the cubic spline through joint waypoints, within velocity, acceleration and
+/// jerk limits, at rest at the stops and at the end. From a moving start to a single other waypoint, it is the fastest
+/// possible motion, independent of the path. Through several waypoints, it joins a motion along the path before the
+/// second waypoint.
 ///
-/// Velocity and acceleration are those of the time-optimal motion on the path; the jerk limits add a moving average,
-/// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m). Where that would be
-/// more, jerk is bounded on the path itself, and the motion stays on it.
+/// The speed is time-optimal within the velocity and acceleration limits. A moving average then bounds the jerk, which
+/// moves joints off the path and its waypoints by at most 1e-4 rad or m. If the deviation would be larger, jerk is
+/// bounded along the path instead, and the motion stays on the path.
 ///
 /// ```
 /// use gensim2_kpam::{Limits, RetimeOptions, retime};
@@ -65,7 +65,7 @@ pub struct Retimed {
 /// ```
 ///
 /// # Errors
-/// Waypoints, stops or a start that do not fit, by field; `start_velocity` where no motion from there keeps the limits.
+/// Waypoints, stops or start are invalid; the field is `start_velocity` if no motion from the start keeps the limits.
 pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) -> Result<Retimed, ProblemError> {
     let joints = limits.joints();
     let row = |field: &str, list: &[f64]| {
@@ -85,11 +85,11 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         points.push(finite(&format!("waypoints[{k}]"), w)?);
     }
     let Some(first) = points.first().copied() else {
-        return Err(ProblemError::new("waypoints", "must hold at least one"));
+        return Err(ProblemError::new("waypoints", "must contain at least one waypoint"));
     };
     let last = points.len() - 1;
     if let Some(stop) = options.stops.iter().find(|s| **s > last) {
-        return Err(ProblemError::new("stops", format!("{stop} is not the number of a waypoint; the last is {last}")));
+        return Err(ProblemError::new("stops", format!("{stop} is not the index of a waypoint; the last index is {last}")));
     }
     if !options.slowest.is_empty() && options.slowest.len() != last {
         let message = format!("has {} entries; there are {last} intervals between waypoints", options.slowest.len());
@@ -275,7 +275,7 @@ mod tests {
             let options = RetimeOptions { start_velocity: Some(start), ..RetimeOptions::default() };
             let out = retime(&waypoints, &limits, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
             check(&out.trajectory, &limits)?;
-            // From the motion's own states on, through the remaining waypoints.
+            // Start from states of the motion itself, through its remaining waypoints.
             let now = share * out.trajectory.end();
             let sample = out.trajectory.sample(now);
             let mut rest = vec![sample.position];

@@ -1,5 +1,5 @@
-//! Timing of a path exactly on it with limits on velocity, acceleration and jerk: S-curves along straight paths, a
-//! third-order optimum along others. Used if jerk limits are too low for averaging.
+//! Timing of motions that stay exactly on their path, with limits on velocity, acceleration and jerk: S-curves along
+//! straight paths, a third-order optimum along others. Used if jerk limits are too low for averaging.
 
 use super::limits::Limits;
 use super::motion::{Node, peaks};
@@ -59,7 +59,7 @@ pub(crate) fn drive(
     let straight = path.bend() * path.length() * path.length() < 8.0 * STRAIGHT;
     let one_pace = paces.windows(2).all(|pair| pair[0] == pair[1]) && begin <= paces[0];
     if straight && load.is_none() && !slowed(limits, path) && one_pace {
-        // Quintics distort the accelerations of short phases; from rest the rounding is far below the limits.
+        // Quintics distort the accelerations of short phases, so a moving start uses constant jerk instead.
         return along_line(limits, path, paces[0], begin).map(|(nodes, knots)| (nodes, knots, begin > 0.0));
     }
     curved(limits, path, &paces, begin, load, cancel).map(|(nodes, knots)| (nodes, knots, false))
@@ -140,7 +140,7 @@ fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)
         let mut at = from;
         loop {
             places.push((i, at));
-            // Limited by the distance from both ends.
+            // The length of a cell grows with its distance from both ends.
             let grown = |from_end: f64, first: f64| first + (GROWTH - 1.0) * from_end;
             let left = (whole - at - ends[1]).max(0.0);
             let wish = largest.min(grown(at, ends[0])).min(ends[1].max(left * (1.0 - 1.0 / GROWTH)));
@@ -237,7 +237,7 @@ fn curved(
             pace[k] = pace[k].min(AIM * envelope.speed(&path.derivatives(*i, *s)[0], &list[k].first));
         }
         pace[0] = pace[0].max(begin);
-        // A position where a joint may not move on cannot be passed.
+        // The path is impassable if a joint may not move at all at some position.
         if pace.iter().chain(&pace_inside[1..pace_inside.len() - 1]).any(|p| *p <= 0.0) {
             return None;
         }
@@ -256,7 +256,7 @@ fn curved(
             let taken = peaks(limits, &nodes[cell], &nodes[cell + 1]);
             let [fast, hard, sharp] = taken;
             factor = factor.max(fast).max(hard.sqrt()).max(sharp.cbrt());
-            // Where a joint may not move at all, slowing down does not help.
+            // Slowing down does not help if a joint may not move at all.
             if limits.envelope.is_some() && fast > HOPELESS {
                 return None;
             }

@@ -2,8 +2,8 @@
 //! acceleration and jerk (Kröger, "On-Line Trajectory Generation in Robotic Systems", 2010; Berscheid and Kröger,
 //! "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", 2021).
 //!
-//! Relative to the position where the joint would stop, the goal lies on one side. The fastest motion accelerates to
-//! that side for some time and then stops; the later it stops, the further it gets. At its maximum velocity it cruises.
+//! The goal lies on one side of the position where the joint would stop at once. The fastest motion accelerates towards
+//! this side, cruises if it reaches the maximum velocity, and stops; the longer it accelerates, the further it gets.
 //!
 //! A joint with spare time cruises more slowly. Every duration above the minimum is possible, since a joint at rest at
 //! the goal can wait.
@@ -134,8 +134,8 @@ fn at_pace(state: State, pace: f64, [_, acceleration, jerk]: Most) -> (Phases, f
     (out, end)
 }
 
-/// Returns the motion of a joint to rest at zero, which lies above the position where it would stop, that takes `time`
-/// by cruising slowly; the fastest motion if there is none.
+/// Returns a motion of a joint that cruises slowly to take `time` to rest at zero, which lies above the position where
+/// the joint would stop; the fastest motion if no cruise takes that long.
 fn lasting_up(state: State, most: Most, time: f64) -> Phases {
     let fastest = fastest_up(state, most);
     if duration(&fastest) >= time * (1.0 - SAME) {
@@ -147,8 +147,8 @@ fn lasting_up(state: State, most: Most, time: f64) -> Phases {
         root(0.0, most[0], |pace| at_pace(state, pace.max(f64::MIN_POSITIVE), most).1)
     };
     let late = |pace: f64| time - duration(&at_pace(state, pace, most).0);
-    // Durations between the fastest motion, which need not stop accelerating, and the fastest one with a cruise are
-    // reached by waiting.
+    // A joint waits at the goal if `time` lies between the durations of the fastest motion and of the fastest motion
+    // with a cruise, since none in between exists.
     if greatest.is_nan() || greatest <= 0.0 || late(greatest) < 0.0 {
         return fastest;
     }
@@ -205,7 +205,7 @@ mod tests {
     fn by_search(state: State, goal: f64, most: Most) -> f64 {
         let (seen, _) = seen_from_goal(state, goal, most);
         let mut best = f64::INFINITY;
-        // Each peak acceleration, with or without a cruise, gives one motion that reaches the goal.
+        // Each peak acceleration, with or without a cruise, gives one motion to the goal.
         for k in 0..=400 {
             let peak = seen[2] + (most[1] - seen[2]) * f64::from(k) / 400.0;
             let ramp = ((peak - seen[2]) / most[2], most[2]);

@@ -1,5 +1,5 @@
-//! Stops of moving joints, each as soon as its own limits allow, which decide whether planning from a start is
-//! possible.
+//! Fastest stops, each joint within its own limits. Planning is possible only if a moving start can stop within the
+//! joint limits.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, range};
 use crate::model::{MAX_JOINTS, Row};
 
-/// A joint that exceeds its limits in every motion.
+/// A joint that exceeds its limits in every motion from a moving start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct CannotStop {
@@ -158,13 +158,13 @@ pub(crate) fn can_stop(
     if let Some(envelope) = &limits.admitting(position, velocity, acceleration).envelope {
         for v in 0..limits.joints() {
             if motion.windows(2).any(|pair| !envelope.is_kept_between(limits.joints(), v, &pair[0], &pair[1])) {
-                let reason = "braking as hard as it can, it is too fast for where it comes to".to_owned();
+                let reason = "even with maximum braking its velocity exceeds the limit at some position".to_owned();
                 return fail(v, reason);
             }
         }
     }
     for v in 0..limits.joints() {
-        // A start outside may not move further out.
+        // A start outside the limits may not move further out.
         let (low, high) = (lower[v].min(position[v]), upper[v].max(position[v]));
         for pair in motion.windows(2) {
             let (least, most) = range(limits.joints(), v, &pair[0], &pair[1]);

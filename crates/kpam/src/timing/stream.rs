@@ -139,7 +139,7 @@ mod tests {
         spliced.sample_into(t, &mut q, &mut v, &mut a).unwrap();
         assert_eq!(spliced.sample(t).acceleration, a);
         assert!(spliced.sample_into(t, &mut q[..1], &mut v, &mut a).is_err());
-        // At any other time the motion does not fit.
+        // At any other time, `next` does not continue the state.
         assert!(whole.splice(&next, t + 0.05).is_err());
         // Only the past is dropped.
         let since = spliced.since(t - 0.1).unwrap();

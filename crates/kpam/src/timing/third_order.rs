@@ -1,11 +1,11 @@
 //! Time-optimal speed along a path under velocity, acceleration and jerk limits, on the path exactly.
 //!
-//! x(s) = (ds/dt)^2 is a quadratic spline over the stations with one coefficient c a cell, so that x and the second
+//! x(s) = (ds/dt)^2 is a quadratic spline over the stations with one coefficient c per cell, so that x and the second
 //! derivative w = d²s/dt² = x'/2 are continuous and linear in c, and so is each joint's acceleration q' w + q'' x. Its
 //! jerk is (q' w' + 3 q'' w + q''' x) sqrt(x). An interior-point method with a logarithmic barrier minimises the time;
 //! each row holds three neighbouring coefficients, so that its Newton steps are Cholesky factorisations of five
-//! diagonals. At rest, the first and last cells are driven at a constant jerk of s, which ties their coefficients to the
-//! next ones.
+//! diagonals. At rest, the first and last cells are driven at a constant jerk of s, which ties their coefficients to
+//! the next ones.
 
 use super::barrier::Problem;
 use super::limits::Limits;
@@ -37,7 +37,7 @@ pub(crate) struct PathProblem<'a> {
     pub shares: &'a [[f64; 3]],
     /// ds/dt at the start; d²s/dt² is 0 there.
     pub begin: f64,
-    /// Torque limits, and the usable share of what gravity leaves of them.
+    /// Torque limits, and the usable share of the torque left after gravity compensation.
     pub load: Option<(&'a Row, f64)>,
     pub cancel: Option<&'a Cancel>,
 }
@@ -97,8 +97,8 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
             }
         }
         if slack > 1.0 {
-            // For a moving start, the limits are tightened as the motion comes to keep them, so that it stays strictly
-            // inside.
+            // The motion from a moving start may first exceed the limits, widened by `slack`; they are tightened as far
+            // as the motion stays strictly inside.
             let reached = worst(&problem, &c);
             if left == 0 || slack - reached < 1e-9 {
                 return None;

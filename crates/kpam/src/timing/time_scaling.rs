@@ -27,13 +27,13 @@ const ROUNDS: usize = 6;
 const AIM: f64 = 0.998;
 /// If slowing the whole motion by at most this factor is enough, no further round is made.
 const NEGLIGIBLE: f64 = 1.003;
-/// A motion that would have to be slowed by this factor passes a position where a joint may not move on.
+/// A path is impassable if its motion would have to be slowed by this factor: some joint may not move there.
 pub(crate) const IMPASSABLE: f64 = 1.5;
-/// The same for a cell that exceeds a velocity limit by this factor.
+/// Factor by which a cell exceeds a velocity limit if a joint may not move there at all.
 pub(crate) const HOPELESS: f64 = 1e4;
 /// Share of a limit lost to rounding in a cell, far below [`super::limits::TOLERANCE`].
 pub(crate) const ROUNDING: f64 = 1e-9;
-/// Cells shorter than this (s) are not distinguished.
+/// Minimum duration of a cell (s).
 const SHORTEST: f64 = 1e-7;
 
 /// Returns the fastest motion along a path from `velocity` along its tangent to rest, with minimum times `slowest` (s)
@@ -74,7 +74,7 @@ pub(crate) fn drive(
         for cell in 0..grid.cells() {
             let [fast, hard] = shares(limits, &nodes[cell], &nodes[cell + 1]);
             worst = [worst[0].max(fast), worst[1].max(hard)];
-            // Where a joint may not move at all, slowing down does not help.
+            // Slowing down does not help if a joint may not move at all.
             if limits.envelope.is_some() && fast > HOPELESS {
                 return None;
             }
@@ -95,7 +95,7 @@ pub(crate) fn drive(
         }
     }
     if under_way {
-        // The start cannot be slowed.
+        // The velocity of a moving start cannot be reduced.
         return None;
     }
     let factor = worst[0].max(worst[1].sqrt());

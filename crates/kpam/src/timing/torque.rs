@@ -13,7 +13,7 @@ use crate::Options;
 use crate::joint_map::JointMap;
 use crate::model::{MAX_JOINTS, Model, Row};
 
-/// Usable share, at samples of a motion, of what gravity leaves of a limit; the rest is for the motion between samples.
+/// Usable share of the torque left after gravity compensation, at samples; the rest is for the motion between samples.
 pub(crate) const SAMPLED: f64 = 0.9995;
 /// Maximum time between samples (s).
 const STEP: f64 = 1e-3;
@@ -38,13 +38,13 @@ pub(crate) struct Torque {
 }
 
 impl Torque {
-    /// Returns the range of `of_u u + of_x x` for variable `v` within a share of what gravity leaves of its limit.
+    /// Returns the range of `of_u u + of_x x` for variable `v`, given a share `room` of what gravity leaves of `limit`.
     pub fn band(&self, v: usize, limit: f64, room: f64) -> [f64; 2] {
         [room * (-limit - self.rest[v]), room * (limit - self.rest[v])]
     }
 }
 
-/// Torque limits, and the usable share of what gravity leaves of them.
+/// Masses and torque limits, and the usable share of the torque left after gravity compensation.
 pub(crate) type Load<'a> = Option<(&'a Dynamics, f64)>;
 
 impl Dynamics {
@@ -97,13 +97,13 @@ impl Dynamics {
         (0..self.map.indices().len()).map(least).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns whether all joints can be held at a position.
+    /// Returns whether the limits suffice to hold all joints still at a position.
     pub fn holds(&self, torque: &Torque) -> bool {
         (0..self.map.indices().len()).all(|v| torque.rest[v].abs() < self.max_torque[v])
     }
 
-    /// Returns the maximum used share of what gravity leaves of the limits, from samples at the ends of the motion's
-    /// polynomials and between them.
+    /// Returns the maximum used share of the torque left after gravity compensation, from samples at the ends of the
+    /// motion's polynomials and between them.
     pub fn share(&self, piece: &Piece) -> f64 {
         let mut buffers = Buffers::default();
         let still = [0.0; MAX_JOINTS];
@@ -199,7 +199,7 @@ mod tests {
         for jerk in [1e6, 200.0] {
             let limits = Limits::new(&[5.0], &[50.0], &[jerk]).unwrap();
             let time = motion(&robot, limits, Some(vec![4.0]), &way).unwrap().end();
-            // 4 N on 2 kg: half a second squared to the middle and back, 2 sqrt(d / a).
+            // 4 N on 2 kg: accelerate to the middle, then brake, in 2 sqrt(d / a).
             assert!((time - 2.0).abs() < 0.05, "{time}");
             assert!(time >= 2.0);
         }

@@ -30,11 +30,11 @@ checked_when_read!(Trajectory);
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Sample {
-    /// rad or m.
+    /// Positions (rad or m).
     pub position: Vec<f64>,
-    /// rad/s or m/s.
+    /// Velocities (rad/s or m/s).
     pub velocity: Vec<f64>,
-    /// rad/s^2 or m/s^2.
+    /// Accelerations (rad/s^2 or m/s^2).
     pub acceleration: Vec<f64>,
 }
 
@@ -46,7 +46,7 @@ const WAYPOINT_STEP: f64 = 0.1;
 const ROUNDS: usize = 8;
 const AIM: f64 = 0.999;
 
-/// Maximum deviation (rad or m) by averaging from a path that need not be kept. Such motions are computed in a tenth of
+/// Maximum deviation (rad or m) due to averaging for motions that need not keep their path. Averaging takes a tenth of
 /// the time needed to bound the jerk on the path.
 const OFF: f64 = 2e-3;
 
@@ -118,7 +118,7 @@ impl Builder {
         self.now
     }
 
-    /// Widens the limits to a start that keeps them up to rounding.
+    /// Widens the limits so that a start that exceeds them by rounding keeps them.
     pub fn admit(&mut self, position: &Row, velocity: &Row, acceleration: &Row) {
         self.limits = self.limits.admitting(position, velocity, acceleration);
         self.averaged = self.limits.averaged();
@@ -293,8 +293,8 @@ impl Trajectory {
         self.joints.joints()
     }
 
-    /// Returns position, velocity and acceleration of all joints at time `t` (s): those of the start before it, at rest
-    /// after the end.
+    /// Returns position, velocity and acceleration of all joints at time `t` (s): before the start, the state at the
+    /// start; after the end, at rest.
     #[must_use]
     pub fn sample(&self, t: f64) -> Sample {
         let [position, velocity, acceleration] = self.moving_with_rates(t);
@@ -345,8 +345,8 @@ impl Trajectory {
         &self.pieces
     }
 
-    /// Returns whether this motion, of the same joints as `map`, passes a state at a time within `most` (rad or m, and
-    /// rates), with all other joints as in `map`.
+    /// Returns whether this motion, of the same joints as `map`, is within `most` (rad or m, and rates) of a state at a
+    /// time, with all other joints as in `map`.
     pub(crate) fn goes_on_from(&self, map: &JointMap, t: f64, state: &[Row; 3], most: f64) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= most;
         let moved = |joint: usize| map.driven().iter().any(|driven| driven.joint == joint);

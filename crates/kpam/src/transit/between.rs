@@ -1,6 +1,5 @@
-//! Bounds of the motion between two configurations. A group's points move nearly straight from their positions in one
-//! configuration to those in the other; lever arms bound the deviation. Pairs of groups are checked with Quinlan's
-//! bubbles.
+//! Bounds of the motion between two configurations. The points of a group move nearly straight between their two
+//! positions; lever arms bound the deviation. Pairs of groups are checked with Quinlan's bubbles.
 
 use super::sweep::{Look, Sweep};
 use crate::Trajectory;
@@ -8,7 +7,7 @@ use crate::world::TOUCH;
 
 /// Bound of the rounding error in single precision (m).
 const ROUNDING: f32 = 2e-5;
-/// Total rotation of all joints (rad) beyond which two configurations give no bound of the motion between them.
+/// Total rotation of all joints (rad) between two configurations beyond which no bound is computed.
 const MOST_TURN: f32 = 0.8;
 
 /// Movement of the joints between two checked configurations.
@@ -17,7 +16,7 @@ pub(super) struct Travel {
     pub gone: Vec<f32>,
     /// Difference of each joint's values.
     apart: Vec<f32>,
-    /// Maximum deviation of each joint from the straight line in joint space.
+    /// Maximum deviation of each joint from the straight line in joint space (rad or m).
     off: Vec<f32>,
 }
 
@@ -33,7 +32,7 @@ impl Sweep<'_> {
         let joints = 0..a.q.len();
         let apart = |j: usize| (a.q[j] - b.q[j]).abs();
         Travel {
-            // A joint that reverses in between moves no further than its acceleration allows.
+            // A joint that reverses between the configurations moves no further than its acceleration allows.
             gone: joints.clone().map(|j| apart(j).max(0.5 * acceleration[j] * h * h) as f32).collect(),
             apart: joints.clone().map(|j| apart(j) as f32).collect(),
             off: joints.map(|j| (0.125 * acceleration[j] * h * h) as f32).collect(),
@@ -49,17 +48,17 @@ impl Sweep<'_> {
         if !(one > 0.0 && two > 0.0) {
             return false;
         }
-        // On the straight line between both positions of a point, at fraction s, the gap is at least one - s c and at
-        // least two - (1 - s) c, with c its length, so at least the mean of both. A point of the group deviates from
-        // its line by at most the bend.
+        // A point moves a straight distance c between its two positions. At fraction s of it, the gap is at least one -
+        // s c and at least two - (1 - s) c, so at least the mean of both. The point deviates from the straight line by
+        // at most the bend.
         let way = furthest(&a.corners[place], &b.corners[place]);
         let (one, two) = (one.max(two - way), two.max(one - way));
         let Some(bend) = self.bend(a, b, place, travel) else { return false };
         0.5 * (one + two - way) >= bend + ROUNDING
     }
 
-    /// Returns the maximum deviation of a point of a group from the straight line between its positions in two
-    /// configurations, at the same fraction of the time; `None` if the joints rotate too far for a bound.
+    /// Returns the maximum deviation of a point of a group from the straight line between its positions at the same
+    /// fraction of the time; `None` if the joints rotate too far for a bound.
     fn bend(&self, a: &Look, b: &Look, group: usize, travel: &Travel) -> Option<f32> {
         let joints = a.q.len();
         let lever = |j: usize| a.levers[group * joints + j].min(b.levers[group * joints + j]);
@@ -90,7 +89,7 @@ impl Sweep<'_> {
         Some(bend)
     }
 
-    /// Visits the joints that move one of a pair relative to the other, each with its largest lever arm in both
+    /// Visits the joints that move one group of a pair relative to the other, each with its largest lever arm in both
     /// configurations.
     fn moved(&self, place: usize, groups: usize, mut visit: impl FnMut(usize, usize, usize)) {
         if place < groups {

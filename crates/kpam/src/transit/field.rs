@@ -1,5 +1,5 @@
 //! Collision checks of configurations and straight edges in a search: eight configurations at a time in single
-//! precision, and exactly where that is undecided.
+//! precision, and exactly if the result is undecided.
 
 use std::time::Instant;
 
@@ -102,7 +102,7 @@ impl<'s> Field<'s> {
         (0..self.model.n()).map(|v| (self.weights[v] * (b[v] - a[v])).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Returns the index of a row among the first `count` that is not free, if any.
+    /// Returns the index of a configuration in collision among the first `count` rows, if any.
     fn blocked(&mut self, count: usize) -> Option<usize> {
         self.checks += count as u64;
         if let Some(along) = &mut self.along
@@ -124,7 +124,7 @@ impl<'s> Field<'s> {
             Compiled::poses(scene, q, poses);
             world.screen.keeps(s.group, s.other, poses, world.screen.needed(needs, s.group, s.other))
         };
-        // A lane in which a pair is surely too close; a pair that seems to overlap deeply is measured immediately.
+        // Finds a lane in which a pair is surely too close; a pair that seems to overlap deeply is measured at once.
         let mut struck = |s: &Suspect| {
             let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);
             (0..count)
@@ -213,7 +213,7 @@ impl<'s> Field<'s> {
         let n = self.model.n();
         for batch in 0..batches {
             let mut count = 0;
-            // Every batch has members along the whole edge; the first one includes the last configuration.
+            // Every batch is spread along the whole edge; the first batch includes the last configuration.
             let mut k = steps - batch;
             loop {
                 let share = k as f64 / steps as f64;

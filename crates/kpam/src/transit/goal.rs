@@ -70,7 +70,7 @@ impl Goal {
                     .collect()
             }
             Self::Pose { pose, link } => {
-                // The end of the current motion is a solution that may be kept.
+                // The end of the current motion is a solution that the motion may continue to.
                 let last = options.warm_start.as_ref().filter(|motion| motion.joints() == q_start.len());
                 let first: Vec<Row> =
                     last.map(|motion| model.pick(&motion.sample(motion.end()).position)).into_iter().collect();
@@ -82,7 +82,7 @@ impl Goal {
     }
 }
 
-/// Refuses a goal for a joint that planning does not move: a fixed or a mimic joint.
+/// Returns an error if a goal changes a joint that planning does not move: a fixed or a mimic joint.
 fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<(), ProblemError> {
     let (mut reached, joints) = (Vec::new(), scene.robot().joints());
     model.map().positions(&model.pick(q), &mut reached);
@@ -91,7 +91,7 @@ fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<
         Some(mimic) => format!("follows {}", joints[mimic.source].name()),
         None => "does not move the hand and keeps its value in q_start".to_owned(),
     };
-    let message = format!("{} is not reached: joint {} {why}, give {}", q[j], joints[j].name(), reached[j]);
+    let message = format!("{} cannot be reached: joint {} {why}; use {}", q[j], joints[j].name(), reached[j]);
     Err(ProblemError::new(format!("{field}[{j}]"), message))
 }
 
@@ -127,7 +127,7 @@ pub fn solutions(
         .collect())
 }
 
-/// Inverse kinematics problem of a link.
+/// Problem of inverse kinematics for a link.
 struct Ask<'a> {
     pose: &'a Pose,
     link: Option<&'a str>,

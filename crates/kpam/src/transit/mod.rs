@@ -1,5 +1,5 @@
-//! Collision-free motions from one joint vector to one of several goals, with a clearance, timed, and proven free along
-//! the whole motion.
+//! Collision-free motions from one joint vector to one of several goals. They are timed, keep a clearance, and are
+//! proven collision-free along the whole motion.
 
 mod between;
 mod field;
@@ -43,17 +43,17 @@ const TRIES: usize = 200;
 /// Number of samples of the shortest search. Search times have a heavy tail, so many short searches with occasional
 /// longer ones succeed where one long search fails (Luby, Sinclair and Zuckerman, 1993).
 const SHORTEST: usize = 1000;
-/// Number of samples of the first, plain search, which suffices for most problems that it can solve.
+/// Number of samples of the first search, without the thorough search's extensions, which solves most problems.
 const PLAIN: usize = 250;
 /// Maximum factor by which edges are checked more finely.
 const FINEST: f64 = 8.0;
 
-/// Plans a motion from `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach. Joints that do not
-/// move the hand stay where they are: goals have the values of `q_start` for them. The motion begins at rest, or in the
-/// velocity and acceleration that the options give.
+/// Plans a motion from `q_start` (one entry per joint) to rest at one of the goals, the easiest to reach. Joints that
+/// do not move the hand keep their values, which goals must repeat. The motion begins at rest, or with the velocity and
+/// acceleration in the options.
 ///
-/// From a start in motion the planner first tries the fastest motion to a goal, and the rest of the present motion if the
-/// options name it, and returns the earlier of the free ones. Otherwise it searches for a way round.
+/// From a moving start, the planner first tries the fastest motion to each goal and the rest of the current motion, if
+/// given. It returns the one that ends first among those free of collisions, or searches a path around the obstacles.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -79,7 +79,7 @@ const FINEST: f64 = 8.0;
 /// ```
 ///
 /// # Errors
-/// A start, goals or options that do not fit, by field.
+/// Start, goals or options are invalid; names the field.
 pub fn plan_to(
     scene: &Scene,
     q_start: &[f64],
@@ -139,7 +139,7 @@ struct Transit<'a> {
     along: Option<Along>,
 }
 
-/// Reason why a path did not become a motion.
+/// Reason why a path could not be turned into a motion.
 enum Stuck {
     Near(Approached),
     /// The curve violates the path constraints.
@@ -188,7 +188,7 @@ impl Transit<'_> {
         let nearer = |closes: &[&Close], clearance: f64| {
             let mut needs = world.needs(clearance);
             for (group, other, distance) in closes.iter().copied().flatten() {
-                // Screens give no bounds for overlaps, so contact is the smallest required distance.
+                // Overlaps have no bounds in the screen, so contact is the smallest required distance.
                 let need = (distance - TOUCH).min(clearance).max(0.0);
                 let place = match world.screen.body(*other) {
                     Some(body) => &mut needs.bodies[group * world.screen.bodies() + body],
@@ -248,14 +248,14 @@ impl Transit<'_> {
                 if left == 0 || field.is_over() {
                     break;
                 }
-                // Clearance beyond the margin is only desired.
+                // Reduce the extra clearance, which is not required, after a failed search.
                 field.needs = nearer(&all, margin + 0.2 * CURVED);
                 continue;
             };
             let last = path[path.len() - 1];
             let Some((number, _, close)) = open.iter().find(|g| g.1 == last) else { break };
             shorten::shorten(&mut field, &mut path, &pace, seed);
-            // If the tightened path cannot be driven, the looser one may be.
+            // Try the tightened path first; the looser one is the fallback if no motion along it is found.
             let taut = shorten::tauten(&mut field, &path, &pace);
             for path in taut.iter().chain(std::iter::once(&path)) {
                 if !field.is_way_free(path) {
@@ -311,7 +311,7 @@ impl Transit<'_> {
             .collect()
     }
 
-    /// Returns where a search begins: the position where a moving start would stop, or the start if that is blocked.
+    /// Returns where a search begins: where a moving start would stop, or at the start if the stop is blocked.
     fn beginning(&self, field: &mut Field<'_>) -> Row {
         let [position, velocity, acceleration] = &self.state;
         let nodes = stop(&self.limits, position, velocity, acceleration);
@@ -341,8 +341,8 @@ impl Transit<'_> {
             .cancelled_by(Some(self.over.clone()))
     }
 
-    /// Returns the motion along a path: rounded as widely as it stays free, else with a stop at each corner; the
-    /// obstacle if neither is free.
+    /// Returns the motion along a path: with corners rounded as widely as possible, else with a stop at each corner.
+    /// Returns the obstacle if neither motion is collision-free.
     fn timed(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
@@ -380,7 +380,7 @@ fn luby(i: usize) -> usize {
     if size == i + 1 { size / 2 } else { luby(i + 1 - size / 2) }
 }
 
-/// Refuses joint vectors that are not finite.
+/// Returns an error if a joint vector is not finite.
 fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
     match q.iter().position(|v| !v.is_finite()) {
         Some(i) => Err(ProblemError::new(format!("{field}[{i}]"), format!("{} is not finite", q[i]))),
@@ -388,7 +388,7 @@ fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
     }
 }
 
-/// Refuses variables outside their limits, except for rounding.
+/// Returns an error if variables exceed their limits by more than rounding.
 fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
     for v in 0..model.n() {
         let (low, high) = (model.lower[v], model.upper[v]);

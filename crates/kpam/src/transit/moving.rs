@@ -19,7 +19,7 @@ const SAVES: f64 = 1e-6;
 /// Maximum number of positions on a path's first edge to which a motion leads.
 const PLACES: usize = 4;
 /// Number of searches for paths around an obstacle, samples of each, and number of paths that are timed. A single
-/// search would find different paths in successive plans, and a motion that keeps changing its path does not arrive.
+/// search would find a different path at each replanning, and a motion that keeps changing its path never arrives.
 const WAYS: usize = 8;
 const SAMPLES: usize = 500;
 const DRIVEN: usize = 3;
@@ -60,8 +60,8 @@ impl Transit<'_> {
         self.builder().bears(&rest).then_some(rest)
     }
 
-    /// Returns the earliest of the free motions that need no search, with the index of its goal among `open`; `None` if
-    /// there is none.
+    /// Returns the earliest of the collision-free motions that need no search, with the index of its goal among `open`;
+    /// `None` if all are blocked.
     pub(super) fn at_once(
         &self,
         field: &mut Field<'_>,
@@ -144,8 +144,8 @@ impl Transit<'_> {
         edges + (0..n).map(turn).fold(0.0, f64::max)
     }
 
-    /// Returns the earliest free motion from the moving start that joins a motion along corners, which starts from rest
-    /// at the start position, while that motion is in progress.
+    /// Returns the earliest collision-free motion that joins, while in progress, the motion along `corners` from rest
+    /// at the start position.
     fn going_over(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
@@ -170,7 +170,7 @@ impl Transit<'_> {
         Err(stuck)
     }
 
-    /// Returns the earliest free motion that joins another motion in progress.
+    /// Returns the earliest collision-free motion that joins another motion in progress.
     fn gone_over_to(
         &self,
         field: &mut Field<'_>,

@@ -25,11 +25,11 @@ const ROUNDING: f64 = 1e-6;
 #[derive(Debug, Clone)]
 struct Axis {
     name: String,
-    /// Unit direction in the hand frame.
+    /// Unit direction of the tool in the hand frame.
     tool: Vector3<f64>,
-    /// Unit direction in the base frame.
+    /// Unit target direction in the base frame.
     target: Vector3<f64>,
-    /// Angle between them, and its tolerance (rad).
+    /// Angle between both directions, and its tolerance (rad).
     angle: f64,
     tolerance: f64,
 }
@@ -88,12 +88,12 @@ impl Along {
         axes.iter().map(|a| a.off(&(placed.hand.rotation * a.tool)).abs() / a.tolerance).fold(0.0, f64::max)
     }
 
-    /// Returns whether a configuration keeps the search's share of the tolerances.
+    /// Returns whether a configuration keeps the share of the tolerances that a search must keep.
     pub fn keeps(&mut self, model: &Model, x: &Row) -> bool {
         self.share(model, x) <= SEARCHED
     }
 
-    /// Refuses a configuration that violates a constraint.
+    /// Returns an error if a configuration violates a constraint.
     pub fn check(&mut self, model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
         if self.share(model, x) <= SEARCHED {
             return Ok(());
@@ -104,7 +104,7 @@ impl Along {
         };
         let off = axis.off(&(hand * axis.tool)).abs();
         let most = SEARCHED * axis.tolerance;
-        let message = format!("is off {} by {off:.4} rad there; a motion begins and ends within {most:.4}", axis.name);
+        let message = format!("violates {} by {off:.4} rad; start and goal must be within {most:.4} rad", axis.name);
         Err(ProblemError::new(field, message))
     }
 
@@ -177,7 +177,7 @@ impl Along {
             let hand = self.placed.hand.rotation;
             self.axes.iter().map(|a| a.tolerance - a.off(&(hand * a.tool)).abs()).fold(f64::INFINITY, f64::min)
         };
-        // The rotation since the last checked end, over the whole interval.
+        // The rotation since the last checked end, extended to the whole interval.
         if 2.0 * turn <= room.max(ROUNDING) {
             return true;
         }

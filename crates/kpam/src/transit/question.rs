@@ -32,9 +32,9 @@ pub struct TransitOptions {
     pub limits: Option<LimitSet>,
     /// Velocity limits (rad/s or m/s), one entry for each joint; default: the URDF's.
     pub velocity_limits: Option<Vec<f64>>,
-    /// Acceleration limits (rad/s^2 or m/s^2), one entry for each joint; default: the acceleration limits of `limits`.
+    /// Acceleration limits (rad/s^2 or m/s^2), one entry for each joint; default: the URDF's, else those of `limits`.
     pub acceleration_limits: Option<Vec<f64>>,
-    /// Jerk limits (rad/s^3 or m/s^3), one entry for each joint; default: the jerk limits of `limits`.
+    /// Jerk limits (rad/s^3 or m/s^3), one entry for each joint; default: the URDF's, else those of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
     /// Torque limits (N m; N for sliding joints), one entry for each joint; default: torques are not limited.
     pub torque_limits: Option<Vec<f64>>,
@@ -137,11 +137,11 @@ impl Motion {
 pub enum NoMotion {
     /// Bodies overlap at the start.
     StartBlocked(Approached),
-    /// Bodies overlap at every goal; those at the first goal.
+    /// Bodies overlap at every goal; this is the pair at the first goal.
     GoalsBlocked(Approached),
     /// No goal can be reached: no joint values within the limits bring the link there.
     Unreachable,
-    /// The samples or checks are used up; a motion may exist. The obstacle of the last timed motion.
+    /// The samples or checks are used up; a motion may exist. Contains the obstacle of the last timed motion.
     NotFound(Option<Approached>),
     /// A free path was found, but no motion along it within the limits of velocity, acceleration, jerk and torque.
     Untimed,

@@ -1,4 +1,4 @@
-//! Smooth curves near the corners of a path: as wide as possible at each corner.
+//! Smooth curves near the corners of a path, as wide as obstacles permit at each corner.
 
 use super::field::Field;
 use crate::model::{Model, Row};
@@ -11,7 +11,7 @@ const TIGHTEST: f64 = 0.02;
 /// Spacing of checked configurations (rad or m).
 const LOOKS: f64 = 0.05;
 
-/// Curves through a path, each tighter than the last.
+/// A sequence of curves along a path, each tighter than the previous one.
 pub(super) struct Rounding<'c> {
     corners: &'c [Row],
     /// Spacing of waypoints on each edge.
@@ -23,8 +23,8 @@ impl<'c> Rounding<'c> {
         Self { corners, spacing: vec![WIDEST; corners.len().saturating_sub(1)] }
     }
 
-    /// Returns the next curve that is free as far as it is checked, its waypoints, and the number of waypoints that
-    /// follow the first on its edge; `None` if a corner would have to be too tight.
+    /// Returns the next curve that is free as far as checked, its waypoints, and the number of waypoints after the
+    /// first on the same edge; `None` if a corner would have to be too tight.
     pub fn next(&mut self, field: &mut Field<'_>, n: usize, model: &Model) -> Option<(Spline, Vec<Row>, usize)> {
         loop {
             if self.spacing.iter().any(|s| *s < TIGHTEST) || field.is_over() {
@@ -53,7 +53,7 @@ impl<'c> Rounding<'c> {
                 let first = edge_of.iter().filter(|edge| **edge == 0).count();
                 return Some((path, waypoints, first));
             };
-            // A straight path has no alternative.
+            // A straight path has no corners to tighten.
             if self.corners.len() < 3 {
                 return None;
             }
@@ -62,7 +62,7 @@ impl<'c> Rounding<'c> {
             let count = edge_of.iter().filter(|e| **e == edge).count();
             let along = ((interval - first) as f64 + part) / count.max(1) as f64;
             self.spacing[edge] *= 0.5;
-            // The adjacent corner determines the curve there.
+            // The corner at the start of the edge determines the curve there.
             if along < 0.5 && edge > 0 {
                 self.spacing[edge - 1] *= 0.5;
             } else if along >= 0.5 && edge + 1 < self.spacing.len() {

@@ -6,13 +6,13 @@ use crate::model::Row;
 
 /// Maximum number of shortcut attempts.
 const ROUNDS: usize = 60;
-/// A shortcut must be shorter than this share of the path between its ends.
+/// A shortcut must be shorter than this share of the part of the path that it replaces.
 const WORTH: f64 = 0.995;
 /// Number of consecutive failed attempts that ends the shortcuts.
 const IDLE: usize = 16;
 /// Fractions of the distance to the straight line by which a vertex is moved, tried in turn.
 const PULLS: [f64; 2] = [0.5, 0.2];
-/// A tightening must save this share of the whole path.
+/// Tightening must shorten the whole path by at least this share.
 const SAVES: f64 = 0.002;
 
 /// Returns the length of a straight edge in terms of the minimum time of the joints: the root of the sum of squares
@@ -64,7 +64,7 @@ pub(super) fn shorten(field: &mut Field<'_>, path: &mut Vec<Row>, pace: &Row, se
 }
 
 /// Returns a path with its vertices moved towards the straight line between their neighbours, as far as the edges stay
-/// free; `None` if that saves nothing.
+/// free; `None` if the path does not become shorter.
 pub(super) fn tauten(field: &mut Field<'_>, path: &[Row], pace: &Row) -> Option<Vec<Row>> {
     let n = field.model.n();
     let total: f64 = path.windows(2).map(|w| effort(n, pace, &w[0], &w[1])).sum();
@@ -101,7 +101,7 @@ fn skip(field: &mut Field<'_>, path: &mut Vec<Row>) {
                 path.drain(i + 1..j);
                 break;
             }
-            // Distant ends first, then half as far.
+            // Distant ends are tried first, then half the distance.
             j = i + (j - i) / 2;
         }
         i += 1;

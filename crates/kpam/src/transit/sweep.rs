@@ -1,5 +1,5 @@
-//! Proof that a timed motion keeps its distances: between two checked configurations nothing moves further than the
-//! gaps at both allow, or another configuration between them is checked.
+//! Proof that a timed motion keeps its distances: between two checked configurations, nothing moves further than their
+//! gaps allow. Otherwise another configuration between them is checked.
 
 use gensim2_geometry::{Batch, JointKind, LANES, Needs, Other, Pose, Screen, Suspect};
 
@@ -117,11 +117,11 @@ impl<'s> Sweep<'s> {
                 return Ok(());
             }
             if looks.len() > MAX_LOOKS {
-                let names = ["motion".to_owned(), "what is near it".to_owned()];
+                let names = ["motion".to_owned(), "its surroundings".to_owned()];
                 return Err(Stuck::Near(Approached { bodies: names, distance: 0.0 }));
             }
             let more = self.look(motion, &between)?;
-            // Proven intervals are not checked again; only the neighbours of new configurations are kept.
+            // Drop proven intervals; keep only new configurations and their neighbours.
             let mut merged: Vec<Look> = Vec::with_capacity(looks.len() + more.len());
             let mut old = looks.into_iter().peekable();
             for look in more {
@@ -221,11 +221,11 @@ impl<'s> Sweep<'s> {
             let reach = least.min(f64::from(s.gap[look.lane].max(0.0) + CLOSE)) + need;
             least = least.min(screen.distance(s.group, s.other, &self.poses, reach.max(0.0)) - need);
         }
-        // Rounded down.
+        // The distance is rounded down.
         look.gaps[place] = (least - 1e-8) as f32;
     }
 
-    /// Returns a pair measured to be too close in a configuration.
+    /// Returns a pair that was measured to be too close in a configuration, if any.
     fn touching(&mut self, look: &Look) -> Option<Approached> {
         let screen = self.screen();
         let place = (0..look.gaps.len()).find(|p| look.measured[*p] && look.gaps[*p] < -1e-7)?;

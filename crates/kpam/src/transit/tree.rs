@@ -1,9 +1,9 @@
 //! RRT-Connect (Kuffner and LaValle, 2000) from one start to several goals at once. Samples come from a counter, so the
 //! same problem gives the same path.
 //!
-//! If an end lies in a narrow space, most long edges from it are blocked, and only a few short ones lead out. A
+//! If the start or a goal lies in a narrow space, most long edges are blocked and only a few short ones lead out. A
 //! thorough search therefore keeps the free beginning of a blocked edge, and draws half of its samples around the tree.
-//! If long edges suffice, a plain search finds shorter paths.
+//! A plain search finds shorter paths if long edges suffice.
 
 use super::field::Field;
 use crate::free_space::Draws;
@@ -13,7 +13,7 @@ use crate::model::{MAX_JOINTS, Row};
 const EDGE: f64 = 0.6;
 /// Share of the distance that may remain after an edge shortened by constraints.
 const NEARER: f64 = 0.98;
-/// Fraction of a blocked edge that is tried by itself.
+/// Fraction of a blocked edge that is tried as a shorter edge.
 const BEGINNING: f64 = 0.3;
 /// Shorter beginnings of edges (weighted, m) are dropped.
 const SHORTEST: f64 = 0.03;
@@ -27,16 +27,16 @@ const LIGHTEST: f64 = 0.05;
 /// Parameters of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Manner {
-    /// Complete edges, to samples drawn anywhere.
+    /// Only complete edges, to samples anywhere in the joint ranges.
     Plain,
-    /// Also beginnings of blocked edges, and samples around the trees.
+    /// Also the beginnings of blocked edges, and samples around the trees.
     Thorough,
 }
 
 /// Configurations, each with its parent; a root is its own parent.
 struct Tree {
     nodes: Vec<Row>,
-    /// The nodes in the metric of the search.
+    /// The nodes, with variables scaled to the metric of the search.
     scaled: Vec<Row>,
     parents: Vec<usize>,
 }
@@ -165,9 +165,9 @@ fn sample(field: &Field<'_>, tree: &Tree, draws: &mut Draws, manner: Manner) -> 
 
 /// Outcome of an edge.
 enum Grown {
-    /// The edge is free; its end.
+    /// The edge is free; the node at its end.
     Whole(usize),
-    /// The edge is blocked except for its beginning; the end of that.
+    /// Only the beginning of the edge is free; the node at its end.
     Beginning(usize),
     Not,
 }

@@ -2,7 +2,7 @@
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// A pair with a gap.
+/// A pair of bodies and its gap.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Near {
     pub gap: f64,
@@ -29,8 +29,8 @@ impl Carried {
     }
 }
 
-/// States around a free one that are free as well. A state consists of the arm's joint values and the travel of the
-/// object's joint, which counts as the last joint here.
+/// A collision-free state and the surrounding states that are collision-free as well. A state consists of the arm's
+/// joint values and the travel of the object's joint, which counts as the last joint here.
 #[derive(Debug, Clone)]
 pub(crate) struct Bubble {
     pub center: Row,
@@ -49,12 +49,12 @@ impl Default for Bubble {
 }
 
 impl Bubble {
-    /// Returns whether the state `steps` from the centre is inside.
+    /// Returns whether the state at offset `steps` from the centre is inside the bubble.
     pub fn holds(&self, carried: &Carried, steps: &[f64]) -> bool {
         self.pairs.iter().all(|p| self.used(carried, p, steps) <= p.gap)
     }
 
-    /// Returns how many times `steps` can be taken from the centre inside.
+    /// Returns how many times `steps` can be taken from the centre without leaving the bubble.
     pub fn times(&self, carried: &Carried, steps: &[f64]) -> f64 {
         self.pairs.iter().map(|p| p.gap / self.used(carried, p, steps)).fold(f64::INFINITY, f64::min)
     }
@@ -80,7 +80,7 @@ impl Bubble {
                 let theirs = self.lever(other);
                 let (carries, too) = (carried.row(p.group), carried.row(other));
                 for (m, step) in steps.iter().enumerate() {
-                    // A joint that carries both does not move one relative to the other.
+                    // A joint that carries both groups does not move one relative to the other.
                     if !(carries[m] && too[m]) {
                         way += step * mine[m].max(theirs[m]);
                         turn += step;

@@ -67,7 +67,7 @@ impl Compiled {
         Self { screen, names, carriers, checked }
     }
 
-    /// Returns required distances in which every checked pair keeps `margin` (m).
+    /// Returns required distances with `margin` (m) for every checked pair.
     pub fn needs(&self, margin: f64) -> Needs {
         let need = |checked: &bool| if *checked { margin } else { f64::NEG_INFINITY };
         Needs { bodies: self.checked.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }

@@ -19,7 +19,7 @@ impl Margins {
         Self { forgiving: true, clearance, bodies: Vec::new(), pairs: Vec::new() }
     }
 
-    /// Returns the margins after the overlaps at the start have been separated, which may not recur.
+    /// Returns margins for a motion after the overlaps at the start have ended, which must not occur again.
     pub fn parted(self) -> Self {
         Self { forgiving: false, ..self }
     }
@@ -35,7 +35,7 @@ impl Margins {
         self.asked(&self.bodies, (group, body), clearance, start, picked)
     }
 
-    /// Returns the margin of a pair that may overlap by `depth`, or as at the start.
+    /// Returns the margin of a pair that may overlap by `depth`, or by its overlap at the start.
     pub(super) fn touching(&self, known: &Overlaps, group: usize, seen: Seen, depth: f64) -> f64 {
         let (start, _) = match seen {
             Seen::Body(body) => known.body(group, body),
@@ -50,8 +50,8 @@ impl Margins {
         self.asked(&self.pairs, pair, self.clearance, start, picked)
     }
 
-    /// Returns the required distance with tolerance for rounding. A pair that is too close at the start may stay so
-    /// until separated, and an overlap where a body is picked may persist.
+    /// Returns the required distance with tolerance for rounding. A pair that is too close at the start need not move
+    /// apart until it has been separated, and an overlap of a picked body may persist.
     fn asked<K: PartialEq + Copy>(&self, less: &[(K, f64)], key: K, clearance: f64, start: f64, picked: f64) -> f64 {
         let asked = less.iter().filter(|(k, _)| *k == key).fold(clearance - TOUCH, |least, (_, d)| least.min(*d));
         let start = if self.forgiving { start } else { f64::INFINITY };

@@ -1,5 +1,5 @@
-//! The world of a motion: fixed bodies, attached bodies, bodies moved by the object's joint, and the permitted
-//! contacts, segment by segment.
+//! The world of a motion: fixed bodies, attached bodies, bodies moved by the object's joint, and the permitted contacts
+//! in each segment.
 
 mod bodies;
 mod bubble;
@@ -39,7 +39,7 @@ pub(crate) use segment::{MotionSegment, Schedule};
 pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
 pub(crate) use way::Way;
 
-/// No approximation of distances.
+/// Value of `coarse` for exact distances.
 const EXACT: f64 = f64::INFINITY;
 /// Overlaps up to this are rounding errors (m).
 pub(crate) const TOUCH: f64 = 1e-4;
@@ -53,8 +53,8 @@ pub(crate) struct Hit {
     pub at: Point3<f64>,
 }
 
-/// Signed distances (m, infinite without a pair) of pairs that are too close before the motion can change that: at the
-/// start, and where a body is picked. They may not come closer.
+/// Signed distances (m, infinite without a pair) at the start, and when a body is picked. Pairs that are too close then
+/// must only not come closer.
 #[derive(Debug, Default)]
 pub(crate) struct Overlaps {
     bodies: usize,
@@ -143,7 +143,7 @@ impl<'p> World<'p> {
             &problem.bodies,
             |b| b.role == Role::Attached || picks.contains(&b.name),
             |b| b.role == Role::MovingLink && problem.joint.is_some(),
-            // Links moved by the same joints keep their distance.
+            // Links that are moved by the same joints do not move relative to each other.
             |a, b| carrying[a] != carrying[b],
         );
         let shapes = MovingShapes::new(objects.groups.iter().map(|g| match g {
@@ -190,7 +190,7 @@ impl<'p> World<'p> {
         }
     }
 
-    /// Ends planning after `max_checks` more states, at `end`, or when the caller cancels.
+    /// Makes planning end after `max_checks` more states, at the time `end`, or when the caller cancels.
     pub fn limit(&mut self, max_checks: Option<u64>, end: Option<Instant>, cancel: Option<Cancel>) {
         self.end = end;
         self.max_checks = max_checks.map_or(u64::MAX, |most| self.checks.saturating_add(most));
@@ -222,12 +222,12 @@ impl<'p> World<'p> {
         self.cancel.as_ref().is_some_and(Cancel::is_cancelled)
     }
 
-    /// Sets whether collisions are only detected, not reported; then any of several may be found, with any depth.
+    /// Sets whether collisions are only detected; then any colliding pair may be returned, with any depth.
     pub fn set_early_exit(&mut self, early_exit: bool) {
         self.scratch.set_early_exit(early_exit);
     }
 
-    /// Required clearance (m) from the handled bodies.
+    /// Required clearance (m) from the handled bodies up to the actuation pose.
     fn reach_clearance(&self) -> f64 {
         self.problem.options.reach_clearance.unwrap_or(0.0)
     }
@@ -259,7 +259,7 @@ impl<'p> World<'p> {
     }
 
     /// Sets the actuation pose `x`. Picked bodies are attached to the hand as at `x`. Released bodies stay at their
-    /// pose at `x`. Bodies that are held longer stay at their pose at `letting_go`, the hand's pose at the release.
+    /// pose at `x`. Bodies that are released later stay at their pose when the hand is at `letting_go`.
     pub fn act_at(&mut self, x: &Row, letting_go: Option<&Pose>) {
         let riding = self.objects.groups.iter().any(|g| matches!(g, Group::Riding(_)));
         if !riding {

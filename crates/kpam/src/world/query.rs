@@ -15,7 +15,7 @@ pub(crate) struct Clearances {
     pub object: f64,
 }
 
-/// Body or pair that a visit compares a group with.
+/// A body, or a pair of groups, that a query examines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Seen {
     Body(usize),
@@ -98,7 +98,7 @@ impl World<'_> {
         self.table(segment).reached[body] && segment == self.schedule.last_before_actuation() && touches
     }
 
-    /// Returns the distance (m) below which a pair counts: `reach` for pairs that may not touch.
+    /// Returns the distance (m) below which a pair is visited: `reach` for pairs that may not touch.
     fn checked(&self, segment: MotionSegment, group: usize, seen: Seen, reach: f64) -> f64 {
         if self.depth(segment, group, seen).is_some() { f64::NEG_INFINITY } else { reach }
     }
@@ -116,12 +116,12 @@ impl World<'_> {
         self.table(segment).guessed && self.problem.joint.is_some() && segment != MotionSegment::LetGo
     }
 
-    /// Whether the position of one of a pair in a segment is estimated.
+    /// Whether the position of either group of a pair in a segment is estimated.
     fn is_guess(&self, segment: MotionSegment, pair: usize) -> bool {
         self.table(segment).guessed && matches!(self.objects.groups[self.objects.pairs[pair].1], Group::Moved(_))
     }
 
-    /// Records the distances of all pairs at the start, which pairs that begin too close need only keep.
+    /// Records the distances of all pairs at the start. Pairs that begin too close must only keep this distance.
     pub fn measure_start(&mut self, state: State<'_>, segment: MotionSegment) {
         self.known.start_bodies.fill(f64::INFINITY);
         self.known.start_pairs.fill(f64::INFINITY);
@@ -166,7 +166,7 @@ impl World<'_> {
             Seen::Body(_) => picked(world, group),
             Seen::Pair(pair) => {
                 let (a, b) = world.objects.pairs[pair];
-                // Except with the hand: a body inside the arm cannot be held.
+                // The hand is excepted: a body inside the arm cannot be grasped.
                 (picked(world, a) || picked(world, b)) && !matches!(world.objects.groups[a], Group::Link(_))
             }
         };
@@ -219,8 +219,8 @@ impl World<'_> {
         found.map(|p| self.hit(&p))
     }
 
-    /// Returns the margins for the motion between two states: `clearance`, or the distance at either end if that is
-    /// smaller. An overlap at an end gives no such reduction, since the motion does not get there.
+    /// Returns the margins for the motion between two states: `clearance`, or the distance at either end if it is
+    /// smaller. An overlap does not reduce the margin, since the motion cannot end there.
     pub fn margins_between(&mut self, ends: [State<'_>; 2], segment: MotionSegment, clearance: f64) -> Margins {
         let mut out = Margins::plain(clearance);
         for state in ends {
@@ -250,8 +250,8 @@ impl World<'_> {
         margins.pairs.extend(there.pairs.into_iter().filter(|(pair, _)| overlapped(self.known.pair(*pair).0)));
     }
 
-    /// Returns pairs closer than `clearance` (m) in a state that may not touch, and permitted overlaps: distance or
-    /// depth (m), and whether the pair may touch.
+    /// Returns the pairs that may not touch and are closer than `clearance` (m) in a state, and the permitted overlaps:
+    /// distance or depth (m), and whether the pair may touch.
     pub fn nearest(&mut self, state: State<'_>, segment: MotionSegment, clearance: f64) -> Vec<(Hit, bool)> {
         self.place(state, segment);
         let mut found = Vec::new();
@@ -268,10 +268,10 @@ impl World<'_> {
         found
     }
 
-    /// Updates the smallest distances with those of a state, without estimated ones.
+    /// Updates the smallest distances with those of a state, except pairs whose position is estimated.
     pub fn measure(&mut self, state: State<'_>, segment: MotionSegment, out: &mut Clearances) {
         self.place(state, segment);
-        // Only distances below the smallest so far matter.
+        // Distances above the smallest ones so far are not needed.
         let (table, object, itself) = (out.table.min(1.0), out.object.min(1.0), out.itself.min(1.0));
         let kind = |world: &Self, seen: Seen| match seen {
             Seen::Body(b) if world.problem.bodies[b].role == Role::Table => Kind::Table,
@@ -314,12 +314,12 @@ impl Overlap {
         others.iter().copied().find(|other| other.group == self.group && other.seen == self.seen)
     }
 
-    /// Whether it is not among earlier overlaps.
+    /// Whether this pair is not among earlier overlaps.
     pub fn is_new(&self, before: &[Self]) -> bool {
         self.among(before).is_none()
     }
 
-    /// Whether it is among earlier overlaps, and no deeper.
+    /// Whether this pair is among earlier overlaps, and no deeper now.
     pub fn lessens(&self, before: &[Self]) -> bool {
         self.among(before).is_some_and(|other| self.depth <= other.depth + 0.1 * TOUCH)
     }

@@ -1,4 +1,4 @@
-//! Contact rules of each segment, from roles or contact windows, compiled into a table.
+//! Contact rules of each segment, derived from the roles of bodies or from contact windows, and stored in a table.
 
 use gensim2_geometry::{Robot, checked_pairs};
 
@@ -13,7 +13,7 @@ use crate::{Body, KeypointProblem, Role};
 pub(crate) enum Group {
     /// A link of the robot.
     Link(usize),
-    /// A body attached to the hand in some segment: attached, picked, or released later.
+    /// A body that the hand holds in some segment: attached from the start, picked, or released later.
     Riding(usize),
     /// A body that the object's joint moves.
     Moved(usize),
@@ -22,19 +22,19 @@ pub(crate) enum Group {
 /// Source of a group's pose in a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Carrier {
-    /// The group is a link.
+    /// The robot's kinematics: the group is a link.
     Robot,
-    /// The hand.
+    /// The hand's pose: the group is attached to it.
     Hand,
-    /// None: it stays where the hand has released it.
+    /// A fixed pose: the hand has released the group there.
     Placed,
-    /// The object's joint.
+    /// The travel of the object's joint.
     Joint,
-    /// It is absent: it belongs to the obstacles.
+    /// The group is not part of the segment; its body counts as a fixed obstacle.
     Absent,
 }
 
-/// How a pair is checked.
+/// Rule for a pair of bodies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Verdict {
     /// The pair may not overlap.
@@ -42,24 +42,24 @@ pub(crate) enum Verdict {
     /// The pair may overlap up to this depth (m).
     MayTouch(f64),
     /// The pair is not checked: the planned motion does not move one relative to the other, one is absent or held by
-    /// the other, or its position is unknown.
+    /// the other, or a position is unknown.
     Apart,
 }
 
 impl Verdict {
-    /// Returns the verdict that permits an overlap of `depth` (m), or of any depth.
+    /// Returns the rule that permits an overlap of `depth` (m), or of any depth.
     fn touching(depth: Option<f64>) -> Self {
         depth.map_or(Self::Apart, Self::MayTouch)
     }
 }
 
-/// The world in one segment.
+/// Groups and contact rules in one segment.
 pub(crate) struct SegmentWorld {
     /// Source of each group's pose.
     pub carriers: Vec<Carrier>,
     /// Groups that are present.
     pub present: Vec<usize>,
-    /// Verdict on each group and fixed body, one row for each group.
+    /// Rule for each group and fixed body, one row for each group.
     pub bodies: Vec<Verdict>,
     /// Whether the hand reaches for each body and still keeps a clearance from it.
     pub reached: Vec<bool>,
@@ -131,11 +131,11 @@ impl<'p> CollisionObjects<'p> {
     }
 }
 
-/// The hand. A hand link without shapes stands for a point of the link that carries it.
+/// The links of the hand. A hand link without shapes only marks a point of the link that carries it.
 struct Hand {
     /// Links that hold the attached body: the hand's carrier and all links below it.
     holds: Vec<bool>,
-    /// Links that may touch: the same, unless the carrier is one of the arm's own links, moved by a joint.
+    /// Links that may touch bodies: those in `holds`, unless the carrier is a link of the arm that a joint moves.
     touches: Vec<bool>,
 }
 
@@ -219,7 +219,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let steps = joint_steps(self.problem);
         let guessed = match segment {
             MotionSegment::Post(i) => steps[i].is_none(),
-            // It is fixed where the previous motions have moved it.
+            // The joint stays where the previous motions have left it, which is estimated if one of them is.
             MotionSegment::LetGo => steps.contains(&None),
             MotionSegment::Approach | MotionSegment::Pre(_) | MotionSegment::ToActuation => false,
         };
@@ -271,10 +271,9 @@ impl<'c, 'p> Compiler<'c, 'p> {
         Carried { joints, flags }
     }
 
-    /// Returns the verdict of the windows on a group and a body in a segment. A window from the start covers the
-    /// approach.
+    /// Returns the rule of the windows for a group and a body in a segment. A window from `start` covers the approach.
     fn through(&self, windows: &[Window], group: usize, body: usize, segment: MotionSegment) -> Verdict {
-        // In windows the start is 0, and keyframe k of the motion is k + 1.
+        // In contact windows, index 0 is the start, and keyframe k of the motion is k + 1.
         let leads_to = self.schedule.number(segment) + 1;
         let open = |w: &&Window| w.groups[group] && w.bodies[body] && w.from < leads_to && leads_to <= w.to;
         let deepest = windows.iter().filter(open).map(|w| w.depth.unwrap_or(f64::INFINITY)).reduce(f64::max);
@@ -309,7 +308,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let reaching = segment == self.schedule.last_before_actuation();
         let may = match what.role {
             Role::Target => gripper || carriers[group] == Carrier::Hand,
-            // Without a joint its movement is unknown.
+            // Without a joint, the movement of the moving link is unknown.
             Role::MovingLink if after => return Verdict::Apart,
             Role::MovingLink => gripper && reaching,
             Role::Table | Role::ObjectBody | Role::Rigid | Role::Attached => {
@@ -319,7 +318,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         if may { Verdict::touching(self.problem.options.contact_depth) } else { Verdict::Checked }
     }
 
-    /// Whether a group is ever checked: a body moved by the object's joint only against the robot.
+    /// Whether a group is ever checked: bodies moved by the object's joint only against the robot.
     fn meets(&self, group: usize) -> bool {
         !matches!(self.objects.groups[group], Group::Moved(_))
     }
@@ -336,7 +335,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         }
         let verdict = match (self.objects.groups[a], self.objects.groups[b]) {
             (Group::Link(_), Group::Link(_)) => return Verdict::Checked,
-            // An attached body keeps its position relative to the links about the hand, and may be inside one of them.
+            // An attached body does not move relative to the links around the hand, and may overlap one of them.
             (Group::Link(_), Group::Riding(_)) if carriers[b] == Carrier::Hand => Verdict::Checked,
             _ if carried.row(a) == carried.row(b) => return Verdict::Apart,
             _ => Verdict::Checked,
@@ -354,7 +353,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
             }
             return open(a, b).or_else(|| open(b, a)).unwrap_or(verdict);
         }
-        // Hand and fingers hold attached bodies, leave released ones, and push or pull the moving link.
+        // Hand and fingers hold attached bodies, let go of released ones, and push or pull the moving link.
         match self.objects.groups[b] {
             Group::Riding(_) if self.objects.holds(a) => Verdict::Apart,
             Group::Moved(_) if self.objects.touches(a) => Verdict::touching(self.problem.options.contact_depth),

@@ -241,10 +241,7 @@ impl Scene {
         Ok(self.bodies.iter().map(change).collect::<Result<Vec<_>, _>>()?.into())
     }
 
-    /// Returns the scene with a joint at another value (rad or m), and the bodies that it moves.
-    ///
-    /// # Errors
-    /// The joint does not exist, or the value is outside its range.
+    /// Returns the scene with a joint at another value (rad or m); the bodies of this joint move with it.
     pub fn with_joint(&self, name: &str, value: f64) -> Result<Self, ProblemError> {
         let found = self.joint(name)?.clone();
         let ObjectJoint { lower, upper, value: old, .. } = found.joint;
@@ -274,8 +271,8 @@ impl Scene {
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, Arc::clone(&self.joints)))
     }
 
-    /// Returns the scene with a body attached to the hand at pose `hand` (base frame); joints of objects no longer move
-    /// it.
+    /// Returns the scene with a body attached to the hand at pose `hand` (base frame); object joints no longer move
+    /// this body.
     ///
     /// # Errors
     /// The body does not exist, or is attached already.
@@ -287,8 +284,8 @@ impl Scene {
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, self.carrying(name, None)))
     }
 
-    /// Returns the scene with an attached body released at the hand's pose `hand` (base frame): it becomes a rigid
-    /// obstacle, which the joint `on`, if given, moves along.
+    /// Returns the scene with an attached body released at the hand's pose `hand` (base frame): the body becomes a
+    /// rigid obstacle; the joint `on`, if given, moves it.
     ///
     /// # Errors
     /// The body does not exist or is not attached, or the joint does not exist.

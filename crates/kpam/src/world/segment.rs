@@ -11,7 +11,7 @@ pub(crate) enum MotionSegment {
     Pre(usize),
     /// Segment along the hand path to the actuation pose.
     ToActuation,
-    /// Along the hand path to a post-actuation keyframe, by its index in the config's list.
+    /// Segment along the hand path to a post-actuation keyframe, given by the index of its motion in the config's list.
     Post(usize),
     /// Straight retreat after the release.
     LetGo,

@@ -13,32 +13,32 @@ use crate::model::Row;
 
 /// Gaps are capped at this value (m), which is the maximum step of a sweep.
 const REACH: f64 = 0.12;
-/// Close to an obstacle steps are short, so bodies this many times further away, or further by this distance (m), are
-/// ignored.
+/// Close to an obstacle, steps are short. Only bodies within this multiple of the smallest gap are considered, and at
+/// least those within `NARROW` (m).
 const AHEAD: f64 = 3.0;
 const NARROW: f64 = 0.006;
-/// Minimum step of a sweep: nothing moves more than this between two checks (m).
+/// Minimum step of a sweep (m): between two checks, nothing moves further than the gap or this value.
 const FINEST: f64 = 0.0015;
 /// For shapes whose boxes are further apart than this (m), the distance of the boxes is used.
 const COARSE: f64 = 0.02;
 
-/// A proof that advances by less than this (waypoints) per bubble is left to a finer check.
+/// If a bubble advances a proof by less than this (waypoints), the proof ends, and a finer check follows.
 const SLOWEST: f64 = 0.2;
-/// The next bubble is centred at this fraction of the last one's reach beyond its end; a bubble that does not reach
-/// back is wasted.
+/// The next bubble is centred beyond the end of the last one, by this fraction of the last one's reach; it is useful
+/// only if it reaches back to that end.
 const AGAIN: f64 = 0.7;
 
 /// Position at which a sweep continues (waypoints).
 struct Onwards {
-    /// Everything up to here is inside the bubble.
+    /// Position up to which everything is inside the bubble.
     proven: f64,
-    /// Next position to check; further only by the minimum step.
+    /// Next position to check; beyond `proven` only by the minimum step.
     next: f64,
 }
 
 impl World<'_> {
     /// Returns a waypoint other than the first at which a checked pair violates its margin, if any. The middle is
-    /// checked first, then the middles of the remaining parts, since that finds an obstacle soon.
+    /// checked first, then the middles of the remaining parts, because this order finds obstacles early.
     pub fn hit_at_any(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
         let mut stride = way.waypoints.len().next_power_of_two();
         while stride > 1 {
@@ -83,7 +83,7 @@ impl World<'_> {
         }
     }
 
-    /// Returns surely free states around a state, or the pair that violates its margin. Gaps are capped at `reach` (m).
+    /// Returns a bubble around a state, or the pair that violates its margin there. Gaps are capped at `reach` (m).
     fn bubble(
         &mut self,
         state: State<'_>,
@@ -98,7 +98,7 @@ impl World<'_> {
         bubble.pairs.clear();
         self.measure_levers(segment, &mut bubble.levers);
         let mut blocked = None;
-        // An approximate distance must exceed every margin.
+        // Approximate distances are used only where they exceed every margin.
         let clearance = margins.clearance.max(self.reach_clearance());
         let coarse = COARSE.max(clearance + NARROW);
         let within = clearance + reach;
@@ -141,7 +141,7 @@ impl World<'_> {
         steps
     }
 
-    /// Returns whether a state on a segment is inside, with the permitted deviation from the segment.
+    /// Returns whether a state on a segment is inside the bubble, with the permitted deviation from the segment.
     fn holds(&mut self, bubble: &Bubble, segment: MotionSegment, (x, travel): (&Row, f64), off: Option<&Row>) -> bool {
         let mut steps = self.steps((&bubble.center, bubble.travel), (x, travel));
         self.add_off(off, &mut steps);
@@ -161,13 +161,13 @@ impl World<'_> {
         let last = way.waypoints.len() - 1;
         let end = last as f64;
         let gone = self.gone(&way);
-        // Free up to here, and to be checked from here.
+        // The path is free up to this position, and is checked from here.
         let mut t = 0.0;
         let mut reach = REACH;
         // Reach of the last bubble (waypoints).
         let mut ahead = 0.0;
         loop {
-            // One bubble that also reaches back covers nearly twice as much.
+            // A bubble further ahead that reaches back to here covers nearly twice as much.
             let at = (t + AGAIN * ahead).floor().min(end);
             if at > t
                 && let Some(on) = self.leap_ahead(&way, segment, margins, &gone, t, at, &mut reach)
@@ -260,8 +260,8 @@ impl World<'_> {
         let last = way.waypoints.len() - 1;
         let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
         *reach = (AHEAD * gap).clamp(NARROW, REACH);
-        // Whole segments while they are inside, then a part of the next one: a bubble is convex, so the segment to a
-        // point inside is inside.
+        // First test whole segments, then a part of the next one: a bubble is convex, so the segment to a point inside
+        // it lies inside.
         let from = t as usize;
         let mut k = from;
         let mut stride = 1;
@@ -348,7 +348,7 @@ mod tests {
 
     #[test]
     fn sweeps_end_whatever_the_clearance() {
-        // In an empty world every gap is at its maximum, whatever the clearance.
+        // In an empty world every gap is at its maximum, for any clearance.
         let urdf = r#"<robot name="lever"><link name="base"/>
             <link name="bar"><collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.02 0.02"/></geometry></collision></link>
             <joint name="turn" type="revolute"><parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>

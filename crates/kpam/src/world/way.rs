@@ -3,8 +3,8 @@
 use super::{State, World};
 use crate::model::Row;
 
-/// Waypoints, joined by straight lines in joint values, and the travel of the object's joint at each; empty if it does
-/// not move.
+/// Waypoints, joined by straight lines in joint values, and the travel of the object's joint at each waypoint; empty if
+/// the joint does not move.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Way<'w> {
     pub waypoints: &'w [Row],
@@ -58,7 +58,7 @@ pub(super) struct Gone {
 }
 
 impl World<'_> {
-    /// Returns the path length of the joints at each waypoint.
+    /// Returns the path length of each joint up to each waypoint.
     pub(super) fn gone(&mut self, way: &Way<'_>) -> Gone {
         let joints = self.movers.len() + 1;
         let mut out = Gone { joints, sums: vec![0.0; joints], off: vec![0.0; joints] };
