@@ -1,4 +1,4 @@
-"""Keypoint solver: constraints in, joint motion out. Metres, radians, seconds; poses are (4, 4) row-major float64."""
+"""Motion planning from joint, pose or keypoint goals. Metres, radians, seconds; poses are (4, 4) row-major float64."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Robot:
                 and tool keypoints refer to its frame, and moving joints below it are fingers.
             srdf: SRDF file. Pairs of ``disable_collisions``, and links of ``disable_default_collisions`` except the
                 pairs of ``enable_collisions``, are not checked for collision. Without an SRDF file, neighbouring
-                links and links that overlap at the middle of all joint ranges are not checked.
+                links and links that overlap at the middle of their joint ranges are not checked.
             base_link: link of the base frame; default: the only link without a parent.
 
         Raises:
@@ -98,8 +98,8 @@ class Robot:
         """Names of all links."""
     @property
     def unchecked_pairs(self) -> list[tuple[str, str]]:
-        """Pairs of links that are not checked against each other because they overlap at the middle of all joint
-        ranges; an SRDF would decide whether they may touch."""
+        """Pairs of links that are not checked against each other because they overlap when every joint is at the middle
+        of its range; an SRDF would decide whether they may touch."""
     @property
     def lower(self) -> Array:
         """(n,) lower joint limits, rad or m; minus infinity for continuous joints."""
@@ -108,7 +108,7 @@ class Robot:
         """(n,) upper joint limits, rad or m; infinity for continuous joints."""
     @property
     def velocity(self) -> Array:
-        """(n,) velocity limits, rad/s or m/s; infinity if the URDF gives none or 0. Planning requires these as
+        """(n,) velocity limits, rad/s or m/s; infinity if the URDF gives none or 0; planning then requires
         ``velocity_limits``."""
     @property
     def acceleration(self) -> Array:
@@ -144,7 +144,7 @@ class Robot:
     def jacobian(self, q: Numbers, link: str | None = None) -> Array:
         """Compute the Jacobian of ``link`` (default: the hand): linear, then angular velocity of its origin, base axes.
 
-        (n,) -> (6, n), (N, n) -> (N, 6, n); m or rad per rad or m.
+        Joints (n,) give (6, n), and (N, n) give (N, 6, n); m or rad per rad or m.
         """
 
 class SolverConfig:
@@ -172,7 +172,7 @@ class SolverConfig:
             ConfigError: a field is unknown, or its value is not finite or of the wrong type.
         """
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields as plain data."""
+        """Return the config as dicts, lists, strings and numbers."""
     @property
     def gripper(self) -> Gripper:
         """Finger mode of the config."""
@@ -200,8 +200,8 @@ class Shape:
         """Return the convex hull of (N, 3) points in the body frame; the points may be coplanar."""
     @staticmethod
     def mesh(vertices: Numbers, triangles: npt.ArrayLike) -> Shape:
-        """Return a surface of triangles (M, 3) over vertices (N, 3); a body entirely inside does not collide with
-        it."""
+        """Return a surface of triangles (M, 3) over vertices (N, 3). The surface is not solid: a body entirely inside
+        does not collide with it."""
     @staticmethod
     def point_cloud(points: Numbers, radius: float) -> Shape:
         """Return a point cloud (N, 3), each point a sphere of ``radius`` (m); an empty cloud is no obstacle."""
@@ -280,7 +280,7 @@ class SceneJoint:
         """Current value, rad or m."""
     @property
     def moves(self) -> list[str]:
-        """Names of the bodies that it moves."""
+        """Names of the bodies that the joint moves."""
 
 class Scene:
     """A robot and its surroundings. All problems on a scene share its shapes and its bounding volume hierarchy. A
@@ -327,15 +327,15 @@ class Scene:
     def object_keypoints(self) -> dict[str, Array]:
         """Keypoints of all other bodies in the base frame, named "body/keypoint"."""
     def with_joint(self, name: str, value: float) -> Scene:
-        """Return the scene with a joint at another value (rad or m, within its range), and the bodies that it moves."""
+        """Return the scene with a joint at another value (rad or m, within its range); its bodies move with it."""
     def with_pose(self, body: str, pose: Numbers) -> Scene:
-        """Return the scene with a body at another pose: (4, 4) in the base frame, in the hand frame if attached."""
+        """Return the scene with a body at another pose (4, 4): base frame, or hand frame if attached."""
     def attached(self, body: str, q: Numbers) -> Scene:
-        """Return the scene with a body attached to the hand at joints ``q`` (n,); joints of objects no longer move
+        """Return the scene with a body attached to the hand at joints ``q`` (n,); object joints no longer move
         the body."""
     def detached(self, body: str, q: Numbers, on: str | None = None) -> Scene:
         """Return the scene with an attached body released at the hand's pose for joints ``q`` (n,). The body becomes
-        a rigid obstacle, which the joint ``on``, if given, moves along."""
+        a rigid obstacle; the joint ``on``, if given, moves it."""
     def problem(
         self,
         config: SolverConfig,
@@ -366,9 +366,9 @@ class Scene:
         center_of_mass: Numbers | None = None,
         options: GraspOptions | None = None,
     ) -> list[Grasp]:
-        """Search for grasps of a body among the other bodies; the search is deterministic.
+        """Search for grasps of a body in which the hand avoids the other bodies; the search is deterministic.
 
-        Attached bodies are ignored.
+        Attached bodies are not avoided.
 
         Args:
             body: name of the body, of convex hulls or closed meshes.
@@ -400,7 +400,8 @@ class Scene:
         hand, so targets must lie slightly above the support.
 
         Args:
-            body: name of the body. the robot's gripper.
+            body: name of the body to pick.
+            gripper: the robot's gripper.
             q_start: (n,) joints at the start.
             grasps: grasps of the body, best first.
             targets: successive target poses (4, 4) in the base frame, each with a direction (3,) about which the
@@ -678,9 +679,9 @@ class Trajectory:
     def splice(self, next: Trajectory, t: float) -> Trajectory:
         """Return this motion until time t (s) and ``next`` from there on.
 
-        Raises ProblemError if ``next`` does not continue the state at t: position, velocity and acceleration within
-        1e-6, and the same position of joints that neither motion moves, such as fingers. The past of the motion is
-        kept; see ``since``.
+        Raises ProblemError if ``next`` does not continue the state at t: position, velocity and acceleration must agree
+        within 1e-6, and joints that neither motion moves, such as fingers, must have the same position. Use ``since``
+        to drop the part before t.
         """
     def since(self, t: float) -> Trajectory:
         """Return this motion from time t (s) on, so that a repeatedly spliced motion does not grow."""
@@ -688,7 +689,7 @@ class Trajectory:
         """Return positions every ``dt`` (s), (ceil(duration / dt) + 1, n); at most a million rows."""
 
 class Plan:
-    """Result of planning: motion, residuals, failures. Instances can be pickled."""
+    """Result of planning: the motion, constraint residuals, and reasons of a failure. Instances can be pickled."""
 
     @property
     def status(self) -> Status:
@@ -746,7 +747,7 @@ class Plan:
         """The motion; None unless the status is "solved" or "partial"."""
     @property
     def tried(self) -> int:
-        """Number of poses whose motion was tried."""
+        """Number of actuation poses for which planning a motion was attempted."""
     @property
     def tried_poses(self) -> list[TriedPose]:
         """Outcome of each pose that was tried, if ``explain`` was set: ``q`` (n,), ``rank``, ``status``, ``reason``."""
@@ -755,8 +756,8 @@ class Plan:
         """Fraction of the motion after the actuation pose that is reachable and collision-free, 0..1."""
     @property
     def collisions(self) -> list[Collision]:
-        """Obstacles of the motion: ``bodies`` (two names), ``time`` (s or None), ``toward`` (keyframe), ``distance``
-        (m, negative if they overlap), ``point`` (3,)."""
+        """Collisions that block the motion: ``bodies`` (two names), ``time`` (s or None), ``toward`` (keyframe),
+        ``distance`` (m, negative if they overlap), ``point`` (3,)."""
     @property
     def start_overlap(self) -> float:
         """Largest overlap of a checked pair at the start, m."""
@@ -765,10 +766,10 @@ class Plan:
         """Thread CPU time of planning, ms: ``setup``, ``actuation``, ``trajectory``, ``total``. Not preserved by
         pickling."""
     def to_dict(self) -> dict[str, Any]:
-        """Return JSON-compatible data."""
+        """Return JSON-compatible data of the plan, including ``times`` and ``positions`` of the trajectory."""
 
 def read_urdf(content: bytes, file: str) -> dict[str, Any]:
-    """Parse a URDF without interpretation: every number is validated, and only URDF's own defaults are filled in.
+    """Parse a URDF without interpreting it: every number is validated, and only URDF's own defaults are added.
 
     Args:
         content: bytes of the file, in the encoding that it declares.
@@ -827,8 +828,8 @@ def plan(
     Args:
         problem: robot, config, keypoints and obstacles.
         warm_start: earlier plan of this or a similar problem, whose pose and path are tried first.
-        resume: label of the first keyframe still to reach. Earlier parts of the motion are done: ``q_start`` and
-            ``start_velocity`` are the current state, and all other arguments are those of the original problem.
+        resume: label of the first keyframe still to reach. Earlier parts of the motion have been executed: ``q_start``
+            and ``start_velocity`` are the current state; everything else is as in the problem of that plan.
             After the actuation pose, ``warm_start`` is required.
         max_checks: maximum number of states checked for collisions, a limit independent of the machine.
         deadline_ms: time limit in wall-clock time, after which the best result so far is returned; without a limit,
@@ -1021,7 +1022,7 @@ def retime(
         position_limits: (n,) lower and upper limits within which a moving start must be able to stop.
         braking: upper, lower, gain and offset for each joint, or None. Upwards, the joint moves no faster than
             ``-offset + sqrt(gain * (upper - q))``, downwards than ``-offset + sqrt(gain * (q - lower))``.
-        method: "conic" solves a cone program with Clarabel instead; the result is the same, but slower to compute.
+        method: "conic" solves a cone program with Clarabel instead, which is slower and gives the same motion.
 
     Returns:
         The motion from the start time on, and the times (N,) at which it passes the waypoints.
@@ -1041,16 +1042,16 @@ def refine(
 ) -> Refined:
     """Shorten a plan's waypoint path by sequential quadratic programming with Clarabel.
 
-    The cost is the sum of squared joint steps between waypoints, weighted by the problem's ``joint_weights`` (the
-    original weights the first joint by 10). Hand poses at keyframes are kept (position exactly, orientation within
+    The cost is the sum of squared joint steps between waypoints, weighted by the problem's ``joint_weights`` (GenSim2
+    weights the first joint by 10). Hand poses at keyframes are kept (position exactly, orientation within
     0.03 rad), joint limits are kept, collision-free steps stay collision-free, and the cost never increases.
 
     Args:
         problem: planned problem.
         plan: plan of the problem with a trajectory.
-        times: (N,) times of waypoints in the
-            plan's motion, s, in addition to its start, end and keyframes; default: about 40, evenly spaced.
-        keep_paths: keep the hand on its lines and arcs after the actuation, not only at keyframes.
+        times: (N,) times of waypoints in the plan's motion, s, in addition to its start, end and keyframes; default:
+            about 40, evenly spaced.
+        keep_paths: whether the hand stays on its lines and arcs after the actuation, not only at keyframes.
 
     Returns:
         ``waypoints`` (N, n), ``times`` (N,), ``keyframes`` (indices of their waypoints), ``cost_before``,

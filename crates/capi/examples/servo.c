@@ -1,4 +1,4 @@
-/* Drive a planned motion at 1 kHz, brake in the middle of it, and go on from there.
+/* Execute a planned motion at 1 kHz, brake in its middle, and continue to the goal.
  *
  *   cc -std=c11 -Iinclude examples/servo.c -L../../target/release -lgensim2_capi -lm -o servo
  *   ./servo ../../examples/robots/ur5.urdf flange
@@ -27,7 +27,7 @@ static double seconds(const struct timespec *from, const struct timespec *to)
     return (double)(to->tv_sec - from->tv_sec) + 1e-9 * (double)(to->tv_nsec - from->tv_nsec);
 }
 
-/* Sample from `from` to `to` (s of the motion) every millisecond; returns the number of samples. */
+/* Samples the motion every millisecond from time `from` to `to` (s); returns the number of samples. */
 static long drive(const kpam_trajectory *motion, double from, double to, double state[3][JOINTS], double *jump)
 {
     struct timespec due, before, after;
@@ -42,7 +42,7 @@ static long drive(const kpam_trajectory *motion, double from, double to, double 
         if (seconds(&before, &after) > slowest) {
             slowest = seconds(&before, &after);
         }
-        /* A real arm would get state[0], or state[1], here. */
+        /* A real arm would receive the position state[0] or the velocity state[1] here. */
         for (int j = 0; j < JOINTS; j++) {
             if (k > 0 && fabs(state[0][j] - last[j]) > *jump) {
                 *jump = fabs(state[0][j] - last[j]);
@@ -85,7 +85,7 @@ int main(int count, char **arguments)
     must(kpam_plan_joints(scene, start, goal, &options, &motion), "plan");
     printf("a motion of %.3f s\n", kpam_trajectory_end(motion));
 
-    /* Something comes in the way halfway: the fastest stop, and from there on to the goal. */
+    /* An obstacle appears halfway: brake as fast as possible, then plan from the stop to the goal. */
     double now = 0.5 * kpam_trajectory_end(motion), state[3][JOINTS], jump = 0.0;
     must(kpam_trajectory_brake(motion, now, &stop), "brake");
     must(kpam_trajectory_splice(motion, stop, now, &whole), "splice");
@@ -106,7 +106,7 @@ int main(int count, char **arguments)
     }
     printf("the greatest step in 1 ms was %.5f rad\n", jump);
 
-    /* What cannot be is said, not done. */
+    /* A failed call stores null and reports the reason. */
     kpam_trajectory *none = NULL;
     if (kpam_plan_joints(scene, NULL, goal, &options, &none) != KPAM_INVALID || none != NULL) {
         return 1;

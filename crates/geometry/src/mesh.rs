@@ -81,7 +81,7 @@ fn text_stl(bytes: &[u8]) -> Result<Vec<Point3<f64>>, String> {
             out.push(Point3::from(three_numbers(words, number)?));
         }
     }
-    if out.len() % 3 == 0 { Ok(out) } else { Err("is cut short: the last facet has fewer than three vertices".to_owned()) }
+    if out.len() % 3 == 0 { Ok(out) } else { Err("is cut short: a facet lacks vertices".to_owned()) }
 }
 
 #[cfg(test)]

@@ -89,7 +89,7 @@ impl Failure {
                 place(hit)
             ),
             Self::TooFast { keyframe, allowed, needed } => {
-                format!("the config's times leave {allowed:.2} s to {}, but the joints need {needed:.2} s", label(*keyframe))
+                format!("the config allows {allowed:.2} s to {}, but the joints need {needed:.2} s", label(*keyframe))
             }
             Self::Untimed { keyframe } => {
                 format!("no motion to {} from the start velocity keeps the joint limits", label(*keyframe))

@@ -165,7 +165,7 @@ impl Planner<'_> {
         }
         if out.margin < self.problem.options.margin && self.problem.options.avoid_collisions {
             let wished = self.problem.options.margin;
-            out.warnings.push(format!("no motion with a clearance of {wished} m was found; this one keeps {} m", out.margin));
+            out.warnings.push(format!("no motion keeps a clearance of {wished} m; this one keeps {} m", out.margin));
         }
     }
 
