@@ -1,12 +1,12 @@
 //! The solver for C and languages that can call C: load a robot, plan, sample in a control loop, brake, switch to
 //! another motion.
 //!
-//! Functions return a [`kpam_status`] and store their result through a pointer, null if there is none;
+//! Functions return a [`kpam_status`] and store their result through a pointer, or null if they fail;
 //! [`kpam_last_error`] returns the error message. A panic does not cross the interface but is returned as
 //! [`kpam_status::KPAM_PANIC`].
 //!
 //! Metres, radians, seconds; joint vectors are in the order of the URDF; poses are 4 x 4 row-major in the base frame.
-//! Several threads may read a handle at once; each handle is freed once.
+//! Several threads may read a handle at once; free each handle once.
 #![allow(non_camel_case_types, reason = "names are those of the C interface")]
 
 mod guard;

@@ -48,7 +48,7 @@ impl Joint {
 
 impl JointBuilder {
     fn new(name: String, kind: JointKind, axis: Vector3<f64>) -> Self {
-        // A zero vector is kept, so that `build` refuses it.
+        // Keep a zero vector, so that `build` refuses it.
         let axis = axis.try_normalize(0.0).unwrap_or(axis);
         let (lower, upper, open) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
         let [velocity, effort, acceleration, jerk] = [open; 4];
@@ -152,7 +152,7 @@ impl RobotBuilder {
     ///
     /// # Errors
     /// The robot has no base or several; a name is unknown or repeated; a parent comes after its child; an axis is
-    /// zero; limits are inverted; or joints follow each other in a circle.
+    /// zero; limits are inverted; or mimic joints form a cycle.
     pub fn build(self, hand: &str) -> Result<Robot, RobotError> {
         let names: Vec<String> = self.links.iter().map(|l| l.name.clone()).collect();
         let index = |name: &str, field: &str| {

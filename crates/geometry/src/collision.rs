@@ -135,7 +135,7 @@ impl<'a> MovingShapes<'a> {
         self.shapes_of(group).is_empty()
     }
 
-    /// Centre of the box around a group's shapes, group frame; the origin if there are none.
+    /// Centre of the box around a group's shapes, group frame; the origin for a group without shapes.
     #[must_use]
     pub fn middle(&self, group: usize) -> Point3<f64> {
         if self.is_bare(group) {

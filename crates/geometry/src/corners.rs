@@ -18,7 +18,7 @@ const FEW: usize = 3;
 /// lets the compiler process several at once.
 #[derive(Debug, Clone, Default)]
 pub struct Corners {
-    /// Blocks of x, y and z; the last one is padded with copies of its first vertex.
+    /// Blocks of x, y and z; the last block is padded with copies of its first vertex.
     blocks: Vec<[[f64; LANES]; 3]>,
     /// Whether a coordinate is not finite, or so large that its square overflows.
     unbounded: bool,

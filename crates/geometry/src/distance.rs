@@ -46,7 +46,7 @@ pub(crate) enum Depth {
     AtLeast,
 }
 
-/// Like [`signed_distance`], but the depth may be smaller than the true one.
+/// Like [`signed_distance`], but the reported depth may be smaller than the true depth.
 pub(crate) fn measured(
     first: (&Corners, f64),
     second: (&Corners, f64),

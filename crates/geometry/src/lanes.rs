@@ -64,14 +64,14 @@ impl F32x8 {
         }
     }
 
-    /// Returns the maximum in each lane, or the other number if one is NaN.
+    /// Returns the maximum in each lane, or that of `other` if either is NaN.
     #[inline(always)]
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         each(|i| if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] })
     }
 
-    /// Returns the minimum in each lane, or the other number if one is NaN.
+    /// Returns the minimum in each lane, or that of `other` if either is NaN.
     #[inline(always)]
     #[must_use]
     pub fn min(self, other: Self) -> Self {
@@ -92,7 +92,7 @@ impl F32x8 {
         each(|i| self.0[i].sqrt())
     }
 
-    /// Returns whether every lane is at least the other's; false for NaN.
+    /// Returns whether every lane is at least the same lane of the other vector; false for NaN.
     #[inline(always)]
     #[must_use]
     pub fn all_at_least(self, other: Self) -> bool {

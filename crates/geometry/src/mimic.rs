@@ -3,7 +3,7 @@
 
 use crate::{Joint, Mimic, RobotError};
 
-/// Replaces each joint's mimic by the composed one, whose source is independent.
+/// Replaces the mimic of each joint by a composed mimic, whose source is independent.
 pub(crate) fn compose(joints: &mut [Joint]) -> Result<(), RobotError> {
     let composed: Vec<Option<Mimic>> = (0..joints.len()).map(|j| root(joints, j)).collect::<Result<_, _>>()?;
     for (joint, mimic) in joints.iter_mut().zip(composed) {

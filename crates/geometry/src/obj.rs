@@ -71,7 +71,7 @@ impl Obj {
     }
 }
 
-/// Parses the index of a face's vertex such as `12/3/4`, counted from 0; a negative one counts back from the `count`
+/// Parses the index of a face's vertex such as `12/3/4`, counted from 0; a negative index counts back from the `count`
 /// vertices so far. A positive index may precede its vertex.
 fn corner(word: &str, count: usize) -> Option<u32> {
     let index: i64 = word.split('/').next()?.parse().ok()?;

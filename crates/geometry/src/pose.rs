@@ -86,7 +86,7 @@ pub(crate) fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_array_storage(ArrayStorage(out))
 }
 
-/// Returns a rotation followed by one about a unit axis, with a short cut for z, the axis of most URDF arms.
+/// Returns a rotation followed by a rotation about a unit axis, faster about z, the axis of most URDF arms.
 #[inline(always)]
 pub(crate) fn turned(r: &Matrix3<f64>, axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     if axis.x == 0.0 && axis.y == 0.0 {

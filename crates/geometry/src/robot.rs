@@ -147,7 +147,7 @@ impl Robot {
         robot.check().map(|()| robot)
     }
 
-    /// Validates that the links form a tree with parents first, and that each joint moves one of them.
+    /// Validates that the links form a tree with parents first, and that each joint moves a link.
     fn check_tree(&self) -> Result<(), RobotError> {
         let fail = |field: &str, message: String| Err(RobotError::new(field, message));
         let unique = |names: &mut Vec<&str>| {

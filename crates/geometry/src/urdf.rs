@@ -39,8 +39,7 @@ pub(crate) fn build(model: &Description, path: &Path, hand: &str, base: Option<&
         }
     };
 
-    // Depth first from the base, so that parents precede children. Loops are impossible because a link has one parent
-    // joint.
+    // Depth first from the base, so that parents precede children. A link has one parent joint, so there are no loops.
     let mut place: Vec<Option<usize>> = vec![None; model.links.len()];
     let mut order = Vec::new();
     let mut stack = vec![root];

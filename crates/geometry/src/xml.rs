@@ -120,7 +120,7 @@ impl<'d> Element<'d> {
         UrdfError::new(self.file, &self.field, message)
     }
 
-    /// Creates an error about one of its attributes.
+    /// Creates an error about an attribute of this element.
     pub fn wrong(&self, attribute: &str, message: impl Into<String>) -> UrdfError {
         UrdfError::new(self.file, format!("{}.{attribute}", self.field), message)
     }

@@ -21,7 +21,7 @@ fn shapes(groups: &[Vec<Ball>]) -> Vec<Vec<Convex>> {
     groups.iter().map(|g| g.iter().map(ball).collect()).collect()
 }
 
-/// Distance of two groups; infinite where one is empty.
+/// Returns the distance of two groups; infinity if a group is empty.
 fn apart(a: &[Ball], b: &[Ball]) -> f64 {
     let pairs = a.iter().flat_map(|p| b.iter().map(move |q| (p, q)));
     pairs.map(|((p, r), (q, s))| (Point3::from(*p) - Point3::from(*q)).norm() - r - s).fold(f64::INFINITY, f64::min)

@@ -33,7 +33,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// Name, as in Python.
+    /// Name of the role as used in Python, such as `table`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

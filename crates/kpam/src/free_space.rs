@@ -1,5 +1,5 @@
-//! Free motion between two joint vectors: the straight segment if it is collision-free, else RRT-Connect (Kuffner and
-//! LaValle, 2000) with shortcuts. Samples come from a counter, so the same problem gives the same path.
+//! Collision-free motion between two joint vectors: the straight segment if possible, otherwise RRT-Connect (Kuffner
+//! and LaValle, 2000) with shortcuts. Samples come from a counter, so the same problem gives the same path.
 
 use gensim2_geometry::Robot;
 
@@ -21,7 +21,7 @@ const SHORTCUTS: usize = 60;
 
 struct Tree {
     nodes: Vec<(Row, usize)>,
-    /// Number of long edges that were blocked since the last free one.
+    /// Number of long edges that were blocked since the last free long edge.
     blocked: usize,
 }
 
@@ -107,7 +107,7 @@ impl Draws {
     }
 }
 
-/// Reason why there is no free motion.
+/// Reason why no collision-free motion was found.
 #[derive(Debug, Clone)]
 pub(crate) enum NoWay {
     /// The start or the goal is in collision.
@@ -121,13 +121,13 @@ pub(crate) enum NoWay {
 /// Sampling parameters of a search for a free motion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sampling {
-    /// Maximum number of samples.
+    /// Maximum number of samples of the search.
     pub max_samples: usize,
     /// Seed of the samples.
     pub seed: usize,
 }
 
-/// Returns the vertices of a free joint path from `a` to `b`, both included.
+/// Returns the vertices of a collision-free joint path from `a` to `b`, including both.
 pub(crate) fn connect(
     world: &mut World<'_>,
     model: &Model,
@@ -180,8 +180,8 @@ pub(crate) fn connect(
     Err(if is_boxed { NoWay::BoxedIn(hit) } else { NoWay::NotFound(hit) })
 }
 
-/// For a start in an overlap, returns a free pose nearby such that the overlap only decreases on the straight segment
-/// to it, and all other pairs keep the margins.
+/// For a start in an overlap, returns a collision-free pose nearby. On the straight segment to this pose, the overlap
+/// only decreases, and all other pairs keep the margins.
 pub(crate) fn way_out(
     world: &mut World<'_>,
     model: &Model,

@@ -34,7 +34,7 @@ pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
 pub(crate) struct Followed {
     /// Joints at even steps of the path, starting with the start.
     pub waypoints: Vec<Row>,
-    /// Fraction of the path that was followed; 1 for all of it.
+    /// Fraction of the path that was followed; 1 if all of it was.
     pub fraction: f64,
 }
 
@@ -187,7 +187,7 @@ impl<'p> Follower<'p> {
     }
 
     /// Returns the smallest step with `rows . step = values` within joint limits. With fewer than six joints the rows
-    /// are dependent and contradict each other by rounding; then the step with the smallest error is returned.
+    /// are dependent and contradict each other by rounding, so the step with the smallest error is returned.
     fn limited_step(&mut self, x: &Row, rows: &[Row; 6], values: &[f64; 6], gradient: &Row) -> Option<Row> {
         let n = self.model.n();
         let few = n < rows.len();

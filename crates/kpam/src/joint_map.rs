@@ -13,9 +13,9 @@ pub struct DrivenJoint {
     pub joint: usize,
     /// The variable that drives it.
     pub variable: usize,
-    /// 1 for the variable's own joint, the composed multiplier for a mimic; never 0.
+    /// 1 for the joint of the variable itself, the composed multiplier for a mimic joint; never 0.
     pub factor: f64,
-    /// 0 for the variable's own joint, the composed offset for a mimic (rad or m).
+    /// 0 for the joint of the variable itself, the composed offset (rad or m) for a mimic joint.
     pub offset: f64,
     /// The link that the joint carries; links below it move with it.
     pub link: usize,

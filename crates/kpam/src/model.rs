@@ -145,7 +145,7 @@ impl Model {
     }
 
     /// Returns the sampling range of a variable: its limits, or half a turn (half a metre) to either side of the start
-    /// if they are open.
+    /// for a variable without limits.
     #[must_use]
     pub fn range(&self, v: usize) -> (f64, f64) {
         let (lower, upper) = (self.lower[v], self.upper[v]);
@@ -217,7 +217,7 @@ impl Default for Placed {
 }
 
 impl Placed {
-    /// Moves the hand to `x`; does nothing if it is already there.
+    /// Moves the hand to `x`; does nothing if the hand is already at `x`.
     pub fn place(&mut self, robot: &Robot, model: &Model, x: &Row) {
         if self.x == *x {
             return;
@@ -274,7 +274,7 @@ impl Placed {
     /// Adds to `h` the second derivatives of `sum f . p + sum m . a` over points `p` and directions `a` fixed to the
     /// hand, given as (point, f) and (direction, m) in the base frame.
     ///
-    /// For joints i before j, d²p/dq_i dq_j = z_i × (dp/dq_j), and likewise for directions.
+    /// For joints i before j, d²p/dq_i dq_j = z_i × (dp/dq_j), and the same holds for directions.
     pub(crate) fn second_derivatives(&self, points: &[Weighed], axes: &[Weighed], h: &mut [Row; MAX_JOINTS]) {
         for (j, moving) in self.columns.iter().enumerate() {
             let mut w = Vector3::zeros();

@@ -161,7 +161,7 @@ fn rotation_path(problem: &KeypointProblem, arc: HandPath) -> HandPath {
     }
 }
 
-/// Follows the object's joint by `value`: rigidly if `turning`, else with the contact point only.
+/// Returns the hand path along the joint over `value`: rigid if `turning`, otherwise only of the contact point.
 fn follow(problem: &KeypointProblem, from: Pose, value: f64, turning: bool) -> HandPath {
     match problem.joint {
         Some(j) if j.kind == ObjectJointKind::Revolute => {

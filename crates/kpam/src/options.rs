@@ -85,7 +85,7 @@ pub struct ContactWindow {
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Options {
-    /// Timing of keyframes; default: the config's clock if it sets times, else the limits.
+    /// Timing of keyframes; default: the config's times if it sets any, otherwise the limits.
     pub timing: Option<Timing>,
     /// Time of the first waypoint (s), on the config's clock, within 1e6.
     pub start_time: f64,
@@ -128,7 +128,7 @@ pub struct Options {
     /// Smaller clearance (m) for a second attempt if no motion keeps `margin`, 0 to `margin`; default: no second
     /// attempt.
     pub least_margin: Option<f64>,
-    /// Maximum overlap (m) of pairs that may touch, 0 to 1; null for no limit. Contact windows may have their own.
+    /// Maximum overlap (m) of pairs that may touch, 0 to 1; null for no limit. Contact windows may set their own limit.
     pub contact_depth: Option<f64>,
     /// Maximum overlap (m) of arm or attached bodies with the moving link if its travel is estimated, 0 to 0.1.
     pub guess_depth: f64,
@@ -144,7 +144,7 @@ pub struct Options {
     /// Value of the finger joints (joints below the hand) during the motion (m or rad), within their limits; mimic
     /// joints follow. Default: as in `q_start`.
     pub finger_width: Option<f64>,
-    /// Maximum number of actuation poses for which the whole motion is tried: 1 to 1,000.
+    /// Maximum number of actuation poses for which planning the whole motion is attempted: 1 to 1,000.
     pub candidates: usize,
     /// Number of additional start values if no pose from `num_seeds` allows the whole motion: at most 100,000.
     pub extra_seeds: usize,

@@ -228,9 +228,7 @@ pub(crate) fn freeze<T: Serialize>(value: &T) -> PyResult<Vec<u8>> {
 pub(crate) fn thaw<T: DeserializeOwned>(bytes: &[u8]) -> PyResult<T> {
     let fail = |message: String| Err(KpamError::new_err(format!("pickle: {message}")));
     let Some((layout, value)) = bytes.strip_prefix(TAG.as_slice()).and_then(<[u8]>::split_first) else {
-        return fail(
-            "has no version; it was written before 0.2 or is damaged; create it again".to_owned(),
-        );
+        return fail("has no version; it was written before 0.2 or is damaged; create it again".to_owned());
     };
     if *layout != LAYOUT {
         let version = env!("CARGO_PKG_VERSION");

@@ -19,7 +19,10 @@ pub(crate) fn options(py: Python<'_>, options: &mut Value) -> PyResult<()> {
     for (former, today) in OPTIONS {
         let Some(value) = options.remove(former) else { continue };
         if options.insert(today.to_owned(), value).is_some() {
-            return Err(problem_error(&format!("options.{former}"), format!("is the old name of {today}, which is given too; omit it")));
+            return Err(problem_error(
+                &format!("options.{former}"),
+                format!("is the old name of {today}, which is given too"),
+            ));
         }
         warn(py, &format!("options.{former}"), &format!("options.{today}"))?;
     }

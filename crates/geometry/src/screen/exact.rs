@@ -29,7 +29,7 @@ impl Piece {
         Self { solid: Solid::of(&shape), corners, bounds, shape }
     }
 
-    /// Returns the vertices of the box around some pieces, in their link's frame; all at the origin if there are none.
+    /// Returns the vertices of the box around some pieces, in their link's frame; all at the origin without pieces.
     pub fn corners_around(pieces: &[Self]) -> [[f32; 3]; 8] {
         let all = pieces.iter().fold(Aabb::EMPTY, |sum, piece| sum.union(&piece.bounds));
         let ends = if pieces.is_empty() { [[0.0; 3]; 2] } else { [all.min.into(), all.max.into()] };

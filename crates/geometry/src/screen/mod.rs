@@ -31,7 +31,7 @@ pub const LANES: usize = crate::lanes::WIDTH;
 const TREE: usize = 20;
 /// Rounding error of single precision (m) per metre of the robot's size.
 const SLACK: f64 = 1e-5;
-/// Cloud points that are this much (m) beyond the robot's reach get their own grid, so that stray points neither
+/// Cloud points further than this (m) beyond the robot's reach get a separate grid, so that stray points neither
 /// coarsen the main grid nor reduce its precision.
 const BEYOND: f64 = 1.0;
 
@@ -40,7 +40,7 @@ const BEYOND: f64 = 1.0;
 pub(crate) struct Sphere {
     center: [f32; 3],
     radius: f32,
-    /// Radius of a concentric sphere inside the enclosed shape; a large negative number if there is none.
+    /// Radius of a concentric sphere inside the enclosed shape; a large negative number if unknown.
     inner: f32,
 }
 
@@ -91,9 +91,9 @@ pub struct Suspect {
 /// Required distances (m); minus infinity for pairs that are not checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Needs {
-    /// For each group and body, one row for each group.
+    /// One entry for each group and body, in rows by group.
     pub bodies: Vec<f64>,
-    /// For each pair of groups.
+    /// One entry for each pair of groups.
     pub pairs: Vec<f64>,
 }
 
@@ -101,7 +101,7 @@ pub struct Needs {
 pub struct Riders<'a> {
     /// The link.
     pub link: usize,
-    /// Attached shapes and their pose in the link; `None` for the link's own.
+    /// Attached shapes and their pose in the link's frame; `None` for the link's own shapes.
     pub held: Option<(&'a [Convex], Pose)>,
 }
 

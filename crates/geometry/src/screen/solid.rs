@@ -8,7 +8,7 @@ use crate::Convex;
 
 /// Maximum number of faces used for a hull.
 const MAX_FACES: usize = 28;
-/// Faces whose normals are closer than this (cosine) count as one.
+/// Faces whose normals are closer than this (cosine) are merged.
 const SAME_FACE: f64 = 0.985;
 /// Relative error of single-precision sums of a few terms.
 const ROUNDING: f64 = 1e-6;

@@ -17,8 +17,8 @@ static SIDES: LazyLock<[(f64, f64); CONE_SIDES]> =
 
 /// An axis constraint as bands `low <= u . m <= high` of the hand's direction `u`.
 ///
-/// A band whose cone closes at the target (parallel constraints) becomes a polygon inscribed in the cone; an open band
-/// becomes one band along the direction in which the angle changes.
+/// If the permitted directions form a cone around the target (parallel constraints), they become a polygon inscribed in
+/// the cone; otherwise, one band along the direction in which the angle changes.
 pub(super) fn axis_bands(a: &AxisBound, u: &Vector3<f64>) -> impl Iterator<Item = (Vector3<f64>, f64, f64)> + use<> {
     let u = *u;
     let flipped = a.center > std::f64::consts::FRAC_PI_2;

@@ -78,7 +78,7 @@ pub(super) struct BatchProjection {
     /// Squared norms of the residuals: below the first a projection has converged, below the second it may be within
     /// the tolerances.
     pub near: [f32; 2],
-    /// Weights of the joints' steps, relative to each other.
+    /// Relative weights of the joints' steps.
     pub metric: [f32; MAX_JOINTS],
     /// Weights of the joints' squared steps.
     pub weights: [f32; MAX_JOINTS],

@@ -115,7 +115,7 @@ impl ActuationSearch<'_> {
         self.distinct(poses)
     }
 
-    /// Returns the cheapest pose and all others that the seeds lead to.
+    /// Returns the cheapest pose and all other poses that the seeds lead to.
     pub fn all(&mut self, seeds: usize) -> Actuation {
         let found = self.cheapest(seeds);
         Actuation { candidates: self.others(&found.candidates), best_effort: found.best_effort }
@@ -126,7 +126,7 @@ impl ActuationSearch<'_> {
         Seed::at(self.model.unwound(&x, &[0.0; MAX_JOINTS]))
     }
 
-    /// Returns the start values with the lowest cost after the first steps; the others wait.
+    /// Returns the start values with the lowest cost after the first steps; the others are postponed.
     fn screened(&mut self, numbers: Range<usize>) -> Vec<Seed> {
         let seeds: Vec<Seed> = numbers.map(|k| self.seed(self.start(k))).collect();
         let seen = self.batch.project(&seeds, SCREEN);

@@ -77,7 +77,7 @@ impl SolverConfigBuilder {
     /// Returns the config.
     ///
     /// # Errors
-    /// The same as for JSON, with the same field.
+    /// The same errors as for JSON text, with the same field.
     pub fn build(self) -> Result<SolverConfig> {
         self.0.check()?;
         Ok(self.0)

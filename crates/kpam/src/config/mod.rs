@@ -179,7 +179,7 @@ pub enum Gripper {
 }
 
 impl Gripper {
-    /// Name, as in configs.
+    /// Name of the finger mode as written in configs.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

@@ -18,7 +18,7 @@ pub(super) struct Patch {
     pub share: f64,
     /// Centre of the contact points, object frame (m).
     pub center: Point3<f64>,
-    /// Mean outward normal of the object there, object frame.
+    /// Mean outward normal of the object at the contact, object frame.
     pub normal: Vector3<f64>,
 }
 
@@ -31,12 +31,12 @@ pub(super) struct Hold {
     pub offset: f64,
     /// Contacts of the pad on the negative and of the pad on the positive side of the closing axis.
     pub patches: [Patch; 2],
-    /// Unit direction along which the pads press on each other through the object, object frame: the closing axis if
-    /// the contacts are opposite each other, else the line between the centres of both contacts.
+    /// Unit direction (object frame) along which the pads press on each other through the object: the closing axis if
+    /// the contacts are opposite each other, otherwise the line between the centres of both contacts.
     pub press: Vector3<f64>,
 }
 
-/// Travel of a pad until contact, the contact point, and the normal there.
+/// Travel of a pad until contact, the contact point, and the normal at this point.
 type Touch = (f64, Point3<f64>, Vector3<f64>);
 
 /// Memory reused between grasps.

@@ -32,8 +32,8 @@ pub struct GraspOptions {
     pub count: usize,
     /// Number of sampled surface points.
     pub samples: usize,
-    /// Whether every part of the body gets the same number of samples regardless of its area, because a knob is a small
-    /// part of a drawer.
+    /// Whether every part of the body gets the same number of samples regardless of its area; useful for a knob, which
+    /// is a small part of a drawer.
     pub per_part: bool,
     /// Maximum number of hand poses whose contacts and approach are checked, the most promising first.
     pub trials: usize,

@@ -63,7 +63,7 @@ impl GraspTask {
         self
     }
 
-    /// Adds a target pose, after those added before.
+    /// Adds a target pose after the previous ones.
     pub fn target(mut self, target: Target) -> Self {
         self.targets.push(target);
         self
@@ -158,7 +158,7 @@ impl Asked<'_> {
         Ok(Some((pick, carries)))
     }
 
-    /// Returns the bodies of the scene, with the picked one in a role and at a pose.
+    /// Returns the bodies of the scene, in which the picked body gets a role and a pose.
     fn bodies(&self, role: Role, pose: impl Fn(&Pose) -> Pose) -> Result<Bodies, ProblemError> {
         self.scene.with_bodies(|body| body.name == self.task.body, role, pose)
     }
@@ -179,7 +179,7 @@ impl Asked<'_> {
         let hand_object = object_hand.inverse();
         let bodies = self.bodies(Role::Attached, |_| hand_object)?;
         let motions = (vec![Motion::Move(self.task.lift)], vec![]);
-        // This motion starts at rest at the end of the previous one.
+        // A motion to a target starts at rest at the end of the previous motion.
         let options = Options { start_velocity: None, start_acceleration: None, ..self.task.options.clone() };
         self.problem(q, bodies, &hand_object, &target.object, target.free_axis, motions, options)
     }

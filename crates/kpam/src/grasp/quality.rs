@@ -17,7 +17,7 @@ pub struct Quality {
     /// Lever arm (m) of gravity about the midpoint between the pads; without gravity the distance of the centre of
     /// mass.
     pub lever: f64,
-    /// Clearance (m) of the open hand on its approach, from the object and from everything else.
+    /// Clearance (m) of the open hand on its approach, from the object and all other bodies.
     pub clearance: f64,
     /// Angle (rad) between the approach and straight down; 0 without gravity.
     pub tilt: f64,

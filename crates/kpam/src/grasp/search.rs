@@ -196,8 +196,8 @@ impl Search<'_> {
         }
     }
 
-    /// Returns the clearance of the hand (m) and the opening (m) for it: the widest opening with a comfortable
-    /// clearance, else the one with the largest clearance.
+    /// Returns a clearance of the hand (m) and the opening (m) that gives it: the widest opening with a comfortable
+    /// clearance, otherwise the opening with the largest clearance.
     fn room(&self, sweep: &mut HandSweep<'_>, grip: &Pose, width: f64) -> Option<(f64, f64)> {
         let full = self.gripper.stroke()[1];
         let palm = sweep.palm(self.around, grip, self.options.clearance)?;
@@ -218,14 +218,14 @@ impl Search<'_> {
 }
 
 impl Pair {
-    /// Whether both are the same line with the same ends, in either order.
+    /// Whether two lines and their ends coincide, in either order of the ends.
     fn is(&self, other: &Self) -> bool {
         (self.middle - other.middle).norm_squared() < SAME_LINE.0 * SAME_LINE.0
             && self.axis.dot(&other.axis).abs() > SAME_LINE.1
     }
 }
 
-/// Whether two grasps are the same up to swapping the fingers.
+/// Whether two grasps coincide, possibly with the fingers swapped.
 fn same(a: &Pose, b: &Pose) -> bool {
     let (p, q) = (a.rotation.matrix(), b.rotation.matrix());
     (a.translation.vector - b.translation.vector).norm_squared() < SAME.0 * SAME.0

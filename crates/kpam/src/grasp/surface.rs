@@ -13,7 +13,7 @@ pub(super) const ON_SURFACE: f64 = 1e-6;
 /// Weight of a horizontal face relative to a vertical one: objects rest on horizontal faces, and are grasped at the
 /// sides.
 const LEVEL: f64 = 0.2;
-/// Planes closer than this count as one.
+/// Planes closer than this count as one plane.
 const SAME_PLANE: f64 = 1e-7;
 
 #[derive(Debug, Clone, Copy)]
@@ -225,7 +225,7 @@ fn against(normal: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
     if normal.dot(direction) > 0.0 { -normal } else { *normal }
 }
 
-/// Merges spans that overlap or nearly touch.
+/// Merges intervals that overlap or nearly touch.
 fn join(spans: &mut Vec<Span>) {
     spans.sort_by(|a, b| a.enter.total_cmp(&b.enter));
     spans.dedup_by(|next, last| {

@@ -55,7 +55,7 @@ impl Planner<'_> {
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
         let mut wide = self.margins(&start, goal, segment, self.margin + CURVED, out.is_some());
         if out.is_some() {
-            // A separated pair keeps its current distance; other pairs keep their distance at the start, not the one on
+            // A separated pair keeps its current distance; other pairs keep their distance at the start, not that on
             // the way out.
             let there = self.margins(&begin, &begin, segment, self.margin + CURVED, true);
             self.world.keep_apart(&mut wide, there);

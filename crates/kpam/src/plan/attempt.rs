@@ -24,13 +24,13 @@ pub(super) enum Stage {
 #[derive(Clone)]
 pub(super) struct Attempt {
     pub x: Row,
-    /// The actuation pose before whole turns were removed.
+    /// The actuation pose before whole turns of unlimited joints were removed.
     pub origin: Row,
     /// Index of its pose in the order in which poses are tried.
     pub rank: usize,
     pub stage: Stage,
     pub motions: Motions,
-    /// Free motions to the first keyframe, each from rest to rest; empty if there is none.
+    /// Free motions to the first keyframe, each from rest to rest; empty if none was found.
     pub approach: Vec<Vec<Row>>,
     /// Joint waypoints of each hand path: entry `i` leads to keyframe `i + 1`. Paths after a failure are missing, and
     /// the failed path ends at its last valid waypoint.
@@ -42,7 +42,7 @@ pub(super) struct Attempt {
     /// Margins of the free motion and of each path.
     pub kept: Margins,
     pub margins: Vec<Margins>,
-    /// Number of complete paths after the actuation, and the fraction of the next one.
+    /// Number of complete paths after the actuation, and the followed fraction of the next path.
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
     pub failure: Option<Failure>,
@@ -140,7 +140,7 @@ impl Attempt {
 }
 
 impl Planner<'_> {
-    /// Checks single waypoints after the actuation: an obstacle at one of them bounds the extent of the motion at much
+    /// Checks single waypoints after the actuation. An obstacle at a waypoint bounds the extent of the motion at much
     /// lower cost than a sweep.
     pub(super) fn see(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
@@ -183,7 +183,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Searches the free motion to the first keyframe; returns whether there is one.
+    /// Searches the free motion to the first keyframe; returns whether one was found.
     fn approach_first(&mut self, out: &mut Attempt, samples: usize) -> bool {
         let goal = out.arrival(self.entry);
         let keyframe = self.entry;

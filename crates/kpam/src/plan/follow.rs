@@ -10,8 +10,8 @@ use crate::model::Row;
 use crate::motion::motions;
 use crate::world::{Margins, State, Way, World, even, travel_along, travel_over};
 
-/// A joint this close to a limit (rad or m) is reported as the reason for a path's end, since one step of the hand
-/// moves it as far.
+/// A joint this close to a limit (rad or m) is reported as the reason for a path's end; one step of the hand moves a
+/// joint about as far.
 const AT_LIMIT: f64 = 10.0 * LIMIT_MARGIN;
 
 impl Planner<'_> {

@@ -1,4 +1,4 @@
-//! Planning: the cheapest actuation pose whose whole motion is reachable and collision-free.
+//! Planning: finds the cheapest actuation pose whose whole motion is reachable and collision-free.
 
 mod approach;
 mod attempt;
@@ -121,7 +121,7 @@ pub struct TriedPose {
     pub rank: usize,
     /// Status of its motion.
     pub status: Status,
-    /// Explanation in one sentence.
+    /// Explanation of the outcome in one sentence.
     pub reason: String,
 }
 
@@ -133,7 +133,7 @@ pub struct Plan {
     pub schema_version: u32,
     /// Outcome of planning, including the motion.
     pub outcome: Outcome,
-    /// Explanation in one sentence.
+    /// Explanation of the outcome in one sentence.
     pub reason: String,
     /// Clearance (m) that the motion keeps from bodies that it may not touch, except the pairs in `tight`.
     pub margin: f64,
@@ -161,7 +161,7 @@ pub struct Plan {
     pub tried: usize,
     /// Outcome of each tried pose, if [`Request::explain`] is set.
     pub tried_poses: Vec<TriedPose>,
-    /// Constraints at `q_plan`, else at `q_actuation`, else at `q_best_effort`.
+    /// Residuals of the constraints at `q_plan`, otherwise at `q_actuation` or `q_best_effort`.
     pub residuals: Vec<Residual>,
     /// Keyframes that follow from `q_plan`.
     pub keyframes: Vec<KeyframeReport>,
@@ -187,8 +187,7 @@ impl Plan {
     }
 }
 
-/// CPU time of the planning thread by stages (s). The times are kept outside the plan, because a plan is the same in
-/// every run.
+/// CPU time of the planning thread by stages (s). The times are kept outside the plan, because plans are reproducible.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[non_exhaustive]
 pub struct StageTimes {
@@ -217,8 +216,8 @@ pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTim
 /// Like [`plan_timed`], with a request.
 ///
 /// # Errors
-/// The motion does not have the requested keyframe, or the keyframe lies after the actuation pose and there is no
-/// earlier plan with that pose.
+/// The motion does not have the requested keyframe, or the keyframe lies after the actuation pose and `warm_start` has
+/// no actuation pose.
 pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Plan, StageTimes), ProblemError> {
     let begun = std::time::Instant::now();
     let mut times = StageTimes::default();

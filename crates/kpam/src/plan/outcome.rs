@@ -34,7 +34,7 @@ pub enum Status {
 }
 
 impl Status {
-    /// Name, as in reports.
+    /// Name of the status as used in reports, such as `solved`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

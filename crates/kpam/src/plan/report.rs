@@ -169,7 +169,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Returns the outcome of one pose.
+    /// Returns the outcome of planning with one actuation pose.
     pub(super) fn explained(&self, attempt: &Attempt) -> TriedPose {
         let label = |k: usize| attempt.motions.keyframes[k].label.clone();
         let (status, reason) = match &attempt.failure {

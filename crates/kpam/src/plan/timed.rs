@@ -58,7 +58,7 @@ pub(super) struct Stretch<'a> {
     pub toward: usize,
     /// Whether it comes after the actuation.
     contact: bool,
-    /// Hand path that it follows, and the covered fraction of it.
+    /// Hand path that this part follows, and the fraction that it covers.
     hand: Option<(&'a HandPath, f64)>,
     /// Whether the motion stops at its end.
     pub stops: bool,
@@ -93,8 +93,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Returns the rest of the earlier plan's motion, if it passes the start at the start time and leads to the same
-    /// pose.
+    /// Returns the rest of the earlier plan's motion, if it passes the start at the start time and leads to the
+    /// attempt's pose.
     fn going_on(&self, attempt: &Attempt, segments: &[Stretch<'_>]) -> Option<Timed> {
         let former = self.warm_start?;
         let (motion, pose, start) = (former.trajectory()?, former.q_plan.as_ref()?, self.builder.now());

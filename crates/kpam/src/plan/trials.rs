@@ -127,7 +127,7 @@ impl Planner<'_> {
                 break;
             }
         }
-        // Additional poses that meet the constraints, if the cheap ones allow no motion.
+        // Try additional poses that meet the constraints if the cheap ones allow no motion.
         let mut extra = 0;
         for start in 0..options.extra_seeds {
             if self.is_done(&trials) || extra > most {

@@ -16,7 +16,7 @@ pub struct KeypointProblemBuilder(KeypointProblem);
 
 impl KeypointProblem {
     /// Returns a builder for a robot at joints `q_start` (one entry for each joint), without keypoints, joint or
-    /// bodies, with object and world at the base and default options.
+    /// bodies, with object and world frame at the base, and default options.
     pub fn builder(robot: Arc<Robot>, config: SolverConfig, q_start: Vec<f64>) -> KeypointProblemBuilder {
         KeypointProblemBuilder(Self {
             robot,

@@ -60,7 +60,7 @@ impl KeypointProblem {
         self.resolve().map(|_| ())
     }
 
-    /// Validates that picked and released bodies exist, and that the joint's travel has one entry for each motion.
+    /// Validates that picked and released bodies exist, and that `joint_travel` has one entry for each motion.
     fn check_acts(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         for (field, names) in [("pick", &self.options.pick), ("release", &self.options.release)] {
@@ -98,7 +98,7 @@ impl KeypointProblem {
                 let joints = self.robot.joints();
                 let name = joints[i].name();
                 let source = joints[i].mimic().map_or(name, |m| joints[m.source].name());
-                let message = format!("{given} contradicts the mimic joint {name}, whose value follows from {source}: {follows}");
+                let message = format!("{given} contradicts the mimic joint {name}, which follows {source}: {follows}");
                 return Err(ProblemError::new(format!("q_start[{i}]"), message));
             }
         }
@@ -109,7 +109,7 @@ impl KeypointProblem {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         if self.options.contacts.is_some() && self.options.reach_clearance.is_some() {
             let message =
-                "belongs to the default contact rules, which options.contacts replaces; omit one of the two options".to_owned();
+                "is part of the default rules, which options.contacts replaces; omit one of the two options".to_owned();
             return fail("reach_clearance", message);
         }
         for (i, window) in self.options.contacts.iter().flatten().enumerate() {

@@ -141,7 +141,7 @@ impl KeypointProblem {
         }
     }
 
-    /// The contact point in the hand frame: the tool keypoint of the first point constraint, or else the origin.
+    /// The contact point in the hand frame: the tool keypoint of the first point constraint, or the origin without one.
     pub(crate) fn contact_point(&self) -> Vector3<f64> {
         self.config
             .constraints

@@ -1,4 +1,4 @@
-//! The same QPs solved by Clarabel's interior-point method: slower at this size, but an independent check.
+//! Solves the same quadratic programs with Clarabel's interior-point method, as an independent but slower check.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{

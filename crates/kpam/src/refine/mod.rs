@@ -1,10 +1,10 @@
 //! Trajectory optimization: shortens a plan's waypoint path by sequential quadratic programming.
 //!
-//! The cost is the sum of squared joint steps between waypoints, weighted by the problem's `joint_weights` (in the
-//! original 10 for the first joint and 1 for the others). Hand poses at keyframes are kept (position exactly,
-//! orientation within 0.03 rad), on request also the hand path from the actuation on. Joint limits and clearances are
-//! linearized at each waypoint, clearances also halfway between two waypoints. Each round solves one banded program;
-//! its step is accepted only if the motion becomes cheaper and stays collision-free wherever it was before.
+//! The cost is the sum of squared joint steps between waypoints, weighted by the problem's `joint_weights` (GenSim2
+//! uses 10 for the first joint and 1 for the others). Hand poses at keyframes are kept (position exactly, orientation
+//! within 0.03 rad), and optionally the hand path after the actuation. Joint limits and clearances are linearized at
+//! each waypoint, clearances also halfway between two waypoints. Each round solves one banded program; its step is
+//! accepted only if the motion becomes cheaper and stays collision-free wherever it was before.
 
 mod program;
 
@@ -228,7 +228,7 @@ impl Refinement<'_> {
         (1..out.len()).all(|k| !self.free[k - 1] || self.is_free(&out, k)).then_some(out)
     }
 
-    /// Returns joints near `x` with the hand's origin at that of `hand` and a rotation within the limit.
+    /// Returns joints near `x` with the hand's origin at that of `hand` and the hand's rotation within `TURN` of it.
     fn brought_to(&mut self, hand: &Pose, x: &Row) -> Option<Row> {
         let n = self.model.n();
         let mut x = *x;

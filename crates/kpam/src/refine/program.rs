@@ -7,7 +7,7 @@ use clarabel::solver::{
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// `low <= sum of row . step <= high` over the steps of one or two waypoints.
+/// A bound `low <= sum of row . step <= high` over the steps of one or two waypoints.
 #[derive(Debug, Clone)]
 pub(super) struct Bound {
     pub parts: Vec<(usize, Row)>,

@@ -49,7 +49,7 @@ pub(super) struct Problem {
     pub fixed: f64,
 }
 
-/// Returns the maximum x at a position, given by the joint that first reaches its velocity limit.
+/// Returns the maximum x at a position, which the first joint at its velocity limit determines.
 fn greatest(limits: &Limits, slope: impl Fn(usize) -> f64, pace: f64, share: f64) -> f64 {
     let speed = (0..limits.joints()).map(|v| limits.velocity[v] / slope(v).abs()).fold(pace, f64::min);
     share * share * speed * speed

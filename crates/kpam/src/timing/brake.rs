@@ -1,4 +1,4 @@
-//! Stops along a motion's own path.
+//! Fastest stops of a motion along its path.
 
 use super::by_length::{LONGEST, Path, STILL, norm};
 use super::limits::TOLERANCE;
@@ -66,7 +66,7 @@ impl Trajectory {
         let rest = if path.rests { path.end() } else { self.end() };
         let patience = if path.rests { PATIENCE * time(&own) + LONGEST } else { time(&own) };
         let pieces = match best {
-            // A stop that does not end earlier is replaced by the rest of the motion.
+            // The end of the motion itself replaces a stop that would not end earlier.
             Some(nodes) if time(&nodes) < rest - begin => vec![Piece::smooth(begin, joints, &nodes, &[])],
             None if patience < rest - begin => vec![Piece::plain(begin, joints, &own)],
             _ => {

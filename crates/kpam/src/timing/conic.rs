@@ -39,9 +39,9 @@ impl Rows {
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&Cancel>) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let ceilings = grid.ceilings(limits, begin);
-    // Scaled so that x is about 1 along the path. The median ceiling is used because where the path hardly moves any
-    // joint, velocity limits allow arbitrarily large x, and relative to the maximum x would be below the solver's
-    // tolerance everywhere else.
+    // The median ceiling scales x to about 1 along the path. The maximum is unsuitable: velocity limits allow
+    // arbitrarily large x where the path hardly moves any joint, and x would be below the solver's tolerance everywhere
+    // else.
     let mut finite: Vec<f64> = ceilings.iter().copied().filter(|c| c.is_finite() && *c > 0.0).collect();
     finite.sort_by(f64::total_cmp);
     let unit = finite.get(finite.len() / 2).copied().unwrap_or(1.0);

@@ -9,7 +9,7 @@ use super::trajectory::{Builder, Refusal};
 use crate::ProblemError;
 use crate::model::{JointMap, MAX_JOINTS, Row};
 
-/// Number of states before the second waypoint at which a motion from a moving start may switch to one from rest.
+/// Number of states before the second waypoint at which a motion from a moving start may switch to a motion from rest.
 const STATES: usize = 24;
 
 /// Waypoints of a motion, its stops, and minimum times between waypoints.

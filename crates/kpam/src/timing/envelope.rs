@@ -35,8 +35,8 @@ impl Braking {
         finite && self.gain > 0.0 && self.offset >= 0.0 && self.lower < self.upper
     }
 
-    /// Returns the distance to the end in the direction of a side (1 up, -1 down), and the speed limit there; negative
-    /// if motion is not allowed.
+    /// Returns the distance to the end of the range on a side (1 up, -1 down), and the speed limit towards it; negative
+    /// if no motion towards it is allowed.
     fn most(&self, side: f64, q: f64) -> f64 {
         (self.gain * self.room(side, q)).max(0.0).sqrt() - self.offset
     }
@@ -274,7 +274,7 @@ mod tests {
         assert!(time(&bound, 1.0, 2.7) > 1.05 * time(&plain, 1.0, 2.7));
         // Far from the end the bound is inactive.
         assert!((time(&bound, 2.7, 1.0) - time(&plain, 2.7, 1.0)).abs() < 2e-3);
-        // Within a hundredth of the end the bound is zero: no motion towards the end, but one away from it.
+        // Within a hundredth of the end, the bound forbids motion towards the end, but not away from it.
         let line = |from: f64, to: f64| retime(&[vec![from], vec![to]], &bound, &RetimeOptions::default());
         assert!(line(2.0, 2.745).is_err());
         assert!(line(2.745, 2.0).is_ok());

@@ -143,7 +143,7 @@ impl Limits {
         out
     }
 
-    /// Returns whether a motion that keeps `other` keeps these limits, up to [`TOLERANCE`].
+    /// Returns whether every motion within `other` keeps these limits, up to [`TOLERANCE`].
     pub(crate) fn admit(&self, other: &Self) -> bool {
         let within = |own: &Row, other: &Row| (0..self.joints).all(|v| other[v] <= own[v] * (1.0 + 2.0 * TOLERANCE));
         let bound = match (&self.envelope, &other.envelope) {

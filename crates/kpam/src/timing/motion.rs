@@ -95,7 +95,7 @@ pub(crate) fn shares(limits: &Limits, a: &Node, b: &Node) -> [f64; 2] {
 /// The quintic with given position, velocity and acceleration at two nodes, by its Bernstein coefficients.
 struct Quintic {
     h: f64,
-    /// Differences of the position's coefficients from the first one.
+    /// Differences of the position's coefficients from the first coefficient.
     control: [f64; 6],
 }
 
@@ -397,7 +397,7 @@ impl Piece {
     }
 
     /// Returns position, velocity and acceleration at a time of the trajectory (s); before the start and after the end,
-    /// those at the ends.
+    /// the state at the start or end.
     pub fn at(&self, time: f64) -> [Row; 3] {
         let to = (time - self.start).clamp(0.0, self.duration());
         let from = to - self.width;

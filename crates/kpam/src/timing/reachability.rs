@@ -7,7 +7,7 @@ use super::grid::Grid;
 use super::limits::Limits;
 use super::time_scaling::ROUNDING;
 
-/// Coefficients of u smaller than this multiple of that of x are treated as zero.
+/// A coefficient of u smaller than this multiple of the coefficient of x is treated as zero.
 const FLAT: f64 = 1e-9;
 
 /// Range of u: slope * x + below <= u <= slope * x + above.

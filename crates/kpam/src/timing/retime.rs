@@ -89,7 +89,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     };
     let last = points.len() - 1;
     if let Some(stop) = options.stops.iter().find(|s| **s > last) {
-        return Err(ProblemError::new("stops", format!("{stop} is not the index of a waypoint; the last index is {last}")));
+        return Err(ProblemError::new("stops", format!("{stop} is not the index of a waypoint; the last is {last}")));
     }
     if !options.slowest.is_empty() && options.slowest.len() != last {
         let message = format!("has {} entries; there are {last} intervals between waypoints", options.slowest.len());

@@ -27,7 +27,7 @@ const MOST_CELLS: f64 = 3000.0;
 /// Share of the limits on acceleration, jerk and position-dependent velocities to aim for, since they are imposed at
 /// stations but must also hold between them.
 const AIM: f64 = 0.998;
-/// Factors on the shares of velocity, acceleration and jerk limits for a cell that exceeded one.
+/// Factors on the shares of velocity, acceleration and jerk limits in a cell that exceeded a limit.
 const LESS: [f64; 3] = [0.9999, 0.999, 0.999];
 /// Number of rounds in which cells that exceed a limit are computed again with a smaller share of that limit, and the
 /// factor by which the whole motion may be slowed instead.

@@ -185,7 +185,7 @@ pub(crate) fn length(joints: usize, waypoints: &[Row]) -> f64 {
 
 /// Returns waypoints on a polygon: its vertices, and points at most `spacing` apart between them. The spacing
 /// determines how far before and after a vertex the curve bends. Towards both ends the waypoints become denser, down to
-/// `near`, so that a bend at the continuation of the curve does not extend far.
+/// `near`, so that the curve bends only near the ends when another one is joined there.
 pub(crate) fn rounded(joints: usize, corners: &[Row], spacing: f64, near: f64) -> Vec<Row> {
     let mut out: Vec<Row> = corners.first().copied().into_iter().collect();
     for (k, pair) in corners.windows(2).enumerate() {

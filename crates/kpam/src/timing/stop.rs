@@ -43,7 +43,7 @@ pub(super) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -
     if left == 0.0 {
         return settling(acceleration, jerk);
     }
-    // In the direction of that velocity, acceleration decreases to -peak, is held, and returns to zero.
+    // In the direction of this velocity, acceleration decreases to -peak, stays there, and returns to zero.
     let side = left.signum();
     let (velocity, acceleration) = (side * velocity, side * acceleration);
     let peak = (jerk * velocity + 0.5 * acceleration * acceleration).max(0.0).sqrt();

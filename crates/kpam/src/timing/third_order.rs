@@ -42,7 +42,7 @@ pub(crate) struct PathProblem<'a> {
     pub cancel: Option<&'a Cancel>,
 }
 
-/// Maximum share of the time that the barrier may cost; the actual cost is a twentieth of it.
+/// Maximum share of the duration by which the barrier may exceed the optimum; the actual excess is about a twentieth.
 const GAP: f64 = 0.06;
 /// Growth factor of the weight of the time, and maximum Newton steps for one weight and in total.
 const GROWTH: f64 = 12.0;
@@ -118,7 +118,7 @@ fn worst(problem: &Problem, c: &[f64]) -> f64 {
     problem.usage(c).into_iter().fold(0.0, f64::max)
 }
 
-/// Returns a slow initial motion: an S-curve within limits that hold along the whole path.
+/// Returns a slow initial motion: an S-curve with limits that hold along the whole path.
 fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
     let whole = path.stations.last()?.s;
     let limits = path.limits;

@@ -25,7 +25,7 @@ pub enum Method {
 const ROUNDS: usize = 6;
 /// Share of the acceleration limit to aim for, so that most cells need no second round.
 const AIM: f64 = 0.998;
-/// If slowing the whole motion by at most this factor is enough, no further round is made.
+/// No further round is needed if slowing the whole motion by at most this factor suffices.
 const NEGLIGIBLE: f64 = 1.003;
 /// A path is impassable if its motion would have to be slowed by this factor: some joint may not move there.
 pub(crate) const IMPASSABLE: f64 = 1.5;

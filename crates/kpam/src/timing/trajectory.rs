@@ -357,7 +357,7 @@ impl Trajectory {
             && self.moving_with_rates(t).iter().zip(state).all(|(a, b)| a.iter().zip(b).all(|(a, b)| near(*a, *b)))
     }
 
-    /// Returns the pieces from a time on; the first one takes effect there.
+    /// Returns the pieces from a time on; the first piece takes effect at this time.
     pub(crate) fn from(&self, t: f64) -> Vec<Piece> {
         let first = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
         let mut out: Vec<Piece> = self.pieces.get(first..).unwrap_or_default().to_vec();

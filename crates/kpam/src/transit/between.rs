@@ -39,7 +39,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Returns whether the gaps at both ends are sufficient for the movement between them.
+    /// Returns whether the gaps of a pair in both configurations suffice for the movement between them.
     pub fn covers(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &Travel) -> bool {
         if place >= groups {
             return self.used(a, b, place, groups, &travel.gone);
@@ -105,8 +105,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Returns whether the gaps at both ends are sufficient for the movement between them. A point at distance r from a
-    /// joint's axis moves at most r + d per radian while it stays within d of its position.
+    /// Returns whether the gaps of a pair in both configurations suffice for the movement between them. A point at
+    /// distance r from a joint's axis moves at most r + d per radian while it stays within d of its position.
     fn used(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
         let (one, two) = (a.gaps[place], b.gaps[place]);
         if !(one > 0.0 && two > 0.0) {

@@ -215,9 +215,9 @@ impl Transit<'_> {
         Err(stuck)
     }
 
-    /// Returns the motion from a moving start along corners: to a position on the first edge, and from there along a
-    /// rounded curve, which begins while the first motion still brakes. If none is free, the motion stops at every
-    /// corner.
+    /// Returns the motion from a moving start along corners: first to a position on the first edge, then along a
+    /// rounded curve, which begins while the first motion still brakes. If no such motion is collision-free, it stops
+    /// at every corner.
     pub(super) fn blended(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);

@@ -100,7 +100,7 @@ pub(super) fn search(
     seed: usize,
     manner: Manner,
 ) -> Option<Vec<Row>> {
-    // Straight edges first, the shortest one first.
+    // Try the straight edges to the goals first, the shortest one first.
     let mut near: Vec<&Row> = goals.iter().collect();
     near.sort_by(|a, b| field.length(start, a).total_cmp(&field.length(start, b)));
     for goal in near {

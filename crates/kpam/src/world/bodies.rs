@@ -14,7 +14,7 @@ struct Shared {
     obstacles: OnceLock<Obstacles>,
 }
 
-/// Bodies, and the hierarchy over the fixed ones. Clones share both.
+/// Bodies, and the bounding volume hierarchy over the fixed bodies. Clones share both.
 #[derive(Clone, Default)]
 pub struct Bodies(Arc<Shared>);
 

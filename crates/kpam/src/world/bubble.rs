@@ -11,7 +11,7 @@ pub(crate) struct Near {
     pub other: Option<usize>,
 }
 
-/// Whether each joint carries each group: one row for each group, the object's joint last.
+/// Which joints carry which groups: one row for each group, the object's joint last.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Carried {
     pub joints: usize,

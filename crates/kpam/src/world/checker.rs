@@ -105,7 +105,10 @@ impl<'s> Checker<'s> {
     /// As [`Checker::hits`], for the first invalid vector; or there are too many vectors.
     pub fn hits_each(&mut self, rows: &[&[f64]]) -> Result<Vec<bool>, ProblemError> {
         if rows.len() > LANES {
-            return Err(ProblemError::new("q", format!("has {} rows; at most {LANES} can be checked at once", rows.len())));
+            return Err(ProblemError::new(
+                "q",
+                format!("has {} rows; at most {LANES} are checked at once", rows.len()),
+            ));
         }
         for q in rows {
             self.fits(q)?;

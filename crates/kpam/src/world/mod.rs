@@ -101,7 +101,7 @@ impl<'x> State<'x> {
     }
 }
 
-/// The world of one problem: its groups, and a table for each segment. Names are resolved on construction.
+/// The world of one problem: its groups, and a table of rules for each segment. Names are resolved on construction.
 pub(crate) struct World<'p> {
     pub problem: &'p KeypointProblem,
     model: &'p Model,

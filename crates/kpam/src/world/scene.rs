@@ -192,10 +192,7 @@ impl Scene {
         })
     }
 
-    /// Returns the bodies, with those moved by the joint as moving links, for a problem about that joint.
-    ///
-    /// # Errors
-    /// The joint does not exist.
+    /// Returns the bodies for a problem about a joint: the bodies that this joint moves are moving links.
     pub fn bodies_about(&self, joint: Option<&str>) -> Result<Bodies, ProblemError> {
         let Some(joint) = joint else { return Ok(self.bodies.clone()) };
         let moves = &self.joint(joint)?.moves;
@@ -227,7 +224,7 @@ impl Scene {
         })
     }
 
-    /// Returns the bodies, with those selected by `which` in a role and moved from their poses.
+    /// Returns the bodies; those selected by `which` get a role and are moved from their poses.
     pub(crate) fn with_bodies(
         &self,
         which: impl Fn(&Body) -> bool,

@@ -307,7 +307,7 @@ impl World<'_> {
             next = low;
         }
         // Close to a body, continue by the minimum step, at most to the next waypoint, so that nothing moves further
-        // than that unchecked.
+        // between two checks.
         let steps = self.segment(way, (next as usize).min(last.saturating_sub(1)));
         let fastest = bubble.fastest(&steps);
         self.steps = steps;
