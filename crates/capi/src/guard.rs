@@ -51,7 +51,7 @@ pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Fault>) -> kpam_status {
             Fault(kpam_status::KPAM_PANIC, format!("the solver failed: {said}"))
         }
     };
-    // A message with a file name may contain a zero byte.
+    // A message with a file name may contain a zero byte, which would end the C string.
     let sentence = CString::new(sentence.replace('\0', " ")).unwrap_or_default();
     LAST.with(|last| *last.borrow_mut() = sentence);
     status

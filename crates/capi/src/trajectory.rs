@@ -68,10 +68,7 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
     })
 }
 
-/// Creates a motion from another.
-///
-/// # Safety
-/// `trajectory` is null or a motion that was not freed; `out` is null or can be written.
+/// Creates a motion from another motion with `make`.
 unsafe fn made_of(
     trajectory: *const kpam_trajectory,
     out: *mut *mut kpam_trajectory,

@@ -24,7 +24,7 @@ impl Cancel {
         self.flag.store(true, Ordering::Relaxed);
     }
 
-    /// Returns the flag with a time after which it counts as set.
+    /// Returns the flag with a time after which it counts as set, too.
     pub(crate) fn until(self, end: Option<Instant>) -> Self {
         Self { end: end.or(self.end), ..self }
     }
@@ -36,7 +36,7 @@ impl Cancel {
     }
 }
 
-/// Returns the time at which planning that started at `begun` must end; `None` if the deadline is too far for the
+/// Returns the time at which planning that started at `begun` must end; `None` for no deadline, or one too far for the
 /// clock.
 pub(crate) fn end_of(begun: Instant, deadline: Option<Duration>) -> Option<Instant> {
     deadline.and_then(|time| begun.checked_add(time))

@@ -31,14 +31,14 @@ const FR3_BRAKING: [[f64; 4]; 7] = [
     [3.0196, -3.0196, 34.0, 0.35],
 ];
 
-/// Returns the position-dependent velocity limits of a known arm.
+/// Returns the position-dependent velocity limits of the arm named in the options, if any.
 pub(crate) fn braking(options: &Options) -> Option<Envelope> {
     let one = |[upper, lower, gain, offset]: [f64; 4]| Some(Braking { upper, lower, gain, offset });
     let list = FR3_BRAKING.map(one);
     (options.limits == Some(LimitSet::Fr3)).then(|| Envelope::new(list.len(), &list).ok()).flatten()
 }
 
-/// Returns the velocity limits of a known arm, in addition to the URDF's.
+/// Returns the velocity limits of the arm named in the options, which hold in addition to the URDF's.
 pub(crate) fn greatest_velocity(options: &Options) -> Option<[f64; 7]> {
     (options.limits == Some(LimitSet::Fr3)).then_some(FR3_VELOCITY)
 }

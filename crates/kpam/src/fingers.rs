@@ -7,7 +7,7 @@ use crate::{KeypointProblem, ProblemError};
 /// Tolerance of a finger's limits for rounding (rad or m).
 const ROUNDING: f64 = 1e-6;
 
-/// Moving joints whose links hang below the hand.
+/// Moving joints whose links are descendants of the hand.
 fn finger_joints(robot: &Robot) -> Vec<usize> {
     let links = robot.links();
     let mut below = vec![false; links.len()];

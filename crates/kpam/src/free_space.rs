@@ -114,11 +114,11 @@ pub(crate) enum NoWay {
     Blocked(Hit),
     /// The search used up its samples; this obstacle blocks the straight segment.
     NotFound(Hit),
-    /// Like `NotFound`, and no sample could be connected to the start.
+    /// Like `NotFound`, but no sample could be connected to the start.
     BoxedIn(Hit),
 }
 
-/// Sampling parameters of a search for a free motion.
+/// Sampling parameters of a search for a collision-free motion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sampling {
     /// Maximum number of samples of the search.
@@ -226,8 +226,8 @@ pub(crate) fn way_out(
     None
 }
 
-/// Returns whether the straight segment between two free joint vectors is free. A few configurations are checked first,
-/// since they reveal most obstacles.
+/// Returns whether the straight segment between two collision-free joint vectors is collision-free. A few
+/// configurations are checked first, since they reveal most obstacles.
 fn is_free(world: &mut World<'_>, n: usize, a: &Row, b: &Row, segment: MotionSegment, margins: &Margins) -> bool {
     let blocked = |s: &f64| world.hit_at(State::still(&between(n, a, b, *s)), segment, margins).is_some();
     ![0.5, 0.25, 0.75].iter().any(blocked) && world.sweep(a, b, segment, margins).is_none()

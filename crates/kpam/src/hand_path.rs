@@ -32,7 +32,7 @@ pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
 
 /// Waypoints along a path, as far as the arm can follow it.
 pub(crate) struct Followed {
-    /// Joints at even steps of the path, starting with the start.
+    /// Joints at even steps of the path, including its start.
     pub waypoints: Vec<Row>,
     /// Fraction of the path that was followed; 1 if all of it was.
     pub fraction: f64,
@@ -94,7 +94,7 @@ impl<'p> Follower<'p> {
 
     fn follow_in(&mut self, path: &impl Guide, x: &Row, backwards: bool, strides: usize, finer: usize) -> Followed {
         let steps = strides * finer;
-        // The push per step is divided among finer steps, so that the arm moves equally fast.
+        // The push per step is divided among finer steps, so that joints are pushed equally far along the path.
         let keep = KEEP.powf(1.0 / finer as f64);
         let push = PUSH * (1.0 - keep) / finer as f64;
         let mut waypoints = vec![*x];

@@ -52,7 +52,7 @@ impl JointMap {
         Self { rest: rest.to_vec(), indices: (0..joints).collect(), driven: (0..joints).map(own).collect() }
     }
 
-    /// Whether the map refers to existing joints and variables with finite numbers.
+    /// Whether the map refers only to existing joints and variables, and its numbers are finite.
     pub(crate) fn is_sound(&self) -> bool {
         let (joints, variables) = (self.rest.len(), self.indices.len());
         let drives = |d: &DrivenJoint| {

@@ -89,7 +89,7 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
     let before = schedule.actuation();
     let mut keyframes = vec![Keyframe { label: schedule.label(before), hand: *actuation }];
     let mut paths = Vec::new();
-    // Pre-actuation motions are chained away from the actuation pose, backwards in time.
+    // Pre-actuation motions are applied one after another from the actuation pose, backwards in time.
     for (i, motion) in config.pre.iter().enumerate() {
         let next = keyframes[0].hand;
         let (hand, path) = match *motion {
@@ -106,7 +106,7 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
                 let hand = shifted(&next, &v);
                 (hand, HandPath::Line { from: hand, to: next })
             }
-            // The config reader refuses these motions before the actuation.
+            // The config's validation rejects these motions before the actuation.
             Motion::FollowJoint(_) | Motion::FollowJointTo(_) | Motion::TraceJoint(_) | Motion::TraceJointTo(_) => {
                 (next, HandPath::Line { from: next, to: next })
             }

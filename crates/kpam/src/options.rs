@@ -41,7 +41,7 @@ pub enum LimitSet {
     Plain,
 }
 
-/// Frame of list-type translations after the actuation.
+/// Frame of translations after the actuation that the config writes as lists, such as `["translate_z", 0.1]`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -87,7 +87,7 @@ pub struct ContactWindow {
 pub struct Options {
     /// Timing of keyframes; default: the config's times if it sets any, otherwise the limits.
     pub timing: Option<Timing>,
-    /// Time of the first waypoint (s), on the config's clock, within 1e6.
+    /// Start time of the motion (s) on the config's clock, from -1e6 to 1e6.
     pub start_time: f64,
     /// Fraction of the velocity limits, 0.001 to 1.
     pub velocity_scale: f64,
@@ -110,7 +110,7 @@ pub struct Options {
     pub start_acceleration: Option<Vec<f64>>,
     /// Maximum speed (m/s) of the contact point from the actuation on, 0.001 to 1,000; null for no limit.
     pub contact_speed: Option<f64>,
-    /// Frame of list-type post-actuation translations.
+    /// Frame of post-actuation translations that the config writes as lists.
     pub frames: Frames,
     /// Hand path of "rotate".
     pub rotate_path: RotatePath,
@@ -136,8 +136,8 @@ pub struct Options {
     /// the overlap is deeper.
     pub start_depth: f64,
     /// Clearance (m) of robot and attached bodies from the handled bodies (moving link, targets, picked bodies) up to
-    /// the actuation pose, 0 to 0.05. By default, hand and fingers may touch them in the last segment before the
-    /// actuation pose, and targets always.
+    /// the actuation pose, 0 to 0.05. By default, hand and fingers may touch these bodies in the last segment before
+    /// the actuation pose, and targets always.
     pub reach_clearance: Option<f64>,
     /// Whether to accept the longest part of the motion if the rest after the actuation pose is unreachable or blocked.
     pub allow_partial: bool,

@@ -12,7 +12,8 @@ use proptest::prelude::*;
 
 const STROKE: f64 = 0.08;
 
-/// Pads of 20 x 20 mm on fingers 15 mm thick and 50 mm long under a palm, fingers along z, closing along x.
+/// Returns default options changed by `set`. The gripper below has pads of 20 x 20 mm, fingers of 15 x 50 mm, and a
+/// palm.
 fn options(set: impl FnOnce(&mut GraspOptions)) -> GraspOptions {
     let mut options = GraspOptions::default();
     set(&mut options);

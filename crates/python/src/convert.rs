@@ -39,7 +39,7 @@ pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f6
     Ok((data, view.shape().to_vec()))
 }
 
-/// Returns whether all numbers are aligned in memory.
+/// Returns whether the numbers of an array are aligned in memory.
 pub(crate) fn is_aligned<D: ndarray::Dimension>(array: &Bound<'_, PyArray<f64, D>>) -> bool {
     array.data().is_aligned() && array.strides().iter().all(|step| step % 8 == 0)
 }

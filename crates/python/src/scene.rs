@@ -404,7 +404,7 @@ impl PyScene {
         found.map_err(|e| from_problem(&e))
     }
 
-    /// Computes `ask` for each row of joints; `places` is set for queries that need the prepared bodies.
+    /// Computes `ask` for each row of joints; `places` tells whether `ask` needs the prepared bodies.
     fn each<T: Send + 'static>(
         &self,
         py: Python<'_>,

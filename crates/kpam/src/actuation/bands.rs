@@ -11,7 +11,7 @@ use crate::resolve::AxisBound;
 pub(super) const INSIDE: f64 = 0.995;
 /// Number of sides of the polygon inscribed in the cone of a parallel constraint, which loses 2 % of the tolerance.
 const CONE_SIDES: usize = 16;
-/// Sine and cosine of the direction of each side.
+/// Sine and cosine of the direction of each side of this polygon.
 static SIDES: LazyLock<[(f64, f64); CONE_SIDES]> =
     LazyLock::new(|| std::array::from_fn(|k| (2.0 * PI / CONE_SIDES as f64 * k as f64).sin_cos()));
 

@@ -206,7 +206,7 @@ impl BatchProjection {
         }
     }
 
-    /// Projects seeds onto the constraints with at most `rounds` steps each, and returns the results in their order.
+    /// Projects seeds onto the constraints with at most `rounds` steps each, and returns the results in seed order.
     pub fn project(&mut self, seeds: &[Seed], rounds: usize) -> Vec<Arrival> {
         let nowhere = Seed::at([0.0; MAX_JOINTS]);
         let nothing = Arrival { seed: nowhere, cost: f32::INFINITY, miss: f32::INFINITY, near: false, late: false };

@@ -14,7 +14,7 @@ use gensim2_geometry::Pose;
 const ITERATIONS: usize = 30;
 /// The iteration ends after a step that reduces the cost by less than this share.
 const GAIN: f64 = 1e-5;
-/// A descent ends if this multiple of the predicted gain would still not make the pose the cheapest.
+/// A descent is abandoned if even this multiple of the predicted gain would not make the pose the cheapest.
 const SURELY: f64 = 2.0;
 /// A short step this close to a known optimum (rad or m) leads to that optimum.
 const BASIN: f64 = 0.05;

@@ -7,7 +7,7 @@ use gensim2_geometry::lanes::{F32x8, Wide};
 use super::batch::{BatchProjection, Lanes, Normal, Single};
 use crate::model::MAX_JOINTS;
 
-/// Evaluation at the current poses of the links.
+/// Evaluates constraints and cost at the current poses of the links.
 pub(super) struct Look<'a> {
     pub batch: &'a BatchProjection,
     pub frames: &'a [Frames],

@@ -59,7 +59,7 @@ pub(crate) struct ActuationSearch<'p> {
     /// Target of projections within the tolerances.
     aim: Aim,
     placed: Placed,
-    /// The last evaluated joint vectors, with violation and cost.
+    /// The last evaluated joint vector with its violation, and the last one with its cost.
     violated: (Row, f64),
     cost_at: (Row, f64),
     batch: BatchProjection,

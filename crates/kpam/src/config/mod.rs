@@ -233,7 +233,7 @@ impl SolverConfig {
     /// Reads JSON text.
     ///
     /// # Errors
-    /// The text is not in the documented language; the error gives the path of the field.
+    /// The text is not valid JSON or not a valid config; the error gives the path of the field.
     ///
     /// ```
     /// let bad = gensim2_kpam::SolverConfig::from_json(r#"{"constraint_list": [], "speed": 2}"#);

@@ -135,7 +135,7 @@ impl ParallelGripper {
             let Some(middle) = middle(robot, index, &hand_from_link) else { continue };
             let side = usize::from((middle - keypoints.head).dot(&axis) > 0.0);
             let outwards = if side == 1 { along } else { -along };
-            // Closed means as far inwards as the joint slides.
+            // When closed, the finger joint is as far inwards as it can slide.
             q[joint] = if outwards > 0.0 { slide.lower() } else { slide.upper() };
             joints.push(FingerJoint { index: joint, closed: q[joint], slope: 0.5 * outwards.signum() });
             range = range.min(slide.upper() - slide.lower());
@@ -227,7 +227,7 @@ impl ParallelGripper {
     }
 }
 
-/// Whether a link hangs below another.
+/// Whether a link is a descendant of another link.
 fn below(robot: &Robot, mut link: usize, above: usize) -> bool {
     while let Some(parent) = robot.links()[link].parent() {
         if parent == above {

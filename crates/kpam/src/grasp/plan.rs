@@ -16,7 +16,7 @@ use crate::{
 /// Tolerances of the hand's pose (m, rad).
 const PLACE: f64 = 2e-4;
 const DIRECTION: f64 = 5e-3;
-/// Distance of the keypoints that define directions (m).
+/// Distance (m) from the keypoint at the hand's frame to the keypoints that define its directions.
 const ARM: f64 = 0.1;
 
 /// A target pose of the object.
@@ -75,7 +75,7 @@ impl GraspTask {
         self
     }
 
-    /// Sets the flag by which another thread ends the search, without a result.
+    /// Sets the flag with which another thread ends the search; no plan is returned then.
     pub fn cancel(mut self, cancel: Cancel) -> Self {
         self.cancel = cancel;
         self

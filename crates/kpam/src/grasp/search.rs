@@ -1,4 +1,4 @@
-//! Search from the object's surface to ranked grasps.
+//! Search for grasps: from surface points of the object to ranked grasps.
 
 use gensim2_geometry::{Pose, rotation_about};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, Vector3};
@@ -17,7 +17,7 @@ const TURNS: usize = 12;
 const DEPTHS: [f64; 4] = [0.75, 0.5, 0.3, 0.15];
 /// Minimum depth, as a fraction of a pad's length.
 const SHALLOWEST: f64 = 0.04;
-/// Number of bisections for the maximum depth above an obstacle.
+/// Number of bisections in the search for the maximum depth above an obstacle.
 const HALVINGS: usize = 5;
 /// Minimum room between the object and each open pad (m).
 const ROOM: f64 = 0.006;
@@ -131,7 +131,7 @@ impl Search<'_> {
         Some(low)
     }
 
-    /// Returns the grasp of a hand pose, if the pads touch the object and the approach is free.
+    /// Returns the grasp of a hand pose, if the pads touch the object and the approach is collision-free.
     fn attempt(&self, trial: &Trial, lines: &mut Lines, sweep: &mut HandSweep<'_>) -> Option<Found> {
         let pad = self.gripper.pad();
         let opening = (trial.width + 2.0 * ROOM).min(self.gripper.stroke()[1]);
@@ -144,7 +144,7 @@ impl Search<'_> {
         Some(Found { grip, width: hold.width, opening, score: quality.score(&self.physics), quality })
     }
 
-    /// Returns pairs of opposite points within the friction cone and the stroke.
+    /// Returns pairs of opposite points within the friction cone and closer than the maximum opening.
     fn pairs(&self) -> Vec<Pair> {
         let cone = self.physics.cone;
         let (mut out, mut spans): (Vec<Pair>, Vec<_>) = (Vec::new(), Vec::new());

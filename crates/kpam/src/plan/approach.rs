@@ -1,4 +1,4 @@
-//! The free motion from the start to the first keyframe.
+//! The collision-free motion from the start to the first keyframe.
 
 use super::emitted::{OFF, Samples};
 use super::planner::{PAD, Planner};
@@ -29,7 +29,7 @@ pub(super) struct Approach {
     pub hit: Option<Hit>,
 }
 impl Planner<'_> {
-    /// Searches the free motion from the start to the first keyframe.
+    /// Searches a collision-free motion from the start to the first keyframe.
     pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
         let n = self.model.n();
         let segment = self.world.schedule.toward(self.entry);

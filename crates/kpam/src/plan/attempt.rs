@@ -12,7 +12,7 @@ use crate::world::{Hit, Margins, Way};
 /// How far a motion has been checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stage {
-    /// The arm can follow the hand paths up to here, without regard to obstacles.
+    /// The arm can follow the hand paths; obstacles have not been considered.
     Followed,
     /// All waypoints are collision-free.
     Seen,

@@ -10,7 +10,7 @@ use crate::world::{Hit, Margins, State, TOUCH, Way};
 
 /// Maximum deviation of a joint from the straight segment between swept samples (rad or m).
 pub(super) const OFF: f64 = 2e-5;
-/// Coarser deviation for places far from obstacles, where it suffices to prove most of a motion free.
+/// Coarser deviation for parts far from obstacles, which suffices to prove most of a motion collision-free.
 const ROUGH: f64 = 2e-4;
 /// Minimum time between samples (s), and the numbers of samples of a segment at the smallest and the largest step; a
 /// longer motion is slower and needs no more.

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::Lack;
 use crate::world::Hit;
 
-/// The position at which the hand cannot follow its path any further.
+/// Reason why the hand cannot follow its path any further.
 #[derive(Debug, Clone)]
 pub(super) struct PathEnd {
     /// Remaining translation of the hand's origin (m, base frame).
@@ -34,9 +34,9 @@ pub(super) enum Failure {
     Inside { keyframe: usize, hit: Hit },
     /// An obstacle blocks the path to this keyframe.
     Blocked { keyframe: usize, hit: Hit },
-    /// No free motion to this keyframe was found; this obstacle blocks the straight segment.
+    /// No collision-free motion to this keyframe was found; this obstacle blocks the straight segment.
     NotFound { keyframe: usize, hit: Hit },
-    /// The config's clock allows less time than needed.
+    /// The config's times allow less time than needed.
     TooFast { keyframe: usize, allowed: f64, needed: f64 },
     /// From the state at the start of the path to this keyframe, no motion along the path keeps the joint limits.
     Untimed { keyframe: usize },

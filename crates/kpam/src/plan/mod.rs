@@ -125,7 +125,7 @@ pub struct TriedPose {
     pub reason: String,
 }
 
-/// Result of planning: motion, residuals, failures.
+/// Result of planning: the motion, constraint residuals, and reasons of a failure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Plan {
@@ -137,7 +137,7 @@ pub struct Plan {
     pub reason: String,
     /// Clearance (m) that the motion keeps from bodies that it may not touch, except the pairs in `tight`.
     pub margin: f64,
-    /// Pairs that are closer at the start or at a keyframe.
+    /// Pairs that are closer than `margin` at the start or at a keyframe.
     pub tight: Vec<Tight>,
     /// Permitted overlaps at keyframes.
     pub touches: Vec<Touch>,

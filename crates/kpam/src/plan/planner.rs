@@ -108,7 +108,7 @@ impl<'p> Planner<'p> {
         })
     }
 
-    /// Returns the joint positions at which planning begins: where the arm can stop, or the current positions if the
+    /// Returns the joint positions at which planning begins: those at the end of the stop, or the current ones if the
     /// stop is blocked.
     pub(super) fn rest(&self) -> Row {
         self.stop.last().filter(|_| self.blocked_stop().is_none()).map_or(self.start[0], |node| node.position)

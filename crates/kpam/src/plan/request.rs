@@ -13,7 +13,7 @@ pub struct Request<'a> {
     /// `q_start` and `start_velocity` are the current state, and everything else is as in the problem of the earlier
     /// plan. After the actuation pose, the earlier plan must contain that pose.
     pub resume: Option<&'a str>,
-    /// Maximum number of states checked for collisions; planning ends at the first candidate beyond it.
+    /// Maximum number of states checked for collisions; planning ends at the first candidate after this number.
     pub max_checks: Option<u64>,
     /// Time limit in wall-clock time, after which the best result so far is returned. Without a limit, the result is
     /// reproducible.

@@ -1,4 +1,4 @@
-//! Resumes a motion in its middle, and reuses an earlier plan.
+//! Resumes a motion that has been executed in part, and reuses an earlier plan.
 
 use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::{Rotation3, Vector3};
@@ -36,7 +36,7 @@ pub(super) struct Rest<'p> {
 }
 
 impl<'p> Rest<'p> {
-    /// Returns the part of a path that remains for a hand near the path.
+    /// Returns the part of a path that is left for a hand near the path.
     pub fn new(path: &'p HandPath, hand: &Pose) -> Self {
         let apart = |s: f64| {
             let at = path.at(s);

@@ -37,9 +37,9 @@ const SAME: f64 = 1e-6;
 pub(super) enum TakeUp {
     /// The earlier plan's motion continues.
     GoesOn,
-    /// The motion begins while the start still brakes.
+    /// The motion begins while the arm still brakes from its start velocity.
     Blended,
-    /// The motion begins once the start has stopped.
+    /// The motion begins once the arm has stopped.
     Stopped,
 }
 
@@ -173,7 +173,7 @@ impl Planner<'_> {
         }
         let mut timed = self.timed_from_rest(&rest, keyframes)?;
         let start = timed.trajectory.start();
-        // Keyframes, or the end, are reached after the lead motion has stopped.
+        // Keyframes, or the end of the motion, are reached after the lead motion has stopped.
         let first = timed.times.iter().flatten().copied().fold(timed.trajectory.end(), f64::min);
         let earliest = lead.last().map_or(0.0, |node: &Node| node.time) - (first - start);
         let blend = Blend { lead: &lead, limits: self.builder.limits(), room, earliest };

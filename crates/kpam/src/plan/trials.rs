@@ -152,7 +152,7 @@ impl Planner<'_> {
         self.conclude(trials, better.unwrap_or(&cheapest))
     }
 
-    /// Returns whether the search is over: a complete motion was found, or planning must end.
+    /// Returns whether the search must end: a complete motion was found, or planning has reached a limit.
     fn is_done(&self, trials: &Trials) -> bool {
         trials.done() || self.world.is_over()
     }

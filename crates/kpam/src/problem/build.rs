@@ -122,7 +122,7 @@ impl KeypointProblemBuilder {
     /// Returns the problem.
     ///
     /// # Errors
-    /// The first invalid part, by field: a number is not finite, a name is unknown, a direction is zero, a joint is
+    /// Names the first invalid field: a number is not finite, a name is unknown, a direction is zero, a joint is
     /// outside its limits, or an option is out of range.
     pub fn build(self) -> Result<KeypointProblem, ProblemError> {
         self.0.check()?;

@@ -125,7 +125,7 @@ impl KeypointProblem {
         Scene::of(self)
     }
 
-    /// Whether a body is attached to the hand in some segment of the motion.
+    /// Whether the hand holds a body in some segment of the motion.
     pub(crate) fn rides(&self, name: &str) -> bool {
         let attached = |b: &Body| b.name == name && b.role == Role::Attached;
         self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)

@@ -134,7 +134,7 @@ mod tests {
             let bounds: Vec<Bound> = rows
                 .iter()
                 .map(|(r, width, middle, equal)| {
-                    // With more than a few equalities the program would be infeasible.
+                    // With more than a few equalities the random program would be infeasible.
                     let w = if *equal && rows.len() < 3 { 0.0 } else { *width };
                     Bound { row: row(r), low: middle - w, high: middle + w }
                 })

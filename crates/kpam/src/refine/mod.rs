@@ -43,7 +43,7 @@ pub struct RefineOptions {
     /// Times (s) of waypoints in the plan's motion, in addition to its start, end and keyframes; about 40 in total if
     /// `None`.
     pub times: Option<Vec<f64>>,
-    /// Keep the hand on its lines and arcs after the actuation, not only at keyframes.
+    /// Whether to keep the hand on its lines and arcs after the actuation, not only at keyframes.
     pub keep_paths: bool,
 }
 
@@ -250,7 +250,7 @@ impl Refinement<'_> {
         None
     }
 
-    /// Returns the joint limits, widened to a waypoint that lies outside.
+    /// Returns the joint limits, widened to include the waypoint `x`.
     fn limits(&self, x: &Row) -> (Row, Row) {
         let (mut low, mut high) = (*x, *x);
         for v in 0..self.model.n() {

@@ -246,7 +246,7 @@ impl Problem {
         (0..=self.cells).map(|k| if k == 0 || k == self.cells { 1.0 } else { self.x[k].value(c).sqrt() }).collect()
     }
 
-    /// Returns the Newton step of the free coefficients, and the decrement.
+    /// Returns the Newton step of the free coefficients, and the Newton decrement.
     pub(super) fn newton(&self, c: &[f64], weight: f64, slack: f64) -> Option<(Vec<f64>, f64)> {
         let cells = self.cells;
         let mut gradient = vec![0.0; cells];

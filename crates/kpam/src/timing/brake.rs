@@ -83,7 +83,7 @@ impl Trajectory {
         Ok(self.with(pieces, times, *self.limits()))
     }
 
-    /// Returns the nodes of the stop along a path from a state on it, using shares of the limits on acceleration and
+    /// Returns the nodes of the stop along a path from a state on it, using `shares` of the limits on acceleration and
     /// jerk; `None` if a joint's limit is exceeded or the path ends first.
     fn stopped(&self, path: &Path<'_>, start: State, shares: [f64; 2], intervals: f64) -> Option<Vec<Node>> {
         let limits = self.limits();
@@ -209,7 +209,8 @@ mod tests {
                     last = now;
                 }
                 assert!(last.velocity.iter().chain(&last.acceleration).all(|v| v.abs() < 1e-8), "{last:?}");
-                // On a curved path a stop takes up to five times as long as independent joints, as measured.
+                // By measurement, a stop on a curved path takes up to five times as long as stops of independent
+                // joints.
                 let [position, v, acceleration] = before;
                 let own = shortest(&limits, &position, &v, &acceleration);
                 assert!(
@@ -243,7 +244,7 @@ mod tests {
     }
 
     /// Checks that a stop from `t` on starts in the motion's state, keeps its limits, ends at rest, and takes at most
-    /// `most` times as long as independent joints.
+    /// `most` times as long as stops of independent joints.
     fn stops(motion: &Trajectory, t: f64, most: f64) {
         let limits = motion.limits();
         let stop = motion.brake(t).unwrap();

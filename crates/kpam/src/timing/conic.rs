@@ -34,8 +34,8 @@ impl Rows {
     }
 }
 
-/// Returns the squared path speed x = (ds/dt)² of the fastest motion at each station of the grid. x is `begin` at the
-/// first station and 0 at the last. Returns `None` if no motion exists.
+/// Returns the squared path speed x = (ds/dt)² of the fastest motion at each station of the grid, from `begin` at the
+/// first station to 0 at the last; `None` if no motion exists.
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&Cancel>) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let ceilings = grid.ceilings(limits, begin);

@@ -130,7 +130,7 @@ impl Grid {
             least = (least + 2.0 * self.step(cell) * slowing.fold(f64::NEG_INFINITY, f64::max)).max(0.0);
         }
         out.iter_mut().zip(pace).for_each(|(x, slow)| *x = x.min(slow));
-        // The start is fixed; a reduced share of its cell only bounds the following stations.
+        // The start speed is fixed; a reduced share of its cell only bounds the following stations.
         out[0] = out[0].max(begin);
         out
     }

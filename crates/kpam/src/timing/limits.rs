@@ -11,7 +11,7 @@ use crate::{KeypointProblem, ProblemError};
 const GREATEST: f64 = 1e6;
 
 /// Share of a limit by which a state may exceed it and still count as keeping it. The tolerance covers rounding, also
-/// in single precision, and is used by every check of a start and of a motion. For positions it is in rad or m.
+/// in single precision, and every check of a start or a motion uses it. For positions, it is absolute (rad or m).
 pub(crate) const TOLERANCE: f64 = 1e-6;
 
 /// Maximum deviation of a joint from its path (rad or m), at the maximum acceleration, due to the moving average that
@@ -130,8 +130,8 @@ impl Limits {
         velocity.abs().max(next.abs())
     }
 
-    /// Returns the limits, widened to a start that keeps them up to [`TOLERANCE`], so that a motion from it keeps them
-    /// exactly.
+    /// Returns the limits, widened to a start that exceeds them by at most [`TOLERANCE`], so that motions from this
+    /// start keep the widened limits exactly.
     pub(crate) fn admitting(&self, position: &Row, velocity: &Row, acceleration: &Row) -> Self {
         let mut out = *self;
         out.envelope = self.envelope.map(|e| e.admitting(position, velocity));

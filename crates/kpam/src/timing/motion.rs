@@ -32,7 +32,7 @@ impl Cubic {
                 out[3][v] = (to[v] - from[v]) / (6.0 * h);
             } else {
                 let slope = (b.position[v] - a.position[v]) / h;
-                // Over a short time, the acceleration computed from positions of a uniform motion is rounding error.
+                // Over a short time, the acceleration computed from positions is only rounding error.
                 let rounding = f64::EPSILON * a.position[v].abs().max(b.position[v].abs());
                 let even = a.velocity[v] == b.velocity[v] && (slope - b.velocity[v]).abs() * h <= 4.0 * rounding;
                 if even && rounding > NOISE * h * h {
@@ -51,7 +51,7 @@ impl Cubic {
         [p, p + d / 3.0, p + (2.0 * d + c) / 3.0, p + d + c + e]
     }
 
-    /// Returns the Bernstein coefficients of its velocity.
+    /// Returns the Bernstein coefficients of a joint's velocity over the time `h`.
     fn velocities(&self, v: usize, h: f64) -> [f64; 3] {
         let [d, c, e] = [self.0[1][v], h * self.0[2][v], h * h * self.0[3][v]];
         [d, d + c, d + 2.0 * c + 3.0 * e]
@@ -211,7 +211,7 @@ pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
 pub(crate) struct Piece {
     /// Time in the trajectory at which the piece starts (s).
     pub start: f64,
-    /// Time from which the piece takes effect, not before `start` (s).
+    /// Time (s) from which the trajectory follows this piece, not before `start`.
     pub counts: f64,
     width: f64,
     joints: usize,

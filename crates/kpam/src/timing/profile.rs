@@ -156,7 +156,7 @@ mod tests {
                     prop_assert!((next.speed - pair[1].speed).abs() < 1e-7);
                 }
             } else {
-                // Even immediate braking does not stop in time.
+                // The stop must be impossible even with immediate braking.
                 prop_assert!(0.5 * share * v * along.ramp_time(share * v) > length);
             }
         }

@@ -243,7 +243,7 @@ mod tests {
                     prop_assert!(end.position.iter().zip(last).all(|(a, b)| (a - b).abs() < 1e-9));
                 }
                 Err(e) => {
-                    // Only if a joint cannot stop, even with constant jerk and acceleration.
+                    // The start must be one from which a joint cannot stop, even with constant jerk and acceleration.
                     prop_assert!(e.to_string().contains("start_velocity"), "{e}");
                     let stuck = (0..3).any(|j| {
                         let (v, a) = (speed[j] * velocity[j], gain[j] * acceleration[j]);

@@ -33,7 +33,7 @@ fn after(state: State, phases: &[Phase]) -> State {
 }
 
 /// Returns the state relative to the goal, mirrored so that the goal lies beyond the position where the joint would
-/// stop, and the sign of that side; 0 if it stops at the goal.
+/// stop, and the sign of the side of the goal; 0 if the joint would stop at the goal.
 fn seen_from_goal(state: State, goal: f64, [_, acceleration, jerk]: Most) -> (State, f64) {
     let [position, velocity, gain] = [state[0] - goal, state[1], state[2]];
     let stopped = after([position, velocity, gain], &stopping(velocity, gain, acceleration, jerk))[0];

@@ -13,7 +13,7 @@ use crate::model::{MAX_JOINTS, Row};
 pub struct CannotStop {
     /// Index of the joint among the moving joints.
     pub joint: usize,
-    /// Explanation with the required reduction of speed.
+    /// Explanation of the exceeded limit.
     pub reason: String,
 }
 
@@ -61,7 +61,7 @@ pub(super) fn nodes(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phas
     nodes_to(limits, start, phases, true)
 }
 
-/// Like `nodes`; if the motion does not end at rest, a joint whose phases end earlier by rounding keeps its
+/// Like `nodes`, for a motion that may not end at rest: a joint whose phases end earlier by rounding keeps its
 /// acceleration.
 pub(super) fn nodes_to(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phase]>], rests: bool) -> Vec<Node> {
     let mut times: Vec<f64> = vec![0.0];
@@ -119,7 +119,7 @@ pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration
 }
 
 /// Checks whether some motion from this state keeps every joint within its limits. Maximum braking gives the shortest
-/// travel, so if that exceeds the limits, every motion does.
+/// travel, so if its travel exceeds the limits, every motion does.
 ///
 /// # Errors
 /// The first joint that exceeds its limits.

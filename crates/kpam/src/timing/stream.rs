@@ -153,7 +153,7 @@ mod tests {
         assert!(since.since(f64::NAN).is_err());
         // A stop at the end takes no time.
         assert_eq!(spliced.brake(spliced.end()).unwrap().end(), spliced.end());
-        // Splices twice, in the middle of the second motion.
+        // Splice twice, the second time in the middle of the second motion.
         let stop = next.brake(t + 0.1).unwrap();
         let twice = spliced.splice(&stop, t + 0.1).unwrap();
         assert!(twice.sample(twice.end()).velocity.iter().all(|v| v.abs() < 1e-8));

@@ -53,7 +53,7 @@ const OFF: f64 = 2e-3;
 /// Reason why a path could not be appended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Refusal {
-    /// The path cannot be followed from the velocity at its start.
+    /// The path is too sharp to be followed from the velocity at its start.
     TooSharp,
     /// The motion takes at least this long (s).
     TooLong(f64),
@@ -213,7 +213,7 @@ impl Builder {
             if resting && least > 0.0 {
                 stretch(&mut nodes, (allowed - width) / least);
             } else if let Some(mut last) = nodes.last().copied() {
-                // A moving start cannot be slowed, so the motion waits at its end.
+                // A moving start cannot be slowed, so the motion waits at its end instead.
                 last.time = allowed - width;
                 nodes.push(last);
             }

@@ -62,7 +62,7 @@ impl Sweep<'_> {
     fn bend(&self, a: &Look, b: &Look, group: usize, travel: &Travel) -> Option<f32> {
         let joints = a.q.len();
         let lever = |j: usize| a.levers[group * joints + j].min(b.levers[group * joints + j]);
-        // A lever arm grows by at most the displacement of the group, which the lever arms bound.
+        // A lever arm grows by at most the displacement of the group, which the lever arms themselves bound.
         let (mut turned, mut slid, mut longest) = (0.0_f32, 0.0_f32, 0.0_f32);
         for &(j, _) in &self.world.carriers[group] {
             let most = travel.gone[j] + travel.off[j];

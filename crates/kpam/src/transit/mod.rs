@@ -325,7 +325,7 @@ impl Transit<'_> {
         Sweep::new(self.scene, self.model, needs, field.weights, &self.over)
     }
 
-    /// Proves that a motion keeps its distances and path constraints.
+    /// Proves that a motion keeps its required distances and path constraints.
     fn proven(&self, field: &mut Field<'_>, sweep: &mut Sweep<'_>, motion: &Trajectory) -> Result<(), Stuck> {
         let found = sweep.breach(motion);
         field.checks += std::mem::take(&mut sweep.checks);

@@ -23,13 +23,13 @@ const PLACES: usize = 4;
 const WAYS: usize = 8;
 const SAMPLES: usize = 500;
 const DRIVEN: usize = 3;
-/// Number of checked configurations after which no further path is searched.
+/// Number of checked configurations after which no further search for a path begins.
 const CHECKS: u64 = 6000;
 /// Number of states of a motion at which another one may join it.
 const STATES: usize = 40;
 /// Number of configurations of a joining motion that are checked first.
 const LOOKS: usize = 16;
-/// Maximum number of motions that are proven for each motion that they join.
+/// Maximum number of proof attempts for motions that join one other motion.
 const PROOFS: usize = 6;
 
 /// State of the moving joints: position, velocity and acceleration.

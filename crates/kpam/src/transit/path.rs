@@ -43,7 +43,7 @@ pub(super) struct Along {
 }
 
 impl Along {
-    /// Reads the axis constraints of a config, between keypoints of the tool and fixed directions of the base.
+    /// Reads the axis constraints of a config, which refer to tool keypoints and fixed directions of the base.
     pub fn of(
         config: Option<&SolverConfig>,
         scene: &Scene,
@@ -144,8 +144,8 @@ impl Along {
         self.keeps(model, x)
     }
 
-    /// Returns whether a motion keeps the constraints throughout, using that the hand rotates no faster than all joints
-    /// together; false if the search ends first.
+    /// Returns whether a motion keeps the constraints throughout, given that the hand rotates no faster than the sum of
+    /// the joints; false if the search must end first.
     pub fn proves(&mut self, model: &Model, trajectory: &Trajectory, is_over: &impl Fn() -> bool) -> bool {
         let most: f64 =
             model.map().driven().iter().map(|d| d.factor.abs() * trajectory.limits().velocity[d.variable]).sum();

@@ -96,7 +96,7 @@ pub struct Approached {
     pub distance: f64,
 }
 
-/// A timed motion, proven to keep its distances throughout.
+/// A timed motion, proven to keep its required distances throughout.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[non_exhaustive]
@@ -181,7 +181,7 @@ impl std::fmt::Display for NoMotion {
 }
 
 impl TransitOptions {
-    /// Returns the timing options in the form of a problem's.
+    /// Returns the timing options as [`Options`] of a problem.
     pub(super) fn limits(&self) -> Options {
         Options {
             velocity_scale: self.velocity_scale,

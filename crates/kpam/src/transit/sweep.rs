@@ -30,7 +30,7 @@ pub(super) struct Look {
     measured: Vec<bool>,
     suspects: Vec<Suspect>,
     lane: usize,
-    /// Whether the motion to the next configuration is proven free.
+    /// Whether the motion to the next configuration is proven collision-free.
     sure: bool,
     /// Maximum distances from axes, one row for each group.
     pub levers: Vec<f32>,
