@@ -1,7 +1,7 @@
 #ifndef GENSIM2_KPAM_H
 #define GENSIM2_KPAM_H
 
-/* Made from crates/capi/src by cbindgen; `cargo test -p gensim2-capi` says where it is not current. */
+/* Made from crates/capi/src by cbindgen; `cargo test -p gensim2-capi` fails if it is outdated. */
 
 #include <stdarg.h>
 #include <stdbool.h>
@@ -13,7 +13,7 @@
 typedef enum kpam_status {
     // Success.
     KPAM_OK = 0,
-    // The motion does not exist or was not found; the message says why.
+    // No motion was found, or none exists; the message gives the reason.
     KPAM_NO_MOTION = 1,
     // An argument is invalid; the message names it.
     KPAM_INVALID = 2,
@@ -23,9 +23,9 @@ typedef enum kpam_status {
     KPAM_PANIC = 4,
 } kpam_status;
 
-// Limits of an arm that its URDF does not contain.
+// Acceleration and jerk limits for arms whose URDF lacks them.
 typedef enum kpam_limit_set {
-    // 10 rad/s^2 and 5,000 rad/s^3 for every joint.
+    // Default: 10 rad/s^2 and 5,000 rad/s^3 for every joint.
     KPAM_LIMITS_PLAIN = 0,
     // Limits published by Franka for the Panda.
     KPAM_LIMITS_PANDA = 1,
@@ -49,7 +49,7 @@ typedef struct kpam_options {
     double acceleration_scale;
     // Time limit of the search in wall-clock time (ms); 0 for none.
     double deadline_ms;
-    // Seed of the samples.
+    // Seed of the planner's random samples.
     uint64_t seed;
     // A member of `kpam_limit_set`.
     uint32_t limits;
@@ -59,8 +59,8 @@ typedef struct kpam_options {
 extern "C" {
 #endif // __cplusplus
 
-// Message of the last call on this thread that did not return `KPAM_OK`; empty if there was none. Valid until the next
-// such call on this thread.
+// Returns the message of the last call on this thread that did not return `KPAM_OK`; empty if there was none. The text
+// is valid until the next such call on this thread.
 const char *kpam_last_error(void);
 
 // Returns the defaults: 5 mm, full limits, no time limit, seed 0, plain limits.
@@ -76,7 +76,7 @@ enum kpam_status kpam_scene_load(const char *urdf,
                                  const char *hand_link,
                                  struct kpam_scene **out);
 
-// Length of a joint vector; 0 for null.
+// Returns the number of entries of a joint vector; 0 if `scene` is null.
 //
 // # Safety
 // `scene` is null or a scene that was not freed.
@@ -86,7 +86,7 @@ size_t kpam_scene_joints(const struct kpam_scene *scene);
 //
 // # Safety
 // `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
-// string; `half_extents` and `pose` are null or point to as many numbers.
+// string; `half_extents` is null or points to 3 numbers, `pose` is null or points to 16.
 enum kpam_status kpam_scene_add_box(struct kpam_scene *scene,
                                     const char *name,
                                     const double *half_extents,
@@ -96,8 +96,8 @@ enum kpam_status kpam_scene_add_box(struct kpam_scene *scene,
 // vector has `kpam_scene_joints` entries; `options` may be null.
 //
 // # Safety
-// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point to that many numbers;
-// `options` is null or can be read; `out` can be written.
+// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point to `kpam_scene_joints`
+// numbers each; `options` is null or can be read; `out` can be written.
 enum kpam_status kpam_plan_joints(const struct kpam_scene *scene,
                                   const double *q_start,
                                   const double *q_goal,
@@ -110,41 +110,41 @@ enum kpam_status kpam_plan_joints(const struct kpam_scene *scene,
 // `scene` is null or a scene that was not freed.
 void kpam_scene_free(struct kpam_scene *scene);
 
-// Start time of a motion (s); NaN for null.
+// Returns the start time of a motion (s); NaN if `trajectory` is null.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed.
 double kpam_trajectory_start(const struct kpam_trajectory *trajectory);
 
-// End time of a motion (s); NaN for null.
+// Returns the end time of a motion (s); NaN if `trajectory` is null.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed.
 double kpam_trajectory_end(const struct kpam_trajectory *trajectory);
 
-// Length of a joint vector; 0 for null.
+// Returns the number of entries of a joint vector; 0 if `trajectory` is null.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed.
 size_t kpam_trajectory_joints(const struct kpam_trajectory *trajectory);
 
-// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Before the start
-// they are those of the start; after the end the motion is at rest. The function takes no lock, and allocates no
+// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Times before the
+// start give the state at the start; after its end the motion is at rest. The function takes no lock, and allocates no
 // memory if it returns `KPAM_OK`.
 //
 // # Safety
-// `trajectory` is null or a motion that was not freed; the other pointers are null or have room for that many numbers,
-// and do not overlap.
+// `trajectory` is null or a motion that was not freed; the other pointers are null or have room for
+// `kpam_trajectory_joints` numbers each, and do not overlap.
 enum kpam_status kpam_trajectory_sample_into(const struct kpam_trajectory *trajectory,
                                              double t,
                                              double *position,
                                              double *velocity,
                                              double *acceleration);
 
-// Creates a stop from the state at time `t` (s), along the motion's own path: everywhere it brakes as hard as the
-// limits of velocity, acceleration and jerk allow. The stop begins at `t`. If no such stop keeps the limits, as right
-// before the motion reverses, every joint stops independently as fast as it can, which may leave the path. The stop
-// may need more torque than the motion, and is not checked for collisions off the path.
+// Creates a stop that begins at time `t` (s) with the motion's state and brakes along its path, everywhere as hard as
+// the limits of velocity, acceleration and jerk allow. If no such stop keeps the limits, as right before the motion
+// reverses, every joint stops independently as fast as it can, which may leave the path. The stop may need more torque
+// than the motion, and is not checked for collisions off the path.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed; `out` can be written.
@@ -161,7 +161,7 @@ enum kpam_status kpam_trajectory_since(const struct kpam_trajectory *trajectory,
                                        struct kpam_trajectory **out);
 
 // Creates the motion that follows `trajectory` until time `t` and `next` from there on. Both must have the same state
-// at `t`, within 1e-6 in position, velocity and acceleration, and the same values of joints that neither moves.
+// at `t`, within 1e-6 in position, velocity and acceleration, and the same values of joints that neither motion moves.
 //
 // # Safety
 // `trajectory` and `next` are null or motions that were not freed; `out` can be written.
@@ -175,7 +175,7 @@ enum kpam_status kpam_trajectory_splice(const struct kpam_trajectory *trajectory
 // null means at rest.
 //
 // # Safety
-// All pointers except `out` are null or point to as many numbers; `out` can be written.
+// All pointers except `out` are null or point to arrays of the sizes above; `out` can be written.
 enum kpam_status kpam_retime(const double *waypoints,
                              size_t count,
                              size_t joints,
