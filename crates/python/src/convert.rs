@@ -23,7 +23,7 @@ pub(crate) fn member<'py>(py: Python<'py>, class: &str, value: &str) -> PyResult
 }
 
 /// Returns the numbers of any array-like, flattened, with their shape. Returns an error for complex numbers, dates,
-/// text, structured and masked arrays, because NumPy would silently convert some of them.
+/// text, structured arrays and masked entries, because NumPy would silently convert some of them.
 pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let array = match value.cast_exact::<PyArrayDyn<f64>>() {
         Ok(array) if is_aligned(array) => array.clone(),
