@@ -73,7 +73,7 @@ mod tests {
         let circle =
             [r#"<mimic joint="j1"/>"#, r#"<mimic joint="j2"/>"#, r#"<mimic joint="j0" multiplier="0.5" offset="1"/>"#];
         let error = arm(circle).unwrap_err();
-        assert!(error.field.ends_with("mimic") && error.message.contains("circle"), "{error}");
+        assert!(error.field.ends_with("mimic") && error.message.contains("cycle"), "{error}");
         assert!(arm([r#"<mimic joint="j0"/>"#, "", ""]).is_err());
         // A joint that follows a member of the cycle without being part of it.
         assert!(arm([r#"<mimic joint="j1"/>"#, r#"<mimic joint="j2"/>"#, r#"<mimic joint="j1"/>"#]).is_err());

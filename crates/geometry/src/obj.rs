@@ -105,7 +105,7 @@ mod tests {
             ("v 0 0 0\nf 0 1 1\n", "line 2"),
             ("v 0 0 0\nf -2 1 1\n", "line 2"),
             ("v 0 0 0\nf 1 x 1\n", "line 2"),
-            ("v 0 0 0\nf 1 1 2\n", "not there"),
+            ("v 0 0 0\nf 1 1 2\n", "does not exist"),
         ] {
             let error = Obj::read(text.as_bytes()).unwrap_err();
             assert!(error.contains(message), "{error}");
