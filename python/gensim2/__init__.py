@@ -10,8 +10,8 @@ The most common functions are here and are imported on first use, so ``import ge
     found = gensim2.design_task("MyTask")         # search strategies for your own task
     result = gensim2.solve("OpenDrawer")          # plan one scene
     gensim2.collect(["OpenDrawer"], episodes=100, out="night")     # data sets: gensim2.data
-    gensim2.render("night")                                        # observations of its cameras
-    frames = gensim2.DataSet.open("night").frames()                # by number; frames.torch() for PyTorch
+    gensim2.render("night")                                        # add camera observations to it
+    frames = gensim2.DataSet.open("night").frames()                # frames[i]; frames.torch() for PyTorch
     result = gensim2.evaluate("mine.py:Policy", ["OpenDrawer"])    # your controller: docs/guides/controllers.md
     result = gensim2.benchmark(["OpenDrawer"])                     # the planner, in the same scenes
     panda = gensim2.robot("panda")                # robots: gensim2.robots

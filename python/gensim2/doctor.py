@@ -1,4 +1,4 @@
-"""Check what this machine can run, and suggest remedies."""
+"""Check which functions of gensim2 work on this machine, and suggest remedies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ import numpy as np
 
 from gensim2.core.errors import GenSim2Error
 
-# The probe runs in a subprocess, because a crashing driver would end this process and SAPIEN keeps its settings.
+# This probe runs in a subprocess, because a driver that crashes would end this process, and because SAPIEN's settings
+# remain in the process that made them.
 _VULKAN_PROBE = """
 import sapien
 print(sapien.render.RenderSystem().device.name)
@@ -41,13 +42,13 @@ Status = Literal["ok", "limited", "missing"]
 
 @dataclass(frozen=True)
 class Check:
-    """One check.
+    """Result of one check.
 
     Attributes:
         name: name of the check.
         status: ``"ok"``; ``"limited"`` if some functions are unavailable; ``"missing"`` if nothing works.
-        value: result.
-        remedy: what to do; empty if nothing.
+        value: what was found, for example a version.
+        remedy: what the user should do; empty if nothing.
     """
 
     name: str
@@ -58,13 +59,13 @@ class Check:
 
 @dataclass(frozen=True)
 class DoctorReport:
-    """All checks of one machine."""
+    """Results of all checks of this machine."""
 
     checks: tuple[Check, ...]
 
     @property
     def healthy(self) -> bool:
-        """Whether nothing is missing that gensim2 needs."""
+        """Whether everything that gensim2 needs is present."""
         return all(check.status != "missing" for check in self.checks)
 
     def to_dict(self) -> dict[str, Any]:
@@ -83,7 +84,7 @@ def doctor(
     Args:
         assets: library to check: a folder, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
         model: language model to test with a one-word request; None: only list the models.
-        base_url: URL of its endpoint; None: ``OPENAI_BASE_URL``, or OpenAI's if there is a key.
+        base_url: URL of the model's endpoint; None: ``$OPENAI_BASE_URL`` or, if an API key is set, OpenAI's URL.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
 
     Raises:
@@ -152,7 +153,7 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
         name: name of the check.
         which: name of the extra.
         packages: import names of its packages.
-        without: what works without it.
+        without: what still works without the extra.
     """
     remedy = f"pip install 'gensim2[{which}]'; {without}"
     absent = [each for each in packages if importlib.util.find_spec(each) is None]
@@ -171,7 +172,7 @@ def _versions(packages: Sequence[str]) -> str:
 
 
 def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:
-    """Check whether a language model answers; without an endpoint nothing is sent."""
+    """Check whether a language model answers; send nothing if no endpoint is configured."""
     name, without = "Language model", "the offline designer works without"
     absent = [each for each in ("openai", "json_repair") if importlib.util.find_spec(each) is None]
     if absent:

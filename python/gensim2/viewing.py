@@ -40,8 +40,8 @@ class Shown:
         title: title line.
         scene: scene of the episode.
         recording: states and actions of the episode.
-        plans: plans of the planner, if it was the controller: one per step, each in the scene predicted by the steps
-            before.
+        plans: the planner's plans, one for each step, if the planner controlled the robot; each plan starts from the
+            scene that the earlier steps should lead to.
     """
 
     title: str
@@ -70,18 +70,18 @@ def view(
     port: int = 8080,
     **scene: Unpack[RolloutArguments],
 ) -> Any:
-    """Serve a page that shows an episode, and return at once.
+    """Serve a page that shows an episode in the browser, and return immediately.
 
     Args:
-        what: name or folder of a task, which is planned and run; or folder of a data set; or file of one of its
-            episodes.
-        task: task of a data set; None: its first.
-        episode: index in a data set; None: the first successful one.
-        seed: seed of the scene of a task.
-        spec: observation spec of the cloud; None: a policy's default.
+        what: name or folder of a task, which is then planned and run; or folder of a data set; or an episode file of a
+            data set.
+        task: name of a task in the data set; None: the first task.
+        episode: index of an episode in the data set; None: the first successful episode.
+        seed: seed of the scene, if a task is run.
+        spec: observation spec of the point cloud; None: the default of policies.
         host: address to listen on.
-        port: port of the page; if it is in use, the next free one.
-        scene: options of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; ``assets`` is also the present
+        port: port of the page; if the port is in use, the next free port.
+        scene: options of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; ``assets`` is also the current
             folder of a data set's objects.
 
     Returns:
@@ -132,7 +132,7 @@ def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
 
 
 def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path | str | None = None) -> Shown:
-    """Read an episode of a data set, whose objects may be in another folder ``assets`` now.
+    """Read an episode of a data set; ``assets`` is the current folder of the objects, if it has changed.
 
     Raises:
         InputError: the task or episode does not exist, has no states, or an object is missing or has changed.
@@ -145,14 +145,14 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
         raise InputError(wrong, file=store.folder, field="episode", remedy="--episode N takes another")
     recording = store.read(row).recording
     if recording is None:
-        raise InputError("its states were not kept", file=store.path(row.index, row.held), remedy="--keep-failures")
+        raise InputError("its states were not stored", file=store.path(row.index, row.held), remedy="--keep-failures")
     scene = dataset.scene.with_task(store.spec(), dataset.record.tasks[store.name].instances)
     ObjectCheck(dataset).episode(row, store.path(row.index, row.held))
     return Shown(f"{store.name}, episode {row.index}: {'held' if row.held else row.cause}", scene, recording)
 
 
 def of_file(path: Path, assets: Path | str | None = None) -> Shown:
-    """Read an episode of a data set from its file, as :func:`of_data_set`.
+    """Read an episode from its file in a data set; otherwise like :func:`of_data_set`.
 
     Raises:
         InputError: the file is not an episode of a data set, or cannot be read.
@@ -215,13 +215,13 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
 
 
 class _Clock:
-    """Indices of recorded states as a trajectory, for the viewer's time slider."""
+    """Maps the time of the viewer's slider to the index of a recorded state."""
 
     def __init__(self, times: Array) -> None:
         self.times = times
 
     def sample(self, time: float) -> tuple[int]:
-        """Return the index of the state at a time, s."""
+        """Return the index of the recorded state at ``time``, s."""
         return (int(np.clip(np.searchsorted(self.times, time + 1e-9) - 1, 0, len(self.times) - 1)),)
 
 
@@ -242,13 +242,13 @@ def _add_switches(server: Any, meshes: Sequence[Any], cloud: Any, has_plan: bool
 
 
 def _said_of(name: str, plan: Any) -> str:
-    """Return a line about a plan: its status and its collision margin."""
+    """Return one line of text about a plan: status and collision margin."""
     nearer = f", {len(plan.tight)} nearer at keyframes" if plan.tight else ""
     return f"{name}: {plan.status}, keeps {1e3 * plan.margin:.1f} mm{nearer}"
 
 
 def draw_solid(server: Any, name: tuple[str, str], surface: Any) -> Any:
-    """Draw a surface of the ray caster in the colours of its materials; textures in their mean colour."""
+    """Draw a surface from the ray caster in the colours of its materials; a texture is shown as its mean colour."""
     import trimesh
 
     colors = np.array(surface.colors, dtype=np.uint8)

@@ -23,8 +23,8 @@ LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
 @pytest.mark.parametrize(
     ("text", "line", "words"),
     [
-        ("a: 1\nd: 2020-13-45", 2, "type date has no use here"),
-        ("d: 2020-12-01", 1, "type date has no use here"),
+        ("a: 1\nd: 2020-13-45", 2, "type date is not allowed"),
+        ("d: 2020-12-01", 1, "type date is not allowed"),
         ("a: 1\nb: 1\nc: " + "9" * 5000, 3, "more than 64 bits"),
         ("a: 0x" + "f" * 5000, 1, "more than 64 bits"),
         ("a: -" + "9" * 30, 1, "more than 64 bits"),
@@ -32,16 +32,16 @@ LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
         ("a: !!float x", 1, "'x' is no float"),
         ("a: !!bool perhaps", 1, "'perhaps' is no bool"),
         ("a: !!map [1]", 1, "a list is no map"),
-        ("a: !!set {b}", 1, "type set has no use here"),
-        ("a: !!binary =", 1, "type binary has no use here"),
-        ("\na: !!python/object/apply:os.system [true]", 2, "has no use here"),
-        ("a: &a [*a]", 1, "*a stands inside itself"),
-        ("a: &a\n  b: *a", 2, "*a stands inside itself"),
+        ("a: !!set {b}", 1, "type set is not allowed"),
+        ("a: !!binary =", 1, "type binary is not allowed"),
+        ("\na: !!python/object/apply:os.system [true]", 2, "is not allowed"),
+        ("a: &a [*a]", 1, "*a refers to itself"),
+        ("a: &a\n  b: *a", 2, "*a refers to itself"),
         (LAUGHS, 5, "more than 20000 values"),
-        ("a: " + "[" * 50_000, 1, "inside each other"),
-        ("- " * 40_000, 1, "inside each other"),
-        ("a: " + "{b: " * 1000, 1, "inside each other"),
-        ("a: 1\n<<: {b: 1}", 2, "type merge has no use here"),
+        ("a: " + "[" * 50_000, 1, "nested more than"),
+        ("- " * 40_000, 1, "nested more than"),
+        ("a: " + "{b: " * 1000, 1, "nested more than"),
+        ("a: 1\n<<: {b: 1}", 2, "type merge is not allowed"),
         ("? [a]\n: 1", 1, "the name of a field must be text"),
         ("a: {1: 2}", 1, "the name of a field must be text"),
         ("a: 1\nb: {c: 1, c: 2}", 2, "field 'c' is given twice"),
@@ -82,7 +82,7 @@ def test_size_and_depth_end_where_they_say() -> None:
         parse_yaml(text.encode() + b"x", "f")
     inside = MAX_DEPTH - 1
     parse_yaml(f"a: {'[' * (inside - 1)}1{']' * (inside - 1)}".encode(), "f")
-    with pytest.raises(InputError, match="inside each other"):
+    with pytest.raises(InputError, match="nested more than"):
         parse_yaml(f"a: {'[' * inside}1{']' * inside}".encode(), "f")
 
 

@@ -130,7 +130,7 @@ def test_what_is_missing_or_damaged_is_named(dataset: DataSet) -> None:
     with pytest.raises(InputError, match=f"{paths[0].name}: is not a finished file"):
         dataset.frames()[0]
     paths[0].unlink()
-    with pytest.raises(InputError, match=f"{paths[0].name}: is not there"):
+    with pytest.raises(InputError, match=f"{paths[0].name}: does not exist"):
         dataset.frames()
     with pytest.raises(InputError, match="at least 1"):
         dataset.frames(horizon=0)

@@ -132,7 +132,7 @@ def test_other_observations_are_neither_mixed_nor_lost(store: TaskStore) -> None
         rendered(store)
     with pytest.raises(InputError, match="modalities"):
         rendered(store, ObservationSpec(), resume=True)
-    with pytest.raises(InputError, match="must name an observation that cameras provide"):
+    with pytest.raises(InputError, match="must include an observation that cameras provide"):
         rendered(store, ObservationSpec(modalities=()), resume=True)
     assert rendered(store, resume=True) == first
     path = store.folder / "observations" / next(iter(first))
@@ -160,7 +160,7 @@ def test_objects_that_moved_are_looked_for_where_they_are_now(store: TaskStore, 
         lambda: export(folder, tmp_path / "out", "zarr", near),
         lambda: of_data_set(folder, None, None),
     ):
-        with pytest.raises(InputError, match=r"gone, which is not there .give their current folder with --assets"):
+        with pytest.raises(InputError, match=r"gone does not exist .give their current folder with --assets"):
             look()
     assert export(folder, tmp_path / "all", "zarr", observations=False) > 0
     assert rendered(store, assets="builtin") == before

@@ -67,7 +67,7 @@ def test_what_cannot_be_evaluated_is_refused_before_anything_starts(tmp_path: Pa
     for given, words in (
         ({"controller": f"{CONTROLLERS}:Nobody"}, "has no class"),
         ({"arguments": {"minutes": 3}}, "cannot be made"),
-        ({"stop": "never"}, "no way to stop"),
+        ({"stop": "never"}, "unknown value"),
         ({"data": tmp_path}, "dataset.json"),
     ):
         arguments = {"controller": f"{CONTROLLERS}:Rest", "tasks": "CloseBox", "assets": "builtin", **given}

@@ -87,10 +87,10 @@ def test_missing_mesh_is_counted(load: Load) -> None:
         (
             "info.json",
             '{"keypoints": {"a": [0, 1, 1]}, "scale": 1, "joint_position_range": [1, 1]}',
-            r"joint_position_range: not an increasing range",
+            r"joint_position_range: must be two increasing numbers",
         ),
         ("mobility.urdf", "<robot>", r"mobility\.urdf: not XML"),
-        ("mobility.urdf", "<robot><link name='base'/></robot>", r"0 movable joints, one is needed"),
+        ("mobility.urdf", "<robot><link name='base'/></robot>", r"has 0 movable joints instead of one"),
     ],
 )
 def test_what_cannot_be_used_names_file_and_field(load: Load, file: str, text: str, message: str) -> None:

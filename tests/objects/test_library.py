@@ -28,7 +28,7 @@ def test_default_is_the_environment_then_builtin(monkeypatch: pytest.MonkeyPatch
         open_library(None)
     assert open_library("builtin").name == "builtin"
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="no objects in it"):
+    with pytest.raises(InputError, match="contains no objects"):
         open_library(tmp_path / "empty")
 
 

@@ -46,7 +46,7 @@ def test_names_too_long_for_files(
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
     words = ["assets", "import", str(chest(tmp_path / "1")), "--class", "box_rotate", "--out", str(tmp_path)]
     assert cli.run([*words, "--name", "x" * 300]) == 2
-    assert "cannot name a folder" in capfd.readouterr().err
+    assert "is not a valid folder name" in capfd.readouterr().err
     library = tmp_path / "library" / "box_rotate"
     library.mkdir(parents=True)
     chest(library / ("y" * 90))

@@ -30,20 +30,21 @@ def keypoint_problem(
     frames: Frames = "original",
     options: kpam.Options | None = None,
 ) -> kpam.KeypointProblem:
-    """Return the solver problem of a recorded problem.
+    """Convert a recorded problem to a solver problem.
 
     Args:
-        problem: recorded problem, with its own clock and keypoints.
+        problem: recorded problem, with its keyframe times and keypoints.
         scene: scene with the obstacles of the problem.
-        robot: arm with hand and fingers.
-        frames: meaning of motion frames; ``"original"`` rotates list-type motions by the object's random yaw.
+        robot: model of the arm with hand and fingers.
+        frames: how motion frames are interpreted; ``"original"`` rotates motions that are lists of numbers by the
+            object's random yaw.
         options: solver options that override those of the recording.
 
     Raises:
-        InputError: the solver refuses the config or a number; names the problem.
+        InputError: the solver refuses the config or a number; the message names the problem.
     """
     joint = scene.joint
-    # The original has no collision margin and lets the hand overlap the object that it works on, also at the start.
+    # The original solver has no margin and ignores collisions between the hand and the manipulated object.
     recorded: kpam.Options = {
         "timing": "config",
         "frames": frames,

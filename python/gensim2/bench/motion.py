@@ -30,9 +30,9 @@ FINGERS_OPEN = 0.04
 
 @dataclass(frozen=True)
 class MotionProblem:
-    """Motion from one joint vector to any of several, among obstacles in the robot's base frame.
+    """Planning problem: move from one joint vector to any of several others, among obstacles in the base frame.
 
-    ``start`` and each of ``goals`` are (m,), the joints of the arm in order.
+    ``start`` and each of ``goals`` are (m,), the positions of the arm's joints in order.
     """
 
     id: str
@@ -63,7 +63,7 @@ def read_motion_problems(path: Path) -> list[MotionProblem]:
     """Read joint-to-joint problems, one JSON object per line.
 
     Raises:
-        InputError: the file cannot be read or a line is invalid; names line and field.
+        InputError: the file cannot be read, or a line is invalid; the message names line and field.
 
     Example:
         ```python
@@ -80,10 +80,10 @@ def read_motion_problems(path: Path) -> list[MotionProblem]:
 
 
 def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
-    """Return an obstacle of a problem as a body.
+    """Convert an obstacle of a problem to a body of the solver.
 
     Raises:
-        InputError: a type or a field is unknown.
+        InputError: the obstacle's type or a field is unknown or invalid.
     """
     pose = np.eye(4)
     try:
@@ -103,14 +103,14 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
         return kpam.Body(name, "rigid", [shape], pose)
     except (KeyError, ValueError, kpam.KpamError) as error:
         raise InputError(
-            f"is no obstacle ({type(error).__name__}: {error})",
+            f"is not an obstacle ({type(error).__name__}: {error})",
             field=name,
             remedy="give type box, cylinder or sphere, its size, position and quaternion_wxyz",
         ) from error
 
 
 def _full(robot: kpam.Robot, values: Sequence[float]) -> Array:
-    """Return the full joint vector: the given arm joints, and open fingers."""
+    """Return the joint vector of arm and gripper: the given arm joints and open fingers."""
     q = np.full(len(robot.joint_names), FINGERS_OPEN)
     q[: len(values)] = values
     if len(values) < len(q):
@@ -141,7 +141,7 @@ def solve_motions(
         ```
     """
     model = robots.robot(robot).model
-    # Data that are computed once per robot, balls around its links, are computed before the timing.
+    # Compute data that depend on the robot only (spheres around its links) before the timing.
     rest = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
     kpam.Scene(model).in_collision(rest)
     records: list[dict[str, Any]] = []
@@ -154,7 +154,7 @@ def solve_motions(
                 np.stack([_full(model, goal) for goal in problem.goals]),
                 margin=margin,
                 deadline_ms=deadline_ms,
-                # Only Franka's published limits are known.
+                # Limits of acceleration and jerk are published for Franka's arm only.
                 limits="panda" if robot == "panda" else None,
             )
         except (kpam.KpamError, ValueError) as error:

@@ -1,7 +1,7 @@
-"""Planning problems as JSON Lines, one validated problem per line.
+"""Read planning problems from JSON Lines files and validate them.
 
-Lengths are in m, angles in rad, poses are 4x4 row-major, quaternions (w, x, y, z), times in s on the problem's own
-clock. Fields that are not named here (such as ``reference``) are ignored.
+Lengths are in m, angles in rad, poses are 4x4 row-major, quaternions (w, x, y, z), times in s since the problem's own
+start of time. Fields that are not named here (such as ``reference``) are ignored.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class ArticulatedRecord(_Record):
 
 
 class RigidRecord(_Record):
-    """State of the rigid object: pose in the world frame, scale of its file."""
+    """State of the rigid object: pose in the world frame, and scale of its mesh file."""
 
     cls: str
     p: Vector3
@@ -125,18 +125,18 @@ class PlanProblem(_Record):
     object_axis: Literal["x", "y", "z"] | None
 
     def pose(self, name: Literal["T_world_base", "T_base_object"]) -> Array:
-        """Return a pose (4, 4) with an orthonormal rotation, because poses are stored in single precision."""
+        """Return a pose (4, 4); orthonormalize its rotation, because poses are stored in single precision."""
         pose = np.asarray(getattr(self, name), dtype=np.float64)
         left, _, right = np.linalg.svd(pose[:3, :3])
         pose[:3, :3] = left @ right
         return pose
 
     def keyframe_times(self) -> list[float]:
-        """Return the times of all keyframes on the problem's clock, in order."""
+        """Return the times of all keyframes, s, in order."""
         return [*self.pre_actuation_times, self.actuation_time, *self.post_actuation_times]
 
     def odd_frames(self) -> list[str]:
-        """Return the config's invalid axis frames, which the original treats as the world frame."""
+        """Return the invalid axis frames in the config, which the original solver treats as the world frame."""
         return [str(entry["target_axis_frame"]) for entry in self._constraints() if _is_odd(entry)]
 
     def _constraints(self) -> list[Any]:
@@ -144,7 +144,7 @@ class PlanProblem(_Record):
         return entries if isinstance(entries, list) else []
 
     def timed_config(self) -> dict[str, Any]:
-        """Return the solver config with this problem's clock; invalid axis frames become the world frame."""
+        """Return the solver config with this problem's keyframe times; invalid axis frames become the world frame."""
         constraints = [
             {**entry, "target_axis_frame": "world"} if _is_odd(entry) else entry for entry in self._constraints()
         ]
@@ -157,7 +157,7 @@ class PlanProblem(_Record):
         }
 
     def check_times(self) -> None:
-        """Raise ValueError if the clock does not fit the motions."""
+        """Raise ValueError if the keyframe times do not fit the motions."""
         for kind, times in (("pre", self.pre_actuation_times), ("post", self.post_actuation_times)):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):
@@ -243,5 +243,5 @@ def read_problems(path: Path) -> list[PlanProblem]:
         lines[problem.id] = number
         problems.append(problem)
     if not problems:
-        raise InputError("no problems in it", file=path, remedy="one JSON object a line")
+        raise InputError("contains no problems", file=path, remedy="one JSON object a line")
     return problems

@@ -1,4 +1,4 @@
-"""Scene geometry of a recorded problem: convex hulls of table, articulated object and rigid object."""
+"""Build the scene of a recorded problem: convex hulls of the table, the articulated object and the rigid object."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def load_parts(folder: Path, name: str) -> Parts:
 
     Args:
         folder: folder of the object.
-        name: name of the file in it.
+        name: name of the file in the folder.
 
     Raises:
-        MissingFileError: the file does not exist (callers count these).
+        MissingFileError: the file does not exist; callers count missing files.
         InputError: the file is not a mesh, is outside the folder, or has numbers that are not finite.
     """
     from gensim2.objects.library.meshes import read_obj  # imported here: checking a file of problems does not need it
@@ -59,7 +59,7 @@ def load_parts(folder: Path, name: str) -> Parts:
 
 
 def convex_points(points: Array) -> Array | None:
-    """Return the convex hull's vertices of points (N, 3), m; None if they have no area.
+    """Return the vertices of the convex hull of points (N, 3), m; None if the points lie on a line.
 
     Flat points are thickened to ``MINIMUM_THICKNESS`` along their normal.
     """
@@ -93,13 +93,13 @@ GRASP_DISTANCE = 0.03
 
 @dataclass(frozen=True)
 class SceneObstacle:
-    """Convex hulls that move together.
+    """Body in the scene, made of convex hulls.
 
     Attributes:
         name: unique name in the scene.
         role: ``"target"`` for a rigid object that constraints refer to, ``"attached"`` for a grasped object.
         hulls: vertices (N, 3) of each hull in the body frame, m.
-        pose: (4, 4) body in the robot base frame; in the hand frame if ``"attached"``.
+        pose: (4, 4) pose of the body in the robot base frame, or in the hand frame if ``role`` is ``"attached"``.
     """
 
     name: str
@@ -122,7 +122,7 @@ class SceneJoint:
 
 @dataclass(frozen=True)
 class ProblemScene:
-    """Obstacles and joint of a problem; ``warnings`` lists meshes that could not be loaded."""
+    """Obstacles of a problem and the moving joint; ``warnings`` lists meshes that could not be loaded."""
 
     obstacles: tuple[SceneObstacle, ...]
     joint: SceneJoint | None
@@ -142,7 +142,7 @@ def _pose(rotation: Rotation, position: Array | list[float]) -> Array:
 
 
 def _scaled(T: Array, scale: float) -> Array:
-    """Return a pose in m from one whose translation is in a model's units."""
+    """Return a pose with its translation multiplied by ``scale``, from units of a model to metres."""
     pose = T.copy()
     pose[:3, 3] *= scale
     return pose
@@ -177,14 +177,14 @@ def _link_hulls(urdf: Urdf, link: str, T_body_link: Array, scale: float, warning
 
 
 def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tuple[list[SceneObstacle], SceneJoint]:
-    """Return the body and the moving link of the object at the recorded joint value."""
+    """Return the body and the moving link of the articulated object at the recorded joint value."""
 
     record = problem.objects.articulated
     urdf = _urdf(folder / "articulated_objs" / record.cls / record.id)
     moving = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(moving) != 1 or moving[0].type not in MOVABLE:
         raise InputError(
-            f"{len(moving)} movable joints", file=urdf.file, remedy="an object has one revolute or prismatic joint"
+            f"has {len(moving)} movable joints", file=urdf.file, remedy="an object has one revolute or prismatic joint"
         )
     joint, axis, value, scale = moving[0], unit_axis(moving[0], urdf.file), record.qpos[0], record.scale
     frames = fixed_frames(urdf, joint)
@@ -237,7 +237,7 @@ def problem_scene(problem: PlanProblem, assets: Path | None, T_base_hand: Array)
     Args:
         problem: recorded problem.
         assets: folder with ``articulated_objs`` and ``rigidbody_objs``; None leaves the objects out.
-        T_base_hand: (4, 4) hand at ``q_current``, in the robot base frame.
+        T_base_hand: (4, 4) pose of the hand at ``q_current`` in the robot base frame.
 
     Raises:
         InputError: an object's folder is missing or its files are invalid (a missing mesh is only a warning).
@@ -258,7 +258,7 @@ def problem_scene(problem: PlanProblem, assets: Path | None, T_base_hand: Array)
 
 
 def _with_role(rigid: SceneObstacle, problem: PlanProblem, T_base_hand: Array) -> SceneObstacle:
-    """Return the rigid object with its role: grasped, target, or obstacle."""
+    """Return the rigid object with its role: grasped object, target, or obstacle."""
     head = problem.tool_keypoints_hand.get("tool_head")
     T_hand_rigid = np.linalg.inv(T_base_hand) @ rigid.pose
     closed = max(problem.q_current[7:]) < 0.0399
@@ -270,9 +270,9 @@ def _with_role(rigid: SceneObstacle, problem: PlanProblem, T_base_hand: Array) -
 
 
 def check_assets(folder: Path) -> Path:
-    """Return the folder; raise InputError if it has no ``articulated_objs``."""
+    """Return ``folder``; raise InputError if the folder does not contain ``articulated_objs``."""
     if not (folder / "articulated_objs").is_dir():
         raise InputError(
-            "no articulated_objs in it", file=folder, field="--assets", remedy="name the folder of real objects"
+            "contains no articulated_objs", file=folder, field="--assets", remedy="name the folder of real objects"
         )
     return folder

@@ -1,4 +1,4 @@
-"""``gensim2 bench solver``: solve a file of recorded problems."""
+"""``gensim2 bench solver``: solve the recorded problems in a file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SHORTEST_SAMPLE_DT = 0.001
 class BenchSummary:
     """Summary of all problems; times are medians of CPU time in ms.
 
-    ``peak_memory_mb`` is that of the process, including scenes and output.
+    ``peak_memory_mb`` is the peak memory of the process, including scenes and output.
     """
 
     problems: int
@@ -56,7 +56,7 @@ def _listed(value: Any) -> Any:
 
 
 def _clearance(question: kpam.KeypointProblem, plan: kpam.Plan) -> dict[str, float | None]:
-    """Return the smallest signed distances of the checked pairs; None without a motion or without such a pair."""
+    """Return the smallest signed distances, m, between checked pairs of bodies; None without motion or pairs."""
     found = kpam.min_clearance(question, plan, CLEARANCE_STEP)
     values: dict[str, float | None] = {"self": None, "table": None, "object": None}
     if found is not None:
@@ -71,7 +71,7 @@ def record_of(
     warnings: tuple[str, ...],
     sample_dt: float | None,
 ) -> dict[str, Any]:
-    """Return one output line; docs/reference/benchmarks.md describes its fields."""
+    """Return the result of one problem as written to the output; docs/reference/benchmarks.md describes the fields."""
     trajectory = plan.trajectory
     record: dict[str, Any] = {
         "id": problem.id,
@@ -118,10 +118,10 @@ def bench_solver(
     Args:
         problems: JSON Lines file of planning problems, see ``gensim2.bench.problems``.
         out: file to write.
-        assets: folder of real objects, which then are obstacles; None plans with the table only.
-        frames: meaning of list-type translations.
-        threads: number of solver threads; results do not depend on it.
-        sample_dt: time step of joint positions to write, s; None: write none.
+        assets: folder of real objects, which are obstacles; None: the table is the only obstacle.
+        frames: how motion frames are interpreted (see :func:`~gensim2.bench.convert.keypoint_problem`).
+        threads: number of solver threads, which does not affect results.
+        sample_dt: time step of the joint positions to write, s; None: write no joint positions.
 
     Returns:
         Counts of the problems by status.
@@ -168,10 +168,10 @@ def solve_problems(
 
     Args:
         problems: JSON Lines, see ``gensim2.bench.problems``.
-        assets: folder of real objects, which then are obstacles; None plans with the table only.
-        frames: meaning of motion frames.
-        threads: number of solver threads; results do not depend on it.
-        sample_dt: time step of joint positions in the records, s; None: none.
+        assets: folder of real objects, which are obstacles; None: the table is the only obstacle.
+        frames: how motion frames are interpreted (see :func:`~gensim2.bench.convert.keypoint_problem`).
+        threads: number of solver threads, which does not affect results.
+        sample_dt: time step of the joint positions in the records, s; None: no joint positions.
 
     Raises:
         InputError: a line is invalid, a folder is missing, or an object cannot be read.
@@ -210,7 +210,7 @@ def solve_problems(
 
 
 def summary_of(records: list[dict[str, Any]]) -> BenchSummary:
-    """Summarize output lines.
+    """Summarize records of :func:`solve_problems`.
 
     Example:
         ```python

@@ -9,5 +9,5 @@ SWITCH_INTERVAL = 0.0005
 
 
 def usable_cores() -> int:
-    """Return the number of usable cores, limited by the process's CPU affinity where the system has one."""
+    """Return the number of CPU cores that this process may use, according to its CPU affinity if the system has one."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

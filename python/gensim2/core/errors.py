@@ -31,7 +31,7 @@ def one_line(text: str) -> str:
 
 
 def printable(text: str) -> str:
-    """Return ``text`` for a terminal: control characters are shown as escapes, but for line breaks and tabs."""
+    """Return ``text`` with control characters, except line breaks and tabs, replaced by escape sequences."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
@@ -43,7 +43,7 @@ def brief(number: int) -> str:
 
 
 def near(word: object, words: Iterable[str]) -> str:
-    """Return the remedy for a word that is not in ``words``: the most similar ones, or the first of all."""
+    """Return a hint for an unknown ``word``: the most similar ``words``, or the first of them if none is similar."""
     known = list(words)
     matches = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, n=3, cutoff=0.5)
     if matches:
@@ -69,8 +69,8 @@ class InputError(GenSim2Error):
     Args:
         message: what is wrong.
         file: file or folder with the error, if any.
-        field: field, option or element in it, if any.
-        remedy: what to do about it.
+        field: name of the wrong field, command-line option or element, if any.
+        remedy: instruction that corrects the error.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class InputError(GenSim2Error):
 
 
 class Stopped(BaseException):
-    """A signal asks the program to stop; like KeyboardInterrupt it passes through ``except Exception``."""
+    """A signal asked the program to stop; ``except Exception`` does not catch this exception."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -97,14 +97,14 @@ class Stopped(BaseException):
 
 @contextlib.contextmanager
 def user_code(refused: Callable[[BaseException], InputError], *passed: type[BaseException]) -> Iterator[None]:
-    """Run user code; anything that it raises, including ``sys.exit``, becomes an error.
+    """Run the user's code in a block, and turn any exception from the block (also ``sys.exit``) into an InputError.
 
     Args:
-        refused: returns the error for an exception.
+        refused: function that turns the exception into the error to raise.
         passed: exceptions that pass unchanged, in addition to signals and MemoryError.
 
     Raises:
-        InputError: the code raised another exception.
+        InputError: the code raised an exception; made by ``refused``.
     """
     through: tuple[type[BaseException], ...] = (KeyboardInterrupt, Stopped, MemoryError, *passed)
     try:
@@ -133,7 +133,7 @@ class MissingExtraError(GenSim2Error):
 
     Args:
         module: name of the missing module or command.
-        extra: extra of ``distribution`` that installs the module; "": the distribution itself.
+        extra: pip extra of ``distribution`` that installs the module; empty if the module needs no extra.
         distribution: name of the distribution to install.
     """
 
@@ -172,8 +172,7 @@ class NotRunError(GenSim2Error):
 
 
 class ModelError(GenSim2Error):
-    """A language model did not answer, because its endpoint is unreachable, refuses, or still limits the rate after all
-    retries.
+    """A language model's endpoint is unreachable, refuses requests, or still limits the rate after all retries.
 
     Finished work is kept, and a run can be resumed.
     """

@@ -37,7 +37,8 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 
     Args:
         variable: name of the environment variable.
-        default: returns the other folder; raises ``RuntimeError`` without a home folder.
+        default: function that returns the folder used if the variable is not set; it raises ``RuntimeError`` if the
+            account has no home folder.
 
     Raises:
         InputError: the variable is not set, and the account has no home folder.
@@ -55,7 +56,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
     The data is on disk before the file is renamed, and the new name is on disk before this returns. So a reader, a
     crash or a power cut sees either the old file or the new one. If the block fails, ``path`` is unchanged. The
-    temporary path has the suffix of ``path``, because some libraries choose a format by it.
+    temporary path has the suffix of ``path``, because some libraries choose the file format by the suffix.
 
     A symbolic link at ``path`` is replaced and never followed, because its target may lie outside an untrusted folder.
 
@@ -131,7 +132,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
-    """Hold the lock of a folder, which creates no file; yield whether it was acquired."""
+    """Try to lock a folder (without a lock file) during a block; yield whether the lock was acquired."""
     handle = _folder_handle(folder)
     try:
         yield _lock(handle, how)
@@ -144,7 +145,7 @@ def _folder_handle(folder: Path) -> int:
 
 
 def _lock(handle: int, how: int) -> bool:
-    """Return whether the lock was acquired: another process may hold it, or the file system may not support it."""
+    """Try to lock; return False if another process holds the lock or the file system supports no locks."""
     try:
         fcntl.flock(handle, how)
     except OSError:
@@ -173,10 +174,10 @@ def _reason(error: OSError | WriteError) -> str:
 
 
 def check_writable(path: Path) -> None:
-    """Refuse an unwritable output file before the work starts; nothing is written.
+    """Check that the output file ``path`` can be written, without writing anything.
 
     Raises:
-        InputError: says why the file cannot be written.
+        InputError: the file cannot be written; the message gives the reason.
     """
     try:
         if is_special(path):
@@ -189,7 +190,7 @@ def check_writable(path: Path) -> None:
 
 
 def write_atomic(path: Path, data: str | bytes) -> None:
-    """Write ``data`` to ``path`` atomically, as :func:`replacing`.
+    """Write ``data`` to ``path`` atomically (see :func:`replacing`).
 
     Raises:
         WriteError: the folder cannot be written to, or the disk is full.
@@ -199,7 +200,7 @@ def write_atomic(path: Path, data: str | bytes) -> None:
 
 
 def write_output(path: Path, data: str | bytes) -> None:
-    """Write to a user's output path: as :func:`write_atomic`, but follow links and write into pipes and devices.
+    """Write to a path that the user chose: atomically to a file or a link's target, directly to a pipe or device.
 
     Raises:
         InputError: the path cannot be written to, or the disk is full.
@@ -214,7 +215,7 @@ def write_output(path: Path, data: str | bytes) -> None:
 
 
 def _encoded(data: str | bytes) -> bytes:
-    """Encode text as UTF-8; bytes of a path that are not UTF-8 are written as escapes."""
+    """Encode text as UTF-8, with escape sequences for bytes of file names that are not UTF-8."""
     return data.encode(errors="backslashreplace") if isinstance(data, str) else data
 
 
@@ -237,7 +238,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def remove_temporaries(folder: Path) -> None:
-    """Remove temporary files of killed processes below ``folder``; no other process may be writing there."""
+    """Remove temporary files that killed processes left below ``folder``; no other process may be writing there."""
     for path in sorted(folder.rglob(".*.tmp*")):
         if _TEMPORARY.match(path.name) and path.is_file():
             path.unlink(missing_ok=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Progress(Protocol):
-    """Progress listener, which is told about one stage after the other.
+    """Progress listener, which is notified of the stages of a long function one after the other.
 
     Long functions take ``progress: Progress = NULL_PROGRESS``. Only the calling process uses the listener; workers send
     their progress to that process.
@@ -49,7 +49,7 @@ NULL_PROGRESS: Progress = NullProgress()
 
 
 class NamedProgress:
-    """Progress listener that passes everything on, with a prefix before each stage's description.
+    """Progress listener that forwards to another listener and puts a prefix before the description of each stage.
 
     Args:
         word: the prefix.
@@ -137,7 +137,7 @@ class ConsoleProgress:
             self._bars.start()
 
     def start(self, description: str, total: int | None = None) -> None:
-        """Start a stage; the bar of the previous stage stays as it ended."""
+        """Start a stage; the bar of the previous stage stays visible in its final state."""
         self._finish()
         self._description, self._done, self._total = printable(description), 0, total
         self._started = time.monotonic()

@@ -23,24 +23,24 @@ def read_record(path: Path, model: type[Model], remedy: str) -> Model:
     """Read the JSON file ``path`` as a ``model``.
 
     Raises:
-        InputError: the file cannot be read, is not JSON, has another schema version, or a field is missing, unknown or
-            invalid; includes the ``remedy``.
+        InputError: the file cannot be read, is not JSON, has an unsupported schema version, or has a missing, unknown
+            or invalid field; the message includes ``remedy``.
     """
     content = read_input(path, MAX_RECORD, remedy)
     return parse_record(content, TypeAdapter(model), path, remedy)
 
 
 def parse_record(content: bytes, adapter: TypeAdapter[Value], path: Path, remedy: str, at: str = "") -> Value:
-    """Parse JSON as the adapter's type.
+    """Parse JSON and validate it as the type of ``adapter``.
 
     Args:
-        at: position in the file, for example a line.
+        at: position of the JSON in the file for error messages, for example ``line 3``.
 
     Raises:
         InputError: as for :func:`read_record`.
     """
     try:
-        # Refuse input that pydantic would accept although it is not JSON (NaN), or that it would take too long to read.
+        # pydantic would accept NaN, which is not JSON, and would take too long for some inputs.
         plain = json.loads(content.decode(), parse_constant=_refuse)
         return adapter.validate_json(json.dumps(plain, allow_nan=False), strict=True)
     except ValidationError as error:

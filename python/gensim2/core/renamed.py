@@ -8,14 +8,14 @@ from functools import cache
 
 
 def current(name: str, renamed: Mapping[str, str], kind: str) -> str:
-    """Return the present name for a possibly outdated one.
+    """Return the current name for a name that may be from the previous release.
 
     A name of the previous release is accepted and reported once per process on standard error.
 
     Args:
-        name: given name.
-        renamed: present names by those of the previous release.
-        kind: kind of thing, for the message.
+        name: name that the user gave.
+        renamed: current names, keyed by the names of the previous release.
+        kind: kind of the named thing for the message, for example ``"field"``.
     """
     if name not in renamed:
         return name

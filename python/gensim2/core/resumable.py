@@ -1,4 +1,4 @@
-"""A folder that one run at a time writes to, and that a later call can resume."""
+"""A folder that only one run at a time may write to; a later call can resume the run."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ REMEDY = "give the same, or choose another --out"
 class FolderLock:
     """Lock of a folder; a context manager that releases the lock. The lock ends with its process.
 
-    Symbolic links must not lead out of the folder, because they would be followed. The lock file stays, because
-    removing it would let two processes lock two files of the same name. It contains the process id.
+    Symbolic links must not lead out of the folder, because writes would follow them. The lock file contains the process
+    id and is never removed, because after a removal two processes could lock two files of the same name.
 
     Args:
         folder: the folder; it is created if missing.
@@ -72,7 +72,7 @@ class RunSettings(BaseModel):
     """Base of the records of resumable folders: the settings that determine the results.
 
     Attributes:
-        FREE: fields that a resumed run need not repeat; dots separate nested fields.
+        FREE: fields whose values may change when a run is resumed; a dot separates the names of nested fields.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -80,32 +80,32 @@ class RunSettings(BaseModel):
     FREE: ClassVar[frozenset[str]] = frozenset()
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield field and message for every setting in which ``now`` differs from this record."""
+        """Yield the field's name and a message for every setting that differs between this record and ``now``."""
         for name in type(self).model_fields:
             yield from differing(name, getattr(self, name), getattr(now, name), self.FREE)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the folder's record after a run with equal settings resumes it."""
+        """Return the record to store when a run with the settings ``now`` resumes the folder."""
         del now
         return self
 
     def require_same(self, now: Self, file: Path | None, remedy: str = REMEDY) -> None:
-        """Refuse to resume with other settings.
+        """Check that a resuming run has the settings of this record.
 
         Args:
             now: settings of the resuming run.
-            file: file of this record.
+            file: path of this record, for the error message.
             remedy: remedy for the error message.
 
         Raises:
-            InputError: names the first field that differs.
+            InputError: a setting differs; the message names the first one.
         """
         for field, message in self.differences(now):
             raise InputError(message, file=file, field=field, remedy=remedy)
 
 
 def differing(field: str, was: Any, now: Any, free: frozenset[str] = frozenset()) -> Iterator[tuple[str, str]]:
-    """Yield field and message for every difference of two values; mappings and models are compared by key."""
+    """Yield field name and message for every difference between two values; mappings are compared key by key."""
     if field in free:
         return
     was, now = (each.model_dump(mode="json") if isinstance(each, BaseModel) else each for each in (was, now))
@@ -122,7 +122,7 @@ def _short(value: Any) -> str:
 
 
 def held_already(folder: Path, holds: str, remedy: str = "add --resume, or choose another --out") -> InputError:
-    """Return the error for a new run in a folder that already has one."""
+    """Return the error for starting a new run in a folder that already contains a run."""
     return InputError(f"holds {holds} already", file=folder, remedy=remedy)
 
 
@@ -136,18 +136,18 @@ class ResumableFolder(Generic[Settings]):
         path: the folder; it is created if missing.
         marker: file name of the record.
         settings: settings of this run.
-        holds: content of such a folder in words, for messages (``"a run"``).
+        holds: description of the folder's content for error messages, for example ``"a run"``.
         resume: continue a folder that has the marker.
         lock: name of the lock file; None: the caller has locked an outer folder.
-        alone: refuse a folder without the marker that contains anything else.
+        alone: refuse a folder that has files but no marker.
 
     Attributes:
         path: the folder.
         record: settings of the run; in a resumed folder, the settings of the first run.
 
     Raises:
-        InputError: the folder has the marker and ``resume`` is false, or other settings, or other content; another
-            process uses it; or it cannot be written.
+        InputError: the folder has the marker but ``resume`` is false or the settings differ; or the folder has other
+            content, is used by another process, or cannot be written to.
     """
 
     def __init__(

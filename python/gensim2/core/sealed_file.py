@@ -25,10 +25,10 @@ MAX_BYTES = 2**30
 
 @dataclass(frozen=True)
 class Seal:
-    """A type of checksummed file.
+    """Type of a checksummed file.
 
     Attributes:
-        magic: first word.
+        magic: first word of the file.
         version: version that this gensim2 writes and reads.
         message: error message for a damaged file.
         remedy: remedy for a damaged file.
@@ -52,11 +52,11 @@ class Seal:
         return digest
 
     def read(self, path: Path) -> tuple[str, bytes]:
-        """Check a file and return its digest and its content, header and body.
+        """Check a file and return its SHA-256 digest and its content (header and body).
 
         Raises:
-            InputError: the file cannot be read, or another version of gensim2 wrote it; ``damaged``: its bytes have
-                changed.
+            InputError: the file cannot be read, or an incompatible gensim2 wrote it. If the bytes have changed, the
+                exception class is ``damaged``.
         """
         content = read_input(path, MAX_BYTES, self.remedy)
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")

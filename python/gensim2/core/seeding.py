@@ -1,4 +1,4 @@
-"""Random generators, each derived from (seed, task, episode)."""
+"""Derive independent random generators from a seed, a task's name and an episode's index."""
 
 from __future__ import annotations
 

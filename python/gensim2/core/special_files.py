@@ -1,7 +1,7 @@
-"""Special files, such as devices and pipes, which must be written to and not replaced.
+"""Write to special files (devices and pipes), which an atomic write would replace.
 
 A user may name a device (``/dev/full``), a pipe, or an open descriptor (``/dev/stdout``, a shell's ``>(...)``) as an
-output file. An atomic write would replace it.
+output file.
 """
 
 from __future__ import annotations

@@ -25,10 +25,10 @@ def input_error(
     Args:
         error: error of a model or an adapter.
         file: file of the data.
-        within: position of the data in the file, for example a line.
-        location: path to the field, if it differs from the error's own.
-        known: names of the fields at this place, to suggest one for an unknown field.
-        remedy: remedy; by default, for an unknown field, to rename or to remove the field.
+        within: position of the data in the file, for example ``line 3``.
+        location: path to the field; by default the location in pydantic's error.
+        known: valid field names, from which the message suggests one if a field is unknown.
+        remedy: remedy for the message; the default for an unknown field is to rename or remove the field.
 
     Example:
         >>> from pydantic import BaseModel

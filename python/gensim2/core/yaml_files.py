@@ -59,8 +59,8 @@ def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
     """Parse YAML text; numbers must be finite, and integers must fit 64 bits.
 
     Raises:
-        InputError: the text is not UTF-8, not YAML, too large or too deep, or has values that JSON lacks; names the
-            line.
+        InputError: the text is not UTF-8, not YAML, too large or too deeply nested, or has values that JSON lacks; the
+            message gives the line.
     """
     if len(data) > MAX_BYTES:
         raise InputError(f"is larger than {MAX_BYTES // 1000} kB", file=file)
@@ -88,7 +88,7 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
     """Refuse NaN and infinity anywhere in plain data.
 
     Raises:
-        InputError: names the field.
+        InputError: a number is NaN or infinite; the message names its field.
     """
     if isinstance(value, float) and not math.isfinite(value):
         raise InputError(f"must be a finite number, is {value}", file=file, field=field)
@@ -101,7 +101,7 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
 
 
 class _FastLoader(Composer, getattr(yaml, "CSafeLoader", object)):  # type: ignore[misc]
-    """libyaml's parser, which is five times as fast, with the Python composer, which can enforce limits."""
+    """Loader with libyaml's parser, 5 times as fast as PyYAML's, and PyYAML's composer, which can enforce limits."""
 
     def __init__(self, stream: str) -> None:
         yaml.CSafeLoader.__init__(self, stream)
@@ -113,7 +113,7 @@ _Loader: Any = _FastLoader if hasattr(yaml, "CSafeLoader") else yaml.SafeLoader
 
 
 class _PlainLoader(_Loader):  # type: ignore[misc]
-    """Loader with limits that constructs only the types of JSON."""
+    """Loader that limits size and depth and constructs only JSON types."""
 
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
@@ -127,11 +127,11 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
             node: Node | None = super().compose_node(parent, index)
             assert node is not None
             if node not in self._repeats:
-                raise _refusal(f"*{event.anchor} stands inside itself", event.start_mark)
+                raise _refusal(f"*{event.anchor} refers to itself", event.start_mark)
             self._count(self._repeats[node], event.start_mark)
             return node
         if self._depth == MAX_DEPTH:
-            raise _refusal(f"more than {MAX_DEPTH} values inside each other", event.start_mark)
+            raise _refusal(f"is nested more than {MAX_DEPTH} levels deep", event.start_mark)
         before = self._values
         self._depth += 1
         node = super().compose_node(parent, index)
@@ -150,7 +150,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         name = node.tag.removeprefix(_PREFIX)
         if name not in _PLAIN:
             name = "date" if name == "timestamp" else name.strip("!")
-            raise _refusal(f"a value of type {name} has no use here (put text in quotes)", node.start_mark)
+            raise _refusal(f"a value of type {name} is not allowed (put text in quotes)", node.start_mark)
         try:
             value = super().construct_object(node, deep=deep)
         except (ValueError, LookupError, TypeError, AttributeError) as error:
@@ -160,7 +160,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         if isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise _refusal(TOO_MANY_BITS, node.start_mark)
         if isinstance(value, str) and not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
-            raise _refusal("half a character (an unpaired UTF-16 surrogate)", node.start_mark)
+            raise _refusal("contains half a character (an unpaired UTF-16 surrogate)", node.start_mark)
         return value
 
     def construct_mapping(self, node: MappingNode, deep: bool = False) -> dict[Any, Any]:

@@ -1,4 +1,4 @@
-"""Data sets: collected at once or in several calls, one file for each episode, independent of interruptions."""
+"""Data sets of episodes, one file for each; a collection can be interrupted and resumed without changing the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a data set's card, ``README.md``, with the metadata header that data set hubs read."""
+"""Write a data set's card, ``README.md``, with a metadata header for sites that host data sets."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Described:
 
     Attributes:
         store: episodes of the task.
-        episodes, steps: number of demonstrations, and of their control steps.
+        episodes, steps: number of demonstrations, and number of control steps in all of them.
         objects: class and id of each object.
     """
 
@@ -83,7 +83,7 @@ class Described:
 
     @staticmethod
     def of(store: TaskStore, rows: Iterable[Episode]) -> Described:
-        """Count episodes, with one in memory at a time."""
+        """Count the episodes in ``rows``; only one episode is in memory at a time."""
         episodes = steps = 0
         objects: set[tuple[str, str]] = set()
         for row in rows:
@@ -96,7 +96,7 @@ def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind
     """Write the card of some episodes of a data set.
 
     Args:
-        described: counts by task.
+        described: counts of each task.
         out: folder to write to.
         kind: ``"native"`` or the name of an export format.
     """
@@ -170,7 +170,7 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
 
 
 def _frames(profile: RobotProfile, kind: str) -> list[str]:
-    """Return the section that describes a frame, for the formats that store frames."""
+    """Return the card's section on the contents of a frame; empty for formats without frames."""
     if kind not in ("lerobot", "zarr"):
         return []
     joints, arm = ", ".join(profile.model.joint_names), ", ".join(profile.arm_joints)

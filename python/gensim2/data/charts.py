@@ -20,7 +20,7 @@ _INK, _GOOD, _BAD, _FILL = "#76839a", "#2a9d6a", "#d0553f", "#4a7fd0"
 def charts(quality: TaskQuality) -> tuple[str, ...]:
     """Draw histograms of object positions, openness, durations, arm jerk and clearance.
 
-    The same data give the same text.
+    Equal data give byte-identical charts.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -38,7 +38,7 @@ def _places(axes: Any, places: Sequence[tuple[float, float, float, bool]]) -> No
     for held, colour, label in ((True, _GOOD, "held"), (False, _BAD, "not held")):
         points = [(x, y) for x, y, _, each in places if each == held]
         if points:
-            # The robot looks along x, so objects to its left are on the left of the chart.
+            # The robot faces along x, so objects on its left appear on the left of the chart.
             axes.scatter([-y for _, y in points], [x for x, _ in points], s=16, c=colour, label=label, linewidths=0)
     axes.set(title="where it stood (m)", xlabel="right of the robot", ylabel="ahead")
     axes.set_aspect("equal", adjustable="datalim")
@@ -66,7 +66,7 @@ def _drawing(salt: str, draw: Any) -> str:
     coloured = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
     sized = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
     settings: dict[Any, Any] = {**dict.fromkeys(coloured, _INK), **dict.fromkeys(sized, _POINTS)}
-    # Text stays text. With fixed names and without a date the same data give the same bytes.
+    # Without a date and with fixed ids, equal data give equal bytes. Text is stored as text, not as curves.
     settings |= {"svg.hashsalt": salt, "svg.fonttype": "none"}
     with matplotlib.rc_context(settings):
         figure = Figure(figsize=_INCHES, layout="constrained", facecolor="none")

@@ -1,4 +1,4 @@
-"""Clearance between the robot and its obstacles, from recorded states with the solver's geometry."""
+"""Compute the robot's clearance to obstacles from recorded states, with the collision geometry of the solver."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ class Clearance:
     """Clearance of one episode.
 
     Attributes:
-        distance: smallest recorded distance, m; negative for overlaps, at most ``FARTHEST``.
-        to: nearest obstacle: ``"table"``, ``"itself"`` or an object's name; None if nothing was near.
+        distance: smallest distance in the episode, m; negative for overlaps, at most ``FARTHEST``.
+        to: nearest obstacle: ``"table"``, ``"itself"`` (the robot) or an object's name; None if nothing was within
+            ``FARTHEST``.
     """
 
     distance: float
@@ -60,14 +61,14 @@ class ClearanceMeter:
     """Measures the clearance of one task's episodes.
 
     The robot's links are measured against the table, each other, and every object that no step acts on. An object that
-    both fingers touch counts as grasped. It is then part of the hand, except against the table and the object on which
-    it stood at the start. Objects that steps act on are meant to be touched and are left out, and so are pairs of links
-    that can never touch and links that no joint moves.
+    both fingers touch counts as grasped. A grasped object is measured as part of the hand, but not against the table or
+    the object that it was placed on at the start. Not measured: the robot's distance to objects that a step acts on,
+    links that no joint moves, and pairs of links that can never touch.
 
     Args:
         task: task of the episodes.
         library: library of their objects.
-        hulls: method by which meshes became collision hulls when the episodes were recorded.
+        hulls: convex decomposition method that made the collision hulls when the episodes were recorded.
     """
 
     def __init__(self, profile: RobotProfile, task: TaskSpec, library: Library, hulls: Hulls = "default") -> None:
@@ -96,7 +97,7 @@ class ClearanceMeter:
         return found
 
     def _nearest(self, q: Array, bodies: Mapping[str, _Body], held: _Body | None, instants: Indices) -> Clearance:
-        """Return the smallest clearance over some instants; ``held``, if given, is grasped at all of them."""
+        """Return the smallest clearance over the given instants; ``held``, if not None, is grasped throughout."""
         least = Clearance(FARTHEST, None)
         if not len(instants):
             return least
@@ -163,7 +164,7 @@ def _named(pair: tuple[str, str], bodies: Mapping[str, _Body]) -> str:
 
 
 def _spans(poses: Array) -> Iterator[slice]:
-    """Yield ranges of instants in which no pose (T, B, 4, 4) changes by more than ``STILL``."""
+    """Yield time ranges during which none of the poses (T, B, 4, 4) changes by more than ``STILL``."""
     begin = 0
     for instant in range(1, len(poses)):
         if np.abs(poses[instant] - poses[begin]).max(initial=0.0) > STILL:

@@ -1,4 +1,4 @@
-"""Close-ups of the fingertips for films, because the hand hides the contact: ray casting from its sides."""
+"""Draw close-ups of the fingertips for videos: ray casting from beside the hand, which hides the contact."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ FRAME, FRAME_WIDTH = (40, 46, 56), 2
 
 
 class CloseUp:
-    """Draws the fingertips into the corner of a film's frames, from the side of the hand where they are visible.
+    """Draws a close-up of the fingertips, from the side where the hand hides them least, into a corner of video frames.
 
     Args:
         profile: robot profile.
         objects: objects of the scene by name.
-        height: height of the film's pictures, pixels.
+        height: height of the video frames, pixels.
     """
 
     def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel], height: int) -> None:
@@ -46,8 +46,8 @@ class CloseUp:
         """Return a copy of a picture (H, W, 3) with the close-up in its lower right corner.
 
         Args:
-            picture: frame of the film.
-            states: ManiSkill's states at the time of the frame, (1, ...) each.
+            picture: frame of the video.
+            states: recorded states at the time of the frame, in ManiSkill's layout, arrays of shape (1, ...).
         """
         link = self._profile.hand_link
         pose = self._scene.link_poses(states, self._profile.agent, link)[0]
@@ -62,7 +62,7 @@ class CloseUp:
 
 
 def _camera(profile: RobotProfile, side: float, size: int) -> Camera:
-    """Return a camera that the hand carries; its picture shows the fingers pointing down."""
+    """Return a camera fixed to the hand, in whose picture the fingers point down."""
     tips = np.asarray(profile.tool_keypoints["tool_head"], dtype=np.float64)
     forward = tips - np.asarray(profile.tool_keypoints["tool_tail"], dtype=np.float64)
     across = np.asarray(profile.tool_keypoints["tool_side"], dtype=np.float64) - tips
@@ -78,7 +78,7 @@ def _camera(profile: RobotProfile, side: float, size: int) -> Camera:
 
 
 def _hidden(view: View) -> float:
-    """Return the share of the picture's centre in which a surface hides the fingertips."""
+    """Return the fraction of the picture's centre in which something hides the fingertips."""
     third = view.depth.shape[0] // 3
     middle = view.depth[third : 2 * third, third : 2 * third]
     return float(np.mean((middle > 0) & (middle < np.hypot(DISTANCE, BEHIND) - BLOCKED)))

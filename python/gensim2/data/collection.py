@@ -25,8 +25,8 @@ class CollectionResult:
     Attributes:
         folder: folder of the data set.
         status: final status.
-        skipped: reasons by task for tasks that cannot be run with these objects.
-        cpu_s: CPU time of all processes in this call, s, without their start.
+        skipped: for each task that these objects cannot run, the reason.
+        cpu_s: CPU time of all worker processes in this call, s, excluding their start.
     """
 
     folder: Path
@@ -78,15 +78,15 @@ def collect(
             whose object classes are not available is skipped and listed in the result.
         episodes: number of episodes to run for each task.
         out: folder of the data set.
-        seed: seed of the scenes; no other command uses the same scenes.
+        seed: seed of the scenes. Other commands draw different scenes from the same seed.
         keep_failures: also store the states of failed episodes; their records are always stored.
         noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
             recorded as well (:mod:`gensim2.rollout.noise`).
-        strategy: names of strategies; a step that has any of them uses no others.
-        objects: number of generated objects of each articulated class to use in place of ``instances``, different from
-            the listed and the ``new`` ones; None: use ``instances``.
+        strategy: names of strategies to use. A step that has none of them uses all its strategies.
+        objects: use this many generated objects of each articulated class instead of ``instances``. They differ from
+            the objects that ``instances`` can name. None: use ``instances``.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.
-        listener: gets the status of every task.
+        listener: receives the status of all tasks.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:

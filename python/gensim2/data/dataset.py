@@ -40,8 +40,8 @@ class DataSet:
 
     Args:
         path: folder of the data set.
-        record: contents of its ``dataset.json``.
-        assets: present folder of its objects; None: the recorded folder.
+        record: contents of the folder's ``dataset.json``.
+        assets: current folder of the object library; None: the folder recorded in the data set.
     """
 
     def __init__(self, path: Path, record: DatasetRecord, assets: str | None = None) -> None:
@@ -49,12 +49,13 @@ class DataSet:
 
     @staticmethod
     def open(path: Path | str, assets: Path | str | None = None) -> DataSet:
-        """Open a data set, finished or not.
+        """Open a data set, even if its collection is unfinished.
 
         Args:
             path: folder of the data set.
-            assets: present folder of its objects; None: the recorded folder. Not used for built-in objects. The
-                objects' content is checked when they are first used (:mod:`gensim2.data.used_objects`).
+            assets: current folder of the object library; None: the folder recorded in the data set. Not used for
+                built-in objects. The objects' content is checked when they are first used
+                (:mod:`gensim2.data.used_objects`).
 
         Raises:
             InputError: ``dataset.json`` is missing, damaged, or of another version of gensim2; or ``assets`` has no
@@ -68,19 +69,19 @@ class DataSet:
 
     @property
     def assets(self) -> str:
-        """Folder of its objects, which may not exist, or ``"builtin"``."""
+        """Folder of the objects, which may be missing, or ``"builtin"`` for generated objects."""
         return self.record.scene.assets if self._assets is None else self._assets
 
     @cached_property
     def scene(self) -> SceneOptions:
-        """Return the scene options that all tasks share, with the present folder of the objects.
+        """Return the scene options that all tasks share, with the current folder of the objects.
 
         Raises:
             InputError: the folder of objects does not exist.
         """
         if self._assets is None and self.assets != BUILTIN and not Path(self.assets).is_dir():
             raise InputError(
-                f"its objects were in {self.assets}, which is not there",
+                f"the object folder {self.assets} does not exist",
                 file=self.path / DATASET_JSON,
                 field="arguments.assets",
                 remedy="give their current folder with --assets",
@@ -104,10 +105,10 @@ class DataSet:
         return FrameAccess(stores, self.record.scene.robot, observations=observations, horizon=horizon)
 
     def observation_spec(self) -> ObservationSpec:
-        """Return the observation spec of its rendered observations.
+        """Return the observation spec with which the data set was rendered.
 
         Raises:
-            InputError: it was not rendered, or a file of observations is damaged.
+            InputError: the data set was not rendered, or an observation file is damaged.
         """
         for name in self.tasks:
             first = min((self.path / name / OBSERVATIONS).glob("*.h5"), default=None)

@@ -62,14 +62,14 @@ def collect(
 ) -> Collected:
     """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
 
-    Each episode is written when it is finished; of failed episodes only the record is kept. A second call
+    Each episode is written when it is finished, a failed episode without its states. A second call
     records missing and damaged episodes again. The result depends on the seed only: the collection ends at the first
     index at which enough episodes have succeeded.
 
     Args:
         instances: name of the set of objects.
         episodes: number of demonstrations.
-        videos: number of demonstrations to film, from the first.
+        videos: number of demonstrations to record as videos, starting with the first.
 
     Returns:
         The episodes; fewer than ``episodes`` demonstrations if too many episodes failed.
@@ -150,7 +150,7 @@ def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) ->
 
 
 def film_attempt(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
-    """Run an episode again and film it by ray casting, however it ends; called in a worker."""
+    """Run an episode again and record a video by ray casting, even if the episode fails; runs in a worker process."""
     from gensim2.data.films import film_again
 
     return film_again(config, strategies, seed, video)

@@ -54,7 +54,7 @@ class RecordingHeader(BaseModel):
 
     Attributes:
         steps: T, number of control steps.
-        success: whether the goal was reached at the end.
+        success: whether the goal holds at the last step.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -100,7 +100,7 @@ def episode_digest(path: Path) -> str:
 
 
 def read_row(path: Path) -> Episode:
-    """Return the record in an episode's file, with the file's digest.
+    """Return the row of an episode file: its record and the file's digest.
 
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
@@ -174,7 +174,7 @@ def _write_tree(group: h5py.Group, tree: Tree) -> None:
 
 
 def _write_array(group: h5py.Group, name: str, array: np.ndarray[Any, Any]) -> None:
-    """Write an array as a single chunk: episodes are read as a whole, and small chunks compress badly."""
+    """Write an array as a single chunk, because episodes are read completely and small chunks compress badly."""
     if array.size:
         group.create_dataset(name, data=array, chunks=array.shape, **_FILTERS)
     else:
@@ -182,14 +182,14 @@ def _write_array(group: h5py.Group, name: str, array: np.ndarray[Any, Any]) -> N
 
 
 def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
-    """Read the recording in a group ``traj``.
+    """Read the recorded states and actions in the HDF5 group ``traj``.
 
     Args:
         recorded: metadata of the recording, as plain data.
 
     Raises:
         KeyError: ``recorded`` lacks a field.
-        ForeignHdf5Error: the group lacks an array, or has something unexpected.
+        ForeignHdf5Error: the group lacks an array or has unexpected content.
     """
     return Recording(
         seed=recorded["seed"],

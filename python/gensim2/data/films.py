@@ -45,7 +45,7 @@ PICTURE_ALONE = ObservationSpec(modalities=())
 
 
 def film_again(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
-    """Run an episode again and film it, however it ends; called in a worker.
+    """Run an episode again and record a video, even if the episode fails; called in a worker.
 
     Args:
         config: configuration of the episode.
@@ -71,14 +71,14 @@ def film_path(folder: Path, index: int) -> Path:
 
 
 def film_index(film: Path) -> int:
-    """Return the episode number of a video of :func:`film_path`."""
+    """Return the episode's index from a video path made by :func:`film_path`."""
     return int(film.stem.removeprefix("video_"))
 
 
 def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video: Path) -> int:
     """Record a video of an episode in a worker process and return the number of frames.
 
-    It needs no renderer and no graphics driver. The video has ten frames per second of the episode's time.
+    Ray casting needs no renderer or graphics driver. The video has ten frames per second of simulated time.
 
     Args:
         episode: file of the episode, with states.
@@ -96,7 +96,7 @@ def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video
 
 
 def film_recording(recording: Recording, scene: SceneConfig, spec: ObservationSpec, video: Path) -> int:
-    """Film an episode as :func:`film_episode` does, from its states in memory."""
+    """Record a video like :func:`film_episode`, but from states in memory."""
     profile = robot(scene.robot)
     stride = max(1, round(profile.control_hz / FRAMES_PER_SECOND))
     frames = list(_frames(recording, scene, profile, spec, stride))
@@ -133,7 +133,7 @@ def _frames(
 
 
 def _titled(picture: Frame, title: str) -> Frame:
-    """Write a line into the upper left corner of a picture."""
+    """Write ``title`` into the upper left corner of a picture."""
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.fromarray(picture)
@@ -154,9 +154,7 @@ def _row(states: Mapping[str, Any], step: int) -> dict[str, Any]:
 
 
 def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:
-    """Return an image (H, W, 3) of points (N, 3), m in the base frame, as squares in their colours (N, 3), near ones on
-    top.
-    """
+    """Draw points (N, 3), m in the base frame, as coloured squares into an image (H, W, 3), near ones on top."""
     picture = np.empty((camera.height, camera.width, 3), np.uint8)
     picture[:] = PAPER
     seen = np.c_[points, np.ones(len(points))] @ camera.projection.T
@@ -164,7 +162,7 @@ def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Cam
     seen, colours = seen[order], colours[order]
     ahead = seen[:, 2] > 0
     pixels = np.floor(seen[ahead, :2] / seen[ahead, 2:]).astype(np.int64)
-    # Colours are brightened, because dark ones would not stand out from the dark background.
+    # Brighten the colours, because dark points would be invisible on the dark background.
     shown = (96 + 0.62 * colours[ahead]).astype(np.uint8)
     for (column, row), colour in zip(pixels, shown, strict=True):
         if 0 <= column < camera.width and 0 <= row < camera.height:

@@ -1,4 +1,4 @@
-"""Random access to the frames of a data set, for loaders of training data."""
+"""Random access to the frames of a data set, for training."""
 
 from __future__ import annotations
 
@@ -54,24 +54,24 @@ class _Episode:
 
 @dataclass(frozen=True)
 class _Open:
-    """An observation file and its arrays with one row per frame."""
+    """An open observation file and those of its arrays that have one row per frame."""
 
     file: h5py.File
     arrays: dict[str, h5py.Dataset]
 
 
 class FrameAccess:
-    """The frames of all successful episodes in sequence.
+    """Sequence of the frames of all successful episodes.
 
     ``frames[i]`` is a mapping with observations, named as in :class:`~gensim2.perception.Observation`; ``action``,
-    ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. Each file is
-    checked as a whole when it is first used; after that a frame is read as a single chunk. The object can be pickled.
-    For a PyTorch ``DataLoader`` use :meth:`torch`.
+    ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. Each file's
+    checksum is checked at first use; after that, reading a frame reads only the chunk with this frame. The object can
+    be pickled. For a PyTorch ``DataLoader`` use :meth:`torch`.
 
     Args:
-        stores: the episodes of each task, at least one.
+        stores: stored episodes of each task; at least one task.
         robot_name: robot of the episodes.
-        observations: whether to include rendered observations; None: if there are any.
+        observations: whether to include rendered observations; None includes them if any exist.
         horizon: number of future actions with each frame. With more than 1, ``action`` is (horizon, m + 1), the last
             action of the episode is repeated, and ``action_is_pad`` marks repetitions. With 1, ``action`` is (m + 1,).
 
@@ -102,7 +102,7 @@ class FrameAccess:
         self._observed = any(there) if observations is None else observations
         if self._observed and not all(there):
             path = self._episodes[there.index(False)].observations
-            raise InputError("is not there", file=path, remedy="run `gensim2 render` with --resume")
+            raise InputError("does not exist", file=path, remedy="run `gensim2 render` with --resume")
         self._spec: ObservationSpec | None = None
         self._forget()
 
@@ -141,7 +141,7 @@ class FrameAccess:
 
     def __getitem__(self, index: int) -> dict[str, Any]:
         if not -len(self) <= index < len(self):
-            raise IndexError(f"there are {len(self)} frames")
+            raise IndexError(f"the data set has only {len(self)} frames")
         index %= len(self)
         number = bisect_right(self._ends, index)
         episode, frame = self._episodes[number], index - self.episode(number).start

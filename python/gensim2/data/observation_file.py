@@ -24,7 +24,7 @@ from gensim2.perception.cloud import from_steps
 DESCRIPTION = "observation"
 """Name of the dataset with the description, as JSON."""
 MAX_DESCRIPTION = 2**20  # bytes
-DEPTH = 2  # groups inside each other: cameras/left/rgb
+DEPTH = 2  # nesting of groups: cameras/left/rgb
 
 _ONE_FRAME: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 
@@ -58,7 +58,7 @@ class ObservedEpisode:
 
     @property
     def is_of_keypoints(self) -> bool:
-        """Whether its clouds consist of keypoints, which only a simulator knows."""
+        """Whether the point clouds consist of object keypoints, whose positions only a simulator knows."""
         return bool(self.description.get("cloud", {}).get("source") == "keypoints")
 
 
@@ -116,10 +116,10 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
     """Read an observation file.
 
     Args:
-        episode_digest: digest of the episode's file that it must belong to; None: any.
+        episode_digest: digest of the episode file that the observations must belong to; None skips the check.
 
     Raises:
-        DamagedObservationError, InputError: as for :func:`read_description`, or it belongs to another episode.
+        DamagedObservationError, InputError: as for :func:`read_description`, or the file belongs to another episode.
 
     Example:
         ```python
@@ -143,11 +143,11 @@ def frame_arrays(path: Path, frames: int) -> list[str]:
     """Return the names of a file's arrays that have one row per frame and become columns.
 
     Args:
-        path: a file that was checked already.
+        path: observation file whose checksum was checked already.
         frames: required number of rows.
 
     Raises:
-        DamagedObservationError: an array has fewer rows, or is not allowed in such a file.
+        DamagedObservationError: an array has too few rows or an unknown name.
     """
     try:
         with h5py.File(path, "r") as file:

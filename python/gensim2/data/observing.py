@@ -23,11 +23,11 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Arrays:
-    """Return the observations of all states, (T + 1, ...) for T steps.
+    """Return arrays (T + 1, ...) with the observation of every recorded state of an episode of T steps.
 
     Raises:
         InputError: an object's files cannot be used, or ``rgb`` needs a renderer that is missing.
-        EmptyCloudError: the workspace is empty in the point cloud of some instant; names the instant.
+        EmptyCloudError: at some instant no point of the cloud lies in the workspace; the message names the instant.
     """
     observer = _observer(recording, scene, spec)
     frames: dict[str, list[npt.NDArray[Any]]] = {}
@@ -46,7 +46,7 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
 
 
 def segmentation_ids(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> dict[str, list[str]]:
-    """Return owner (an object's name, the robot or ``table``) and link of each segmentation id.
+    """Return the owner (an object's name, the robot or ``table``) and the link that each segmentation id stands for.
 
     The ids are strings, as keys in JSON. The result is empty if the spec casts no rays.
 
@@ -71,7 +71,7 @@ def _observer(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -
 
 
 def _stored(observation: Observation) -> Arrays:
-    """Return one observation's arrays by their names in an observation file."""
+    """Return the arrays of one observation, keyed by their names in an observation file."""
     found: Arrays = {array: observation[column] for column, array in STORED.items()}
     if observation.cloud is not None:
         assert observation.cloud.segmentation is not None
@@ -113,6 +113,6 @@ def objects_of(scene: SceneConfig, instances: Mapping[str, str]) -> dict[str, Ob
     found: dict[str, ObjectModel] = {}
     for name, spec in scene.task.objects.items():
         if name not in instances:
-            raise GenSim2Error(f"the recording does not say which {name} it was made with")
+            raise GenSim2Error(f"the recording does not name the instance of {name}")
         found[name] = library.load(spec.asset_class, instances[name])
     return found

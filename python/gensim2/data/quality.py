@@ -32,15 +32,15 @@ class TaskQuality:
 
     Attributes:
         name, sentence: name and instruction of the task.
-        tried, held, strict, whole: number of episodes: all, successful ones, ones that meet the strict criterion, and
-            ones in which no step executed only part of a motion.
+        tried, held, strict, whole: number of all episodes, of those that pass `held` (success), of those that pass
+            `strict`, and of those in which every planned motion was executed completely.
         causes: number of failed episodes by cause.
         places: x, y (m) and yaw (rad) of the object that the first step acts on, and whether the episode succeeded.
         openness: initial openness of that object in successful episodes; empty if it has no joint.
         lengths: control steps of successful episodes.
         jerks: root mean square of the arm's jerk (rad/s^3) in each successful episode.
-        clearances: clearance of each successful episode, m (:mod:`gensim2.data.clearance`).
-        nearest: nearest obstacle in these: ``"table"``, ``"itself"`` or an object's name.
+        clearances: smallest clearance of each successful episode, m (:mod:`gensim2.data.clearance`).
+        nearest: nearest obstacle of each successful episode: ``"table"``, ``"itself"`` or an object's name.
         instances: number of uses of each object in successful episodes.
         same_scene: successful episodes whose scene equals that of an earlier one within a millimetre.
         same_actions: successful episodes whose actions equal those of an earlier one.
@@ -141,7 +141,7 @@ def jerk(recording: Recording, profile: RobotProfile) -> float:
 
 
 def _scene(row: Episode) -> tuple[object, ...]:
-    """Return a hashable key of the initial scene, rounded to the resolution that matters to a policy."""
+    """Return a hashable key of the initial scene; rounding gives scenes that a policy cannot distinguish equal keys."""
     return tuple(
         (
             name,

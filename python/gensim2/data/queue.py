@@ -1,6 +1,6 @@
-"""Folder and queue of a collection: finished and missing episodes, and the report.
+"""Manage a collection's folder: find the missing episodes, run them, and write the report.
 
-The memory of this process grows by one byte per episode only.
+Memory use grows by only one byte per episode.
 """
 
 from __future__ import annotations
@@ -62,13 +62,14 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
 
     Args:
         path: the folder; it is created if missing.
-        record: settings of the collection. A resumed data set may get more episodes and tasks; nothing else may change.
+        record: settings of the collection. When resuming, only the number of episodes and the list of tasks may grow;
+            nothing else may differ.
         resume: continue an existing data set.
-        process: facts about this run only (such as the number of workers), for ``run.json``.
+        process: facts about this call (such as the number of workers), stored in ``run.json``.
 
     Raises:
-        InputError: the folder has a data set and ``resume`` is false, or a different data set or other files; another
-            process uses it; or it cannot be written.
+        InputError: the folder has a data set and ``resume`` is false; or the folder has a different data set or other
+            files, is used by another process, or cannot be written to.
     """
 
     def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:
@@ -100,8 +101,8 @@ class Queue:
 
     Args:
         folder: folder of the data set.
-        given: the tasks, in order.
-        listener: gets the status.
+        given: tasks with their strategies, in order.
+        listener: receives the status of the collection.
 
     Raises:
         InputError: files of an earlier run cannot be used.

@@ -24,17 +24,17 @@ _OPTIONS: tuple[TypeAdapter[Any], ...] = (TypeAdapter(SceneOptions), TypeAdapter
 
 
 class _Record(BaseModel):
-    """Base of records, which are validated without conversion or extra fields."""
+    """Base of records, which are validated strictly: no type conversion, no unknown fields."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class ObjectUsed(_Record):
-    """An object used by episodes.
+    """An object that episodes of the data set use.
 
     Attributes:
         content_hash: hash of the object's files, or of the parameters from which it was generated.
-        license: license of the object, which also applies to the data.
+        license: license of the object, which also applies to data made with the object.
     """
 
     content_hash: str
@@ -47,9 +47,10 @@ class TaskRecord(_Record):
     Attributes:
         digest: digest of ``task.yaml`` and the strategies.
         instances: name of the set of objects.
-        objects: number of generated objects of each articulated class used in place of ``instances``; None: not used.
-        tried, held, strict: number of episodes: all, successful ones, and ones that meet the strict criterion; None
-            until all are finished.
+        objects: number of generated objects of each articulated class that replace ``instances``; None uses
+            ``instances``.
+        tried, held, strict: number of all episodes, of those that pass `held` (success), and of those that pass
+            `strict`; None until all episodes are finished.
         causes: number of failed episodes by cause.
     """
 
@@ -68,11 +69,11 @@ class DatasetRecord(RunSettings):
     Attributes:
         arguments: options of all episodes: fields of :class:`~gensim2.scenes.config.SceneOptions` and of
             :class:`~gensim2.rollout.config.RolloutOptions`.
-        seed: seed of the collection.
+        seed: seed from which all scene seeds derive.
         episodes: number of episodes to run for each task.
         keep_failures: whether the states of failed episodes are stored as well.
         tasks: tasks by name, in the order of the command.
-        listings: digest of the list of objects that episodes choose from, by class.
+        listings: for each class, a digest of the list of objects that episodes choose from.
         versions: versions of the packages that determine the results.
         objects: objects used by episodes, by ``class/id``; filled at the end.
         complete: whether all episodes of all tasks are finished.
@@ -102,11 +103,11 @@ class DatasetRecord(RunSettings):
         return self
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences that forbid resuming; a collection may get more episodes and more tasks."""
+        """Yield the differences that forbid resuming; more episodes and additional tasks are allowed."""
         for name in ("arguments", "versions", "seed", "keep_failures"):
             yield from differing(name, getattr(self, name), getattr(now, name))
         if now.episodes < self.episodes:
-            yield "episodes", f"was begun with {self.episodes}; it may get more, not fewer than that"
+            yield "episodes", f"was begun with {self.episodes}; the number may grow but not shrink"
         if list(now.tasks)[: len(self.tasks)] != list(self.tasks):
             text = "was begun with these tasks in this order; further ones may follow"
             yield "tasks", f"{text}: {', '.join(self.tasks)}"
@@ -119,7 +120,7 @@ class DatasetRecord(RunSettings):
             yield from differing(f"tasks.{name}", was, given)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the new record with the known objects; results are kept if there are no new episodes."""
+        """Return ``now`` with this record's objects, and with its results if no episodes were added."""
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):
             update |= {"tasks": dict(self.tasks), "complete": self.complete}
@@ -127,16 +128,14 @@ class DatasetRecord(RunSettings):
 
     @property
     def scene(self) -> SceneOptions:
-        """Options that the scenes of all tasks share."""
+        """Scene options that all tasks share."""
         return SceneOptions.from_record(self.arguments)
 
     @property
     def rollout(self) -> RolloutOptions:
-        """Options of all episodes other than their scenes."""
+        """Rollout options of all episodes."""
         return RolloutOptions.from_record(self.arguments)
 
     def scene_seed(self, task: str, index: int) -> int:
-        """Return the seed of an episode's reset, which depends on the collection's seed, the task's name and the index
-        only.
-        """
+        """Return the scene seed of an episode, which depends only on the collection's seed, the task and the index."""
         return scene_seeds(self.seed, task, "collect", 1, start=index)[0]

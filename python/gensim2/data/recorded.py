@@ -22,14 +22,14 @@ ROOT = 13
 
 
 def check_recording(recording: Recording, episode: Episode, file: Path | str, at: str = "") -> None:
-    """Refuse a recording that does not fit its episode; in successful episodes all numbers must be finite.
+    """Check that a recording fits its episode and, if the episode succeeded, has only finite numbers.
 
     Args:
-        file: file of the recording, for errors.
-        at: position in the file, for errors.
+        file: file of the recording, for error messages.
+        at: position of the recording in the file, for error messages.
 
     Raises:
-        InputError: names the field.
+        InputError: the recording does not fit; the message names the field.
     """
     steps = len(recording.actions) if recording.actions.ndim else 0
 

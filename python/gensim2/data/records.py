@@ -1,4 +1,4 @@
-"""Records of runs, designs and verifications, as plain values for JSON."""
+"""Records of runs, designs and verifications, made of values that JSON can store."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Instances = Literal["new", "test", "all"]
 
 
 class Record(BaseModel):
-    """Base of the run folder's records, which are validated without conversion or extra fields."""
+    """Base of the records in a run folder, which are validated strictly: no type conversion, no unknown fields."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -49,7 +49,7 @@ FIXED_ARGUMENTS = (
 
 
 class Effort(Record):
-    """CPU time and wall time for designing and verifying a task, in the call that finished it."""
+    """CPU time and wall time of designing and verifying a task, in the call that finished the task."""
 
     cpu_s: Annotated[float, Field(ge=0)]
     wall_s: Annotated[float, Field(ge=0)]
@@ -73,20 +73,20 @@ class RunRecord(RunSettings):
     effort: dict[str, Effort] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences that would change results; a run may become longer."""
+        """Yield the differences that would change results; the number of tasks and episodes may grow."""
         was, given = ({name: each.arguments.get(name) for name in FIXED_ARGUMENTS} for each in (self, now))
         yield from differing("arguments", was, given)
         yield from differing("identity", self.identity, now.identity)
         yield from differing("versions", self.versions, now.versions)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the present arguments and without a result."""
+        """Return this record with the current arguments and without a result."""
         update = {"arguments": now.arguments, "finished": None, "result": None, "resumed": self.resumed + 1}
         return self.model_copy(update=update)
 
 
 class SecondEngineRecord(Record):
-    """Part of ``verification.json``: the same scenes in the other engine."""
+    """Part of ``verification.json``: episodes on the same scenes in the other physics engine."""
 
     engine: Engine
     held: Annotated[int, Field(ge=0)]
@@ -114,7 +114,7 @@ class VerificationRecord(Record):
         counts = self.model_dump(exclude={"schema_version", "threshold", "kept", "instances", "episodes", "second"})
         wrong = self.second is not None and told.second is not None and self.second.held != told.second.tally.held
         if self.kept != told.kept or counts != told.tally.to_dict() or wrong:
-            raise ValueError("the counts are not those of the episodes")
+            raise ValueError("the counts do not match the episodes")
         return self
 
     @property
@@ -133,7 +133,7 @@ class RecordingSummary(BaseModel):
 
 
 class ArgumentsSummary(BaseModel):
-    """Report data about the arguments of a run, with scene and rollout options nested."""
+    """Arguments of a run as the report shows them, with scene and rollout options nested."""
 
     command: str
     seed: int
@@ -152,7 +152,7 @@ class ResultSummary(BaseModel):
 
 
 class RunSummary(BaseModel):
-    """Report data from the optional fields of ``run.json``."""
+    """Data for the report from optional fields of ``run.json``."""
 
     arguments: Annotated[ArgumentsSummary, BeforeValidator(nested_options)]
     result: ResultSummary | None
@@ -172,25 +172,25 @@ class SecondEngine:
 
     @cached_property
     def tally(self) -> Tally:
-        """Counts over the episodes."""
+        """Counts of the episodes by verdict and cause."""
         return Tally.of(self.episodes)
 
     @property
     def rate(self) -> float:
-        """Share of episodes that held."""
+        """Success rate: share of episodes that pass `held`."""
         return self.tally.held / self.tally.episodes
 
 
 @dataclass(frozen=True)
 class Verification:
-    """Results of a task and its strategies on new seeds.
+    """Verification of a task and its strategies: episodes on new scenes, and whether they suffice to keep the task.
 
     Attributes:
         episodes: episodes in the order of the seeds.
         threshold: smallest success rate for keeping the task.
         instances: set of objects. ``"new"`` (generated objects beyond the listed ones) and ``"test"`` were not used in
             the search; ``"all"`` is used if a class is too small to be split.
-        second: episodes on the same scenes in the other engine; None if one engine decides.
+        second: episodes on the same scenes in the other engine; None if only one engine is used.
     """
 
     episodes: tuple[Episode, ...]
@@ -229,12 +229,12 @@ class Verification:
 
 @dataclass(frozen=True)
 class DesignEffort:
-    """Cost of a search.
+    """Cost of a strategy search.
 
     Attributes:
         candidates: number of planned candidates.
         episodes: number of simulated episodes.
-        cpu_s: CPU time of all processes in this call, s; close to 0 if an earlier call made the search.
+        cpu_s: CPU time of all processes in this call, s; close to 0 if an earlier call ran the search.
     """
 
     candidates: int
@@ -255,9 +255,9 @@ class TaskOutcome:
         goal: types of the success criteria.
         kept: whether the success rate reaches the threshold.
         verification: counts over the verification's episodes.
-        fresh: counts over the episodes of verification and collection.
+        fresh: counts over all episodes of the verification and of the demonstrations.
         demos: number of collected demonstrations.
-        cpu_s: CPU time of all processes for these episodes in this call, s.
+        cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.
     """
 
@@ -272,7 +272,7 @@ class TaskOutcome:
     effort: DesignEffort | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result with the field names of the command's JSON output."""
+        """Return the result as JSON data, with the field names that the command prints."""
         return {
             "name": self.name,
             "class": self.asset_class,
@@ -299,7 +299,7 @@ class PipelineResult:
     Attributes:
         run_dir: run folder.
         tasks: designed tasks in order.
-        rejected: proposals without a candidate that passed the screening, with the reason.
+        rejected: proposals for which no candidate passed the screening, with the reason.
         notes: remarks for the user, for example fewer tasks than requested, or objects left out.
     """
 

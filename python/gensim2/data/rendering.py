@@ -40,9 +40,9 @@ class Rendered:
     """Result of rendering one episode.
 
     Attributes:
-        frames: number of observed instants, one more than its steps.
+        frames: number of observed instants: the number of control steps plus one.
         size: size of the file, bytes.
-        cpu_s: CPU time of making the observations, s.
+        cpu_s: CPU time of computing the observations, s.
     """
 
     frames: int
@@ -52,7 +52,7 @@ class Rendered:
 
 @dataclass(frozen=True)
 class RenderingResult:
-    """Result of a call.
+    """Result of :func:`render`.
 
     Attributes:
         folder: folder of the data set.
@@ -60,7 +60,7 @@ class RenderingResult:
         rendered: number of episodes rendered in this call.
         frames: number of frames made in this call.
         bytes: size of all observations.
-        cpu_s: CPU time of making frames in this call, s, without reading and writing.
+        cpu_s: CPU time of computing frames in this call, s, excluding file access.
     """
 
     folder: Path
@@ -85,9 +85,9 @@ def render(
     progress: Progress = NULL_PROGRESS,
     **execution: Unpack[ExecutionArguments],
 ) -> RenderingResult:
-    """Render the observations of every successful episode of a data set, one atomically written file each.
+    """Render the observations of every successful episode of a data set into one file for each episode.
 
-    A file's content depends on the episode and the spec only.
+    Each file depends only on its episode and the spec.
 
     Example:
         ```python
@@ -100,21 +100,21 @@ def render(
         tasks: names of tasks; empty for all tasks.
         episodes: number of successful episodes of each task, from the first; None: all.
         resume: keep existing observations, which must have the same spec.
-        assets: present folder of the data set's objects; None: the recorded folder.
+        assets: current folder of the object library; None: the folder recorded in the data set.
         execution: see :class:`~gensim2.core.processes.ExecutionArguments`.
 
     Returns:
         Counts of episodes and frames, bytes, and CPU time.
 
     Raises:
-        InputError: an argument is invalid, the collection is not finished, or there are other observations.
+        InputError: an argument is invalid, the collection is unfinished, or observations with other settings exist.
         WriteError: the disk is full; finished files are kept.
         NotRunError: some episodes could not be rendered; all others are finished.
     """
     how = Execution.of(execution)
     folder, spec = Path(folder), spec or ObservationSpec()
     if spec.is_proprioceptive:
-        raise InputError("must name an observation that cameras provide", field="modalities")
+        raise InputError("must include an observation that cameras provide", field="modalities")
     dataset = DataSet.open(folder, assets)
     require_cameras(spec.cameras, robot(dataset.record.scene.robot))
     wanted = {name: dataset.task(name) for name in tasks or dataset.tasks}
@@ -164,7 +164,7 @@ class _Rendering:
         return RenderingResult(self._dataset.path, self._there + rendered, rendered, frames, self._size, round(cpu, 3))
 
     def _missing(self, store: TaskStore) -> Iterator[Episode]:
-        """Yield successful episodes without observations, and remove damaged files."""
+        """Yield successful episodes that have no observations, and remove damaged observation files."""
         held = (row for row in store.rows() if row.held)
         for row in itertools.islice(held, self._episodes):
             path = store.observation_path(row.index)
@@ -172,7 +172,7 @@ class _Rendering:
                 yield row
                 continue
             if not self._resume:
-                raise InputError("there are observations already", file=path.parent, remedy="add --resume")
+                raise InputError("the data set has observations already", file=path.parent, remedy="add --resume")
             try:
                 found = read_description(path)
             except DamagedObservationError:
@@ -188,7 +188,7 @@ class _Rendering:
             self._size += path.stat().st_size
 
     def _scene(self, store: TaskStore) -> SceneConfig:
-        # Each episode records its own objects.
+        # The scene needs no list of instances: each episode records the objects that it used.
         return self._dataset.scene.with_task(store.spec())
 
     def _failed(self, failure: Failure) -> None:
@@ -199,7 +199,7 @@ class _Rendering:
 
 
 def render_episode(folder: Path, row: Episode, scene: SceneConfig, spec: ObservationSpec) -> Rendered:
-    """Observe one episode and write its file, in a worker process.
+    """Render one episode and write its observation file; runs in a worker process.
 
     Raises:
         InputError: the episode's file is missing or damaged, or an object's files cannot be used.

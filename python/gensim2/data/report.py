@@ -25,7 +25,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class _Section:
-    """Section of the report about one task.
+    """Data for the section of the report about one task.
 
     Attributes:
         quality: its quality measures.
@@ -49,8 +49,8 @@ def report(
 
     Args:
         path: folder of the data set.
-        videos: number of demonstrations of each task to film.
-        assets: present folder of its objects; None: the recorded folder.
+        videos: number of demonstrations of each task to record as videos.
+        assets: current folder of the object library; None: the folder recorded in the data set.
 
     Returns:
         The quality measures of the data set.

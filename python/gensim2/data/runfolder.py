@@ -1,10 +1,10 @@
-"""The run folder: the results of a run, and all that is needed to resume it.
+"""Manage a run folder, which has the results of a run and everything needed to resume the run.
 
 OUT/run.json                    command, identity, versions, hashes and licences of the objects, outcome
 OUT/report.html
 OUT/errors.log                  failed attempts, with their tracebacks
 OUT/tasks/<Task>/               task.yaml, strategies/, design.json, verification.json, trajectory.h5, ...
-OUT/rejected/<Task>/            the same for tasks that were designed but rejected
+OUT/rejected/<Task>/            the same files for tasks that were designed but rejected
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class RunFolder(ResumableFolder[RunRecord]):
     Args:
         path: the folder.
         arguments: arguments of the run; those in ``records.FIXED_ARGUMENTS`` must agree when resuming.
-        identity: digests of everything else that determines the results; all must agree when resuming.
+        identity: digests of all other inputs that determine the results; all must agree when resuming.
         resume: continue an existing run.
 
     Raises:
@@ -88,10 +88,10 @@ class RunFolder(ResumableFolder[RunRecord]):
         """Record the objects of episodes.
 
         Args:
-            source: file of the episodes, for errors.
+            source: file that contains the episodes, for error messages.
 
         Raises:
-            InputError: an object has changed since an episode was run.
+            InputError: an object has changed since an episode used it.
         """
         for episode in episodes:
             for record in episode.objects.values():
@@ -106,7 +106,7 @@ class RunFolder(ResumableFolder[RunRecord]):
                     )
 
     def note_effort(self, task: str, cpu_s: float, wall_s: float) -> None:
-        """Record the time for designing and verifying a task, unless an earlier call has recorded it."""
+        """Record the time of designing and verifying a task, unless an earlier call has recorded a time."""
         self.record.effort.setdefault(task, Effort(cpu_s=round(cpu_s, 3), wall_s=round(wall_s, 3)))
         self.save()
 

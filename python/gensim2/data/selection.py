@@ -1,4 +1,4 @@
-"""Select episodes of a data set: all successful ones, or those of a given quality."""
+"""Select the successful episodes of a data set that meet given quality requirements."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Selection:
 
     Attributes:
         tasks: names of the tasks; empty for all.
-        strict: require the strict success criterion.
-        whole: require that no step executed only part of a motion.
-        first_try: require that no step was planned again.
+        strict: require that the episode passes the `strict` verdict.
+        whole: require that every planned motion was executed completely.
+        first_try: require that no step was replanned.
         shortest, longest: bounds on the number of control steps.
-        clearance: smallest clearance (:mod:`gensim2.data.clearance`), m; None: any.
+        clearance: minimum clearance (:mod:`gensim2.data.clearance`), m; None: no minimum.
     """
 
     tasks: tuple[str, ...] = ()
@@ -73,7 +73,7 @@ class Selection:
     def _clear(
         dataset: DataSet, store: TaskStore, rows: list[Episode], least: float, progress: Progress
     ) -> list[Episode]:
-        """Return the episodes whose clearance is at least ``least``; it is computed from their files."""
+        """Return the episodes whose clearance, computed from their files, is at least ``least``."""
         from gensim2.data.clearance import ClearanceMeter  # imported here, because it imports SciPy
 
         scene = dataset.scene
@@ -94,7 +94,7 @@ class Selection:
 def some(
     selection: Selection, dataset: DataSet, progress: Progress = NULL_PROGRESS
 ) -> list[tuple[TaskStore, list[Episode]]]:
-    """Return the selected tasks and episodes as :meth:`Selection.of`, and require at least one episode.
+    """Return the tasks and episodes that :meth:`Selection.of` selects, at least one.
 
     Raises:
         InputError: no episode is selected.

@@ -1,4 +1,4 @@
-"""Images of rendered demonstrations, made from their observations without a renderer."""
+"""Make contact sheets of rendered demonstrations from their stored observations."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
 
 
 def picture(observation: ObservedEpisode, step: int) -> Frame | None:
-    """Return an image (H, W, 3) of one instant: a camera's image, or else the point cloud seen from a camera; or None.
+    """Return an image (H, W, 3) of one time step: a camera's image or a drawing of the point cloud; or None.
 
     The right camera is preferred, because it sees the side of the object that the robot acts on.
     """
@@ -88,7 +88,7 @@ def picture(observation: ObservedEpisode, step: int) -> Frame | None:
 
 
 def _splatted(points: npt.NDArray[Any], colours: Frame, intrinsic: Any, T_base_camera: Any) -> Frame:
-    """Draw a point cloud as seen from a camera, with a square for each point and near points on top."""
+    """Draw a point cloud as seen from a camera: a square for each point, near points over far ones."""
     width, height = (round(2 * float(intrinsic[axis, 2])) for axis in (0, 1))
     found = np.full((height, width, 3), _PAPER, dtype=np.uint8)
     turned = np.linalg.inv(T_base_camera)

@@ -1,4 +1,4 @@
-"""Progress of a collection, as plain values for a display."""
+"""Progress of a collection, as numbers for a display."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ class TaskStatus:
     Attributes:
         name: name of the task.
         total: number of episodes to run.
-        tried, held, strict: number of finished, successful, and strictly successful episodes, including earlier runs.
+        tried, held, strict: number of finished episodes, of those that pass `held` (success), and of those that pass
+            `strict`, including earlier runs.
         causes: number of failed episodes by cause, most frequent first.
     """
 
@@ -33,11 +34,12 @@ class Status:
 
     Attributes:
         tasks: progress of the tasks in order.
-        ran: number of episodes that this run has finished.
+        ran: number of episodes finished in this run.
         seconds: wall time of this run, s.
         stored: size of all episodes, bytes.
         free: free disk space, bytes.
-        failed_tries: number of attempts in this run that failed because a process died, hung or met a bug.
+        failed_tries: number of attempts in this run that failed because a process died, hung or raised an unexpected
+            exception.
     """
 
     tasks: tuple[TaskStatus, ...]
@@ -69,10 +71,10 @@ class Status:
 
 
 class Listener(Progress, Protocol):
-    """Listener for the status of a collection, in addition to a progress listener."""
+    """Listener that receives the status of a collection."""
 
     def update(self, status: Status) -> None:
-        """Handle the present status; called a few times a second at most."""
+        """Handle a new status; called a few times a second at most."""
 
 
 class NullListener(NullProgress):

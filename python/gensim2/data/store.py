@@ -35,7 +35,7 @@ class TaskStore:
     """The episodes of one task in one folder.
 
     Args:
-        folder: has ``task.yaml``, ``strategies/``, ``episodes/`` (successful), ``failures/`` (failed) and, once all
+        folder: folder with ``task.yaml``, ``strategies/``, ``episodes/`` (successful), ``failures/`` and, once all
             episodes are finished, ``episodes.jsonl``.
     """
 
@@ -72,7 +72,7 @@ class TaskStore:
     def add(self, index: int, episode: Episode, recording: Recording | None) -> str:
         """Write one finished episode atomically and return the digest of its file.
 
-        Several processes may do so at once, because the same episode gives the same bytes.
+        Several processes may write the same episode at once, because all write the same bytes.
 
         Args:
             recording: recorded states of the episode; None: store the record only.
@@ -101,7 +101,7 @@ class TaskStore:
             yield row
 
     def logged(self) -> list[Episode]:
-        """Return the finished episodes of a collection that may still be running, by index and without damaged ones.
+        """Return the undamaged finished episodes, by index, of a collection that may still be running.
 
         Raises:
             InputError: ``episodes.jsonl`` cannot be read, or another version of gensim2 wrote an episode.
@@ -112,11 +112,11 @@ class TaskStore:
         return sorted(rows, key=lambda row: row.index)
 
     def read(self, row: Episode) -> EpisodeResult:
-        """Read an episode's file and check it against its row.
+        """Read an episode's file and check the file against ``row``, the episode's line in ``episodes.jsonl``.
 
         Raises:
-            InputError: the file is missing, damaged or of another episode, its recording does not fit the episode
-                (:func:`~gensim2.data.recorded.check_recording`), or a successful episode has no recording.
+            InputError: the file is missing, damaged or belongs to another episode; its recording does not fit the
+                episode (:func:`~gensim2.data.recorded.check_recording`); or a successful episode has no recording.
         """
         path = self._inside(self.path(row.index, row.held))
         stored = read_episode(path)
@@ -129,7 +129,7 @@ class TaskStore:
         return stored
 
     def _inside(self, path: Path) -> Path:
-        """Return a path after a check that no symbolic link leads out of the task's folder."""
+        """Return ``path`` after checking that no symbolic link leads out of the task's folder."""
         return ForeignTree(self.folder).inside(str(path.relative_to(self.folder)))
 
     def found(self) -> Iterator[tuple[int, Path, Episode | None]]:

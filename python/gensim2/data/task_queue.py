@@ -1,6 +1,6 @@
-"""The episodes of one task in a collection: finished and missing ones, and how they are stored.
+"""Track the finished and missing episodes of one task in a collection.
 
-Collections of data sets and of demonstrations use the same queue with different quotas.
+The collection of data sets and that of demonstrations use this queue with different quotas.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Quota:
 
     Attributes:
         limit: largest number of episodes to run.
-        held: number of successes after which the collection ends; None: run all episodes.
+        held: number of successful episodes after which the collection ends; None: run ``limit`` episodes.
     """
 
     limit: int
@@ -43,7 +43,7 @@ class Quota:
 def keep_episode(
     folder: Path, index: int, failures: bool, episode: Episode, recording: Recording | None
 ) -> tuple[Episode, int]:
-    """Write an episode into its task's folder in a worker process; return it and the size of its file.
+    """Write an episode into its task's folder, in a worker process; return the episode and its file's size, bytes.
 
     Args:
         failures: also store the states of failed episodes.
@@ -54,19 +54,19 @@ def keep_episode(
 
 
 class TaskQueue:
-    """The episodes of one task.
+    """Queue of the episodes of one task.
 
     Args:
         strategies: strategies by name, as plain data.
         instances: set of objects.
         store: folder of the task.
-        seeds: seed of the reset by index.
+        seeds: function that returns the scene seed of an episode index.
         quota: number of episodes to collect.
         keep_failures: also store the states of failed episodes.
 
     Attributes:
         tried, held, strict, causes: counts over the finished episodes.
-        size: size of their files, bytes.
+        size: size of the finished episodes' files, bytes.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class TaskQueue:
 
     @property
     def needed(self) -> int | None:
-        """Number of episodes that fill the quota, from index 0; None while some of them are missing."""
+        """Number of episodes, counted from index 0, that fill the quota; None while some of them are unfinished."""
         if self.quota.held is None:
             return self.quota.limit if self.tried == self.quota.limit else None
         held = 0
@@ -132,7 +132,7 @@ class TaskQueue:
         """Count the episodes of earlier runs, remove damaged files, and return the number of damaged files.
 
         Raises:
-            InputError: an episode is not of this collection, or another version of gensim2 wrote it.
+            InputError: an episode belongs to another collection or was written by an incompatible version of gensim2.
         """
         damaged = 0
         for index, path, episode in self.store.found():
@@ -148,7 +148,7 @@ class TaskQueue:
         return damaged
 
     def is_complete(self) -> bool:
-        """Return whether ``episodes.jsonl`` and all its episodes are complete, and count them if so."""
+        """Return whether ``episodes.jsonl`` and all its episodes are complete; if so, count the episodes."""
         number = -1
         with contextlib.suppress(InputError):
             for number, row in enumerate(self.store.rows()):
@@ -172,7 +172,7 @@ class TaskQueue:
             pass
 
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
-        """Yield the remaining jobs, numbered from ``first``; yield None while running episodes may fill the quota.
+        """Yield the remaining jobs, numbered from ``first``, and None while running episodes may still fill the quota.
 
         An episode is started only if the quota would stay unfilled even if all running episodes succeed. Therefore the
         same indices are run with any number of workers and in any order of completion.

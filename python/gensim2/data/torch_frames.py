@@ -1,4 +1,4 @@
-"""Frames of a data set for PyTorch's loaders."""
+"""Frames of a data set as a PyTorch data set."""
 
 from __future__ import annotations
 

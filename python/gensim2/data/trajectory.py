@@ -1,8 +1,8 @@
 """Demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
 Each finished episode is first written atomically to its own file under ``episodes/``; the two files are then merged
-from the given episodes in the given order. So an interruption loses no finished episode, and the bytes do not depend on
-the number of workers.
+from the given episodes in the given order. An interruption therefore loses no finished episode, and the number of
+workers does not change the bytes.
 
 ManiSkill's own command replays the result, because the environment's id names the module that registers it:
 
@@ -43,7 +43,7 @@ class TrajectoryMetadata:
         assets: folder of the objects, or ``"builtin"``.
         licenses: licences by ``class/id``, which also apply to the data.
         seed: seed of the run.
-        environment: further arguments of the environment (robot, physics) that differ from its defaults.
+        environment: further arguments of the environment (robot, physics) that are not the defaults.
         details: any other facts to store (versions, command), as plain data.
         controller: class that chose the actions, ``module:Class`` or ``FILE.py:Class``.
     """
@@ -72,9 +72,9 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
     if not episodes:
         raise InputError("there is no finished episode to merge", file=folder)
     used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
-    # The data file is renamed before the JSON file, so that the JSON file never refers to missing data. The head of the
-    # JSON file lists the objects, which are known after the last episode only. Entries therefore wait in a temporary
-    # file, so that each episode is read once.
+    # The data file is renamed before the JSON file, so that the JSON file never refers to missing data. The JSON file
+    # begins with the objects, which are known only after the last episode; the entries therefore wait in a temporary
+    # file, so that each episode is read only once.
     with (
         replacing(folder / JSON_NAME) as json_path,
         replacing(folder / H5_NAME) as h5_path,
@@ -101,7 +101,7 @@ def _indented(entry: dict[str, Any]) -> str:
 
 @contextlib.contextmanager
 def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
-    """Yield the recording and the JSON entry of an episode's file."""
+    """Yield the recording in an episode's file and the episode's entry for the JSON file."""
     with open_episode(file) as (episode, header, group):
         if episode.episode_digest != digest or header is None:
             raise DamagedEpisodeError("is not a finished episode", file=file, remedy="delete it and resume")
@@ -134,8 +134,8 @@ def env_kwargs(
 
     Args:
         assets: ``"builtin"``, or a folder.
-        instances: ids by object.
-        environment: further arguments.
+        instances: instance ids by object name.
+        environment: further arguments of the environment.
     """
     kwargs: dict[str, Any] = {
         "obs_mode": "state",

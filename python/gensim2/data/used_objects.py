@@ -15,10 +15,10 @@ _REMEDY = "restore the object, or say with --assets where it is"
 
 
 class ObjectCheck:
-    """Compares objects with the content that the episodes of a data set were run with.
+    """Checks that the objects are the same as when the episodes of a data set were run.
 
-    The prepared form of an object depends on its files and on the version of gensim2. A difference is an error if this
-    version of gensim2 made the data set, and otherwise a single message.
+    Objects are compared by a hash that depends on their files and on the version of gensim2. A difference is an error
+    if this version made the data set, and otherwise only a message, once for each object.
 
     Args:
         dataset: data set of the episodes.
@@ -39,7 +39,7 @@ class ObjectCheck:
         self._said: set[tuple[str, str]] = set()
 
     def episode(self, row: Episode, file: Path) -> None:
-        """Check the objects of an episode from ``file``.
+        """Check the objects of an episode that was read from ``file``.
 
         Raises:
             InputError: an object is missing or has changed.

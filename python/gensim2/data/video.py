@@ -1,7 +1,7 @@
 """Videos and images of recorded episodes.
 
-If SAPIEN's renderer works, it replays the actions, or shows the states that another engine recorded. Otherwise the ray
-caster draws the recorded states.
+If SAPIEN's renderer works, the actions are replayed in SAPIEN and rendered; states that another engine recorded are
+rendered without a replay. Otherwise a ray caster draws the recorded states.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ class Replay:
         reset_kwargs: seed and options of the reset.
         actions: (T, m + 1), one for each control step.
         scene: configuration of the environment.
-        states: ManiSkill's ``env_states``, (T + 1, ...); None if SAPIEN can simulate the actions again.
+        states: recorded states (T + 1, ...), named as in ManiSkill's ``env_states``; None if SAPIEN can replay the
+            actions.
     """
 
     env_id: str
@@ -99,12 +100,12 @@ class Replay:
 
     @property
     def control_hz(self) -> int:
-        """Rate of the robot's actions."""
+        """Number of actions per second."""
         return robot(self.scene.robot).control_hz
 
     @property
     def is_simulated_again(self) -> bool:
-        """Whether SAPIEN replays the actions, because it simulated the episode."""
+        """Whether SAPIEN replays the actions; only possible if SAPIEN also simulated the episode."""
         return self.scene.engine == "sapien"
 
     @staticmethod
@@ -128,7 +129,7 @@ class Replay:
             raise InputError(f"there is no episode {episode}", file=path, field="episodes")
         reset = found.reset_kwargs
         if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's options can set arbitrary states
-            raise InputError(f"has the option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
+            raise InputError(f"has the unknown option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
         options = SceneOptions.from_record(told.model_dump())
         kwargs = env_kwargs(task, told.assets, told.instances, options.environment)
@@ -147,7 +148,7 @@ class Replay:
 
     @staticmethod
     def of(recording: Recording, scene: SceneConfig) -> Replay:
-        """Return the replay of an episode that was just recorded on a scene of a configuration."""
+        """Return the replay of a recording that was made in ``scene``."""
         from gensim2.sim.registration import env_id
 
         chosen = {name: [each] for name, each in recording.instances.items()}
@@ -157,7 +158,7 @@ class Replay:
 
 
 def _check_states(states: Tree, rows: int) -> None:
-    """Refuse states whose number of instants differs from ``rows``."""
+    """Check that every array of states has ``rows`` rows."""
     for kind, group in states.items():
         if not isinstance(group, dict):
             raise ForeignHdf5Error(f"env_states/{kind} is not a group")
@@ -172,7 +173,7 @@ class Film:
 
     Attributes:
         frames: number of frames in the video.
-        success: the task's criteria held at the end of the replay; None where the ray caster drew recorded states.
+        success: whether the goal was reached at the end of the replay; None if the video shows recorded states.
     """
 
     frames: int
@@ -182,7 +183,7 @@ class Film:
 def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
     """Write an episode as an mp4: H.264, which browsers play, 640 x 480.
 
-    SAPIEN's renderer needs 2.2 GB of memory and, once a process, 10 s for shaders: run it in a worker process.
+    SAPIEN's renderer needs 2.2 GB of memory and 10 s for its first frame, so call this function in a worker process.
 
     Args:
         video: file to write, atomically.
@@ -203,7 +204,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
 
 class _Shown:
-    """Data of a replay that are kept beside the video; the frames themselves would need too much memory."""
+    """Data that a replay keeps besides the video file; keeping all frames would need too much memory."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -288,8 +289,8 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
         path: file to write.
         frames: (H, W, 3), all of the same size, at least one.
         frames_per_second: frame rate of the video.
-        exact: keep the size (see :func:`pixel_format`), with every second frame a key frame for fast random access.
-            Otherwise sides are scaled to multiples of 16, which all browsers play.
+        exact: keep the frame size (see :func:`pixel_format`) and make every second frame a key frame for fast random
+            access. By default sides are scaled to multiples of 16, which all browsers play.
 
     Raises:
         OSError: the encoder ended early, as on a full disk.
@@ -321,7 +322,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
 
 
 def pixel_format(height: int, width: int) -> str:
-    """Return a pixel format that keeps the video's size; yuv420p needs even sides."""
+    """Return a pixel format for this frame size: yuv420p, or a format that allows odd sides."""
     return "yuv420p" if height % 2 == 0 and width % 2 == 0 else "yuv444p"
 
 

@@ -26,21 +26,21 @@ class Affordance:
     Attributes:
         asset_class: class name.
         kind: ``"articulated"`` or ``"rigid"``.
-        noun: everyday name of such an object.
-        description: one phrase.
+        noun: everyday name of an object of the class.
+        description: phrase that describes the class.
         size: (3,) extents in metres in the resting pose with the joint at zero: depth (away from the robot), width,
             height.
-        mass: kg.
-        keypoints: description by name, for the keypoints that every sampled instance has. The last one is the measured
-            keypoint; distance criteria use it.
-        lever_arms: distance in metres from the joint axis by keypoint name, for the keypoints on the moving link; zero
-            for a prismatic joint, empty for a rigid object.
+        mass: mean mass, kg.
+        keypoints: description of each keypoint that all sampled instances have, by name. The last is the measured
+            keypoint, which distance criteria use.
+        lever_arms: distance in metres from the joint axis of each keypoint on the moving link, by name; zero for a
+            prismatic joint, empty for a rigid object.
         joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object.
         joint_range: lower and upper joint limit, rad or m, at openness 0 and 1.
-        joint_axis: ``"vertical"`` or ``"level"``: direction of a hinge's axis or of a prismatic joint's travel.
+        joint_axis: ``"vertical"`` or ``"level"``: direction of the hinge axis, or of the motion of a prismatic joint.
         default_openness: mean openness at the start of an episode.
         grip_width: distance in metres between the fingertips that hold a rigid object across its narrowest side.
-        picture: picture of one instance with its keypoints named, or None.
+        picture: picture of one instance with labelled keypoints, or None.
     """
 
     asset_class: str
@@ -65,11 +65,11 @@ class Affordance:
 
     @property
     def is_container(self) -> bool:
-        """Whether objects can be put inside, judged by the name of the measured keypoint."""
+        """Whether objects of the class are containers, judged by the name of the measured keypoint."""
         return bool(self.keypoints) and self.joint_type is not None and INSIDE in self.measured
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data without the picture and without empty fields."""
+        """Return a dictionary for JSON, without the picture and empty fields."""
         values = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "picture"}
         return {name: value for name, value in values.items() if value not in (None, {})}
 
@@ -79,7 +79,7 @@ class Affordance:
         description: str = "",
         picture: LazyPicture | None = None,
     ) -> Affordance:
-        """Return the summary of ``objects``, all of one class."""
+        """Summarize ``objects``, which all have the same class."""
         first = objects[0]
         shared = {
             name: point.description
@@ -122,7 +122,7 @@ def _lever_arm(instance: ArticulatedObject, keypoint: str) -> float:
 
 
 def _extents(model: ArticulatedObject | RigidObject) -> np.ndarray[Any, Any]:
-    """Return the extents (3,) in metres in the resting pose, before the scene is randomized."""
+    """Return the extents (3,) of an object in metres, in its resting pose."""
     corners = []
     for link, hulls in model.hulls.items():
         turn = np.eye(4)

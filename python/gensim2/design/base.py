@@ -22,14 +22,14 @@ class Declined(GenSim2Error):
 
 @dataclass(frozen=True)
 class RobotSummary:
-    """Facts about the robot that a designer needs.
+    """Summary of the robot for designers.
 
     Attributes:
         robot: name of the robot.
         base: x and y of the robot's base in the world, m. The table's top is at z = 0, and x points away from the
             robot.
-        reach: horizontal distance in metres from the base within which the hand, pointing down, reaches the table.
-        stroke: maximum opening of the gripper, m between the pads.
+        reach: horizontal distance in metres from the base up to which the hand, pointing down, reaches the table.
+        stroke: maximum distance between the finger pads, m.
         tool_keypoints: description of each keypoint of the hand, by name.
     """
 
@@ -46,8 +46,8 @@ class Known:
 
     Attributes:
         task: task spec.
-        strategies: strategies of its steps, by name.
-        held, episodes: successful and total episodes of its last verification; zero if unknown.
+        strategies: strategies of the task's steps, by name.
+        held, episodes: number of successful and of all episodes in the task's last verification; zero if unknown.
     """
 
     task: TaskSpec
@@ -61,10 +61,10 @@ class Brief:
     """Input of a designer: the robot, the objects and the existing tasks.
 
     Attributes:
-        settings: facts about the robot.
-        classes: affordance of each articulated or rigid class, by class name.
+        settings: summary of the robot.
+        classes: affordance (summary) of each articulated or rigid object class, by class name.
         known: existing tasks. A proposal must not repeat one of them, and long tasks may be built from them. The run
-            appends each task that it keeps, so a designer that yields proposals one by one can build on earlier ones.
+            appends each kept task, so that later proposals can build on earlier tasks.
     """
 
     settings: RobotSummary
@@ -79,13 +79,13 @@ class Brief:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Strategies that a designer suggests for all steps of a task.
+    """A candidate solution of a task: the strategies that a designer suggests for each step.
 
     Attributes:
-        label: phrase for the report.
-        steps: strategies by name for each step, in order of preference. A kept task uses these names. Steps may share a
-            strategy.
-        provenance: search parameters, or prompt and answer.
+        label: phrase that describes the candidate in the report.
+        steps: for each step, its strategies by name in order of preference; a kept task uses these names. Steps may
+            share a strategy.
+        provenance: origin of the strategies: search parameters, or prompt and answer.
     """
 
     label: str
@@ -98,7 +98,7 @@ class Candidate:
         return {name: data for strategies in self.steps.values() for name, data in strategies.items()}
 
     def of(self, task: TaskSpec) -> TaskSpec:
-        """Return the task whose steps name this candidate's strategies."""
+        """Return a copy of ``task`` whose steps refer to this candidate's strategies."""
         return with_strategies(task, self.steps)
 
 
@@ -107,12 +107,12 @@ class StageResult:
     """Result of a candidate in one stage of the search.
 
     Attributes:
-        name: stage name.
-        trials: number of planned scenes or of episodes.
+        name: name of the stage.
+        trials: number of scenes planned or episodes simulated.
         score: share of trials with a complete plan, or share of successful episodes.
         causes: number of failures by cause.
         strict: share of episodes that also pass the strict verdict; 0 without episodes.
-        diagnoses: failures in words with numbers, the most frequent first.
+        diagnoses: kinds of failure, described with numbers, the most frequent first.
     """
 
     name: Literal["plan", "physics"]
@@ -125,7 +125,7 @@ class StageResult:
 
 @dataclass(frozen=True)
 class CandidateResult:
-    """A candidate with its results in all stages so far."""
+    """A candidate and its results in each stage of the search so far."""
 
     candidate: Candidate
     stages: tuple[StageResult, ...]
@@ -147,17 +147,17 @@ class CandidateResult:
 
     @property
     def held(self) -> float:
-        """Number of successful episodes over all stages."""
+        """Number of simulated episodes, over all stages, that succeeded (the `held` verdict)."""
         return sum(stage.score * stage.trials for stage in self._physics)
 
     @property
     def strict(self) -> float:
-        """Number of episodes that pass the strict verdict, over all stages."""
+        """Number of simulated episodes, over all stages, that pass the `strict` verdict."""
         return sum(stage.strict * stage.trials for stage in self._physics)
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """Diagnoses of the last stage that has any."""
+        """Diagnoses of failures in the last stage with failures."""
         return next((stage.diagnoses for stage in reversed(self.stages) if stage.diagnoses), ())
 
     @property
@@ -172,11 +172,11 @@ class CandidateResult:
 
 
 class Designer(Protocol):
-    """Interface of a designer: it proposes tasks, writes candidates and refines them by their results.
+    """Interface of a designer, which proposes tasks and candidate strategies, and refines candidates by their results.
 
     Attributes:
-        name: recorded in run.json and as the origin of the designer's tasks.
-        notes: remarks for the reader of the report; read at the end of the run.
+        name: name of the designer in run.json and in the provenance of its tasks.
+        notes: remarks for the report, read at the end of the run.
     """
 
     @property
@@ -186,14 +186,14 @@ class Designer(Protocol):
     def notes(self) -> Sequence[str]: ...
 
     def open(self, folder: Path) -> None:
-        """Store the designer's own records in the run folder; called once, before any other method."""
+        """Set the run folder in which the designer stores its records; called once, before all other methods."""
         ...
 
     def propose(self, brief: Brief, seed: int) -> Iterable[TaskSpec]:
-        """Yield new tasks, best first; no task repeats a known one.
+        """Yield new tasks, the most useful first; no task repeats a known task.
 
-        Each task names its origin in its provenance. Each step names at least one placeholder strategy, which
-        candidates replace.
+        Each task states its origin in its provenance. Each step names at least one placeholder strategy, which a
+        candidate's strategies replace.
         """
         ...
 
@@ -208,5 +208,5 @@ class Designer(Protocol):
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Return new candidates in view of earlier results, best first; an empty list ends the search."""
+        """Return new candidates, the most promising first, based on earlier results; an empty list ends the search."""
         ...

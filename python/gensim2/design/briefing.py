@@ -25,7 +25,7 @@ NAMED = 6
 
 
 def robot_summary(name: str) -> RobotSummary:
-    """Return the facts about a robot that designers need."""
+    """Return the summary of a robot for designers."""
     profile = robot(name)
     x, y, _ = profile.base_position
     return RobotSummary(
@@ -43,17 +43,17 @@ def _left_out(instances: str, classes: Sequence[str]) -> str:
 
 
 class Classes(Mapping[str, Affordance]):
-    """Lazy mapping from each class of a library to its affordance, articulated classes first, in a seeded order.
+    """Lazy mapping from a library's classes to their affordances (summaries), articulated classes first.
 
     Args:
         library: object library.
         instances: value of ``--instances``; classes without matching instances are left out.
-        seed: seed of the order and of the sampled instances.
-        folder: run folder; the sampled objects are recorded there.
+        seed: seed of the order of the classes and of the sampled instances.
+        folder: run folder, in which the sampled objects are recorded.
         progress: progress listener.
 
     Attributes:
-        notes: the classes and instances that were left out, with reasons.
+        notes: classes and instances that were left out, with the reasons.
     """
 
     def __init__(self, library: Library, instances: str, seed: int, folder: RunFolder, progress: Progress) -> None:

@@ -1,4 +1,4 @@
-"""Draft long tasks from joint motions: two joints for one purpose, or one joint opened and closed again."""
+"""Draft tasks of several steps from joint motions: move two joints for one purpose, or open and close one joint."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def again(brief: Brief) -> Iterator[Draft]:
 
 
 def pairs(brief: Brief) -> Iterator[Draft]:
-    """Draft tasks that move two joints for one purpose, with purposes in turn and each joint task used rarely."""
+    """Draft tasks that move two joints for one purpose; alternate the purposes and reuse each joint task rarely."""
     there = _narrow(brief)
     choices = list(in_turn(_pairs_for(purpose, there) for purpose in purposes()))
     used: Counter[tuple[str, str]] = Counter()
@@ -73,13 +73,13 @@ FAMILIES: dict[str, Family] = {"pairs": pairs, "to and fro": again, "errands": e
 
 
 def wanted_ends() -> set[tuple[str, str]]:
-    """Return the joint goals, each a class and an end state, that occur as steps in the proposed long tasks."""
+    """Return the joint goals (object class and end state) that long tasks use as steps."""
     goals = {goal for purpose in purposes() for goal in (*purpose.goals, *(goal for goal, _ in purpose.errands))}
     return goals | {(each.asset_class, end) for each in to_and_fro() for end in ENDS}
 
 
 def _narrow(brief: Brief) -> list[Piece]:
-    """Return joint tasks on objects narrow enough to leave room for a second object."""
+    """Return the joint tasks whose object is narrow enough to leave space on the table for a second object."""
     return [piece for piece in pieces(brief) if max(brief.classes[piece.asset_class].size[:2]) < NARROW]
 
 
@@ -102,7 +102,7 @@ def _pair(purpose: Purpose, first: Piece, second: Piece) -> Draft:
 
 
 def _both(first: Piece, second: Piece) -> str:
-    """Return one phrase for two actions; a shared verb appears once."""
+    """Return one phrase for two actions, with a shared verb only once."""
     said = [piece.known.task.description for piece in (first, second)]
     parts = [
         sentence.partition(f" the {noun(piece.asset_class)}")
@@ -114,7 +114,7 @@ def _both(first: Piece, second: Piece) -> str:
 
 
 def _work(draft: Draft, piece: Piece, at: tuple[float, float], yaw: float) -> None:
-    """Add the step of a known joint task to a draft, with its object at another place."""
+    """Add the step of a known joint task to a draft, with the object at the position ``at``."""
     (step,) = piece.known.task.steps
     thing = piece.known.task.objects[step.object]
     role = step.object if step.object not in draft.objects else f"other_{step.object}"[:60]

@@ -43,8 +43,8 @@ LARGE = 0.34
 
 
 def tidied(brief: Brief, how: str) -> Iterator[Draft]:
-    """Draft tasks that put one object into a container, which is opened first or closed afterwards as ``how`` says."""
-    # Each value of ``how`` starts with a different object, so that the drafts use more objects.
+    """Draft tasks that put an object into a container and also, as ``how`` says, first open or finally close it."""
+    # Start with a different object for each value of ``how``, so that the drafts use more objects.
     turn = list(_TIDYING).index(how)
     queues = []
     for container in _containers(brief):
@@ -204,7 +204,7 @@ def _support_for(thing: Affordance, number: int) -> str:
 
 
 def _about(openness: tuple[float, float] | None = None) -> Randomization:
-    """Return the ranges of a container's pose; ``openness`` is mean and spread, None keeps the object's own."""
+    """Return the randomization of a container; ``openness`` is (mean, spread), None the object's default."""
     if openness is None:
         return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05))
     return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=openness[0], openness_spread=openness[1])
@@ -220,13 +220,11 @@ def _containers(brief: Brief) -> Iterator[Affordance]:
 
 
 def _roomy(brief: Brief) -> list[Affordance]:
-    """Return the containers in which an object can lie at the start without touching a wall: drawers and top-opening
-    boxes.
-    """
+    """Return containers in which an object can start without touching a wall: drawers and top-opening boxes."""
     return [each for each in _containers(brief) if each.joint_type == "prismatic" or each.joint_axis == "level"]
 
 
 def _things(brief: Brief, asset_class: str) -> list[Affordance]:
-    """Return the rigid objects that people keep in such a container and that the hand can grasp."""
+    """Return the graspable rigid objects that people keep in containers of this class."""
     found = [brief.classes[name] for name in belongs(asset_class) if name in brief.classes]
     return [thing for thing in found if holdable(thing, brief.settings.stroke)]

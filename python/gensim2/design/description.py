@@ -1,4 +1,4 @@
-"""Describe a task as plain data for ``gensim2 tasks show`` and for HTML pages."""
+"""Describe a task for ``gensim2 tasks show`` and for HTML pages."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ VERDICTS = ("paper", "held", "strict")
 def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> dict[str, Any]:
     """Return a task's objects, steps, strategies and goal in words, with its measured success rates.
 
-    Success rates are included only if the task and its strategies are those of the packaged task library.
+    Success rates are included only if the task and its strategies equal those in gensim2's own task library.
 
     Args:
         task: task to describe.
         strategies: strategies by name, as plain data.
-        library: object library; tells which objects have joints.
+        library: object library, which says which objects have joints.
     """
     return {
         "name": task.name,
@@ -56,14 +56,14 @@ def _provenance(task: TaskSpec) -> dict[str, Any]:
 
 
 def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
-    """Return whether task and strategies equal those of the packaged library, so that its measured results apply."""
+    """Return whether the task and its strategies equal the stored ones, so that the stored success rates apply."""
     if task.name not in packaged_names():
         return False
     return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)
 
 
 def _has_joint(task: TaskSpec, name: str, library: Library) -> bool:
-    """Return whether an object has a joint; if the library lacks its class, judge by the task's criteria."""
+    """Return whether an object has a joint; if its class is not in ``library``, judge by the task's criteria."""
     asset_class = task.objects[name].asset_class
     if asset_class in library.classes():
         return library.kind(asset_class) == "articulated"
@@ -99,7 +99,7 @@ def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
 
 
 def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
-    """Return the success rates recorded for a task's name: the paper's, its release's and our own."""
+    """Return a task's success rates: from the paper, of the paper's released code, and measured with gensim2."""
     published, released = paper_of(task), released_of(task)
     return {
         "paper": None if published is None else {"mean": published[0], "deviation": published[1]},

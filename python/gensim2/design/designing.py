@@ -19,13 +19,14 @@ from gensim2.tasks.spec import TaskSpec
 
 
 class Chosen:
-    """Designer that passes on only some proposals of another designer.
+    """Designer that filters the proposals of another designer.
 
     Args:
         designer: designer that proposes tasks and writes candidates.
-        accepts: returns whether a proposal is to be designed.
-        left_out: words for the rejected proposals in the notes, such as ``"are not wanted"``.
-        wish: keyword for the filter; a resumed run must use the same one. None: the filter may differ after a resume.
+        accepts: function that returns whether to accept a proposal.
+        left_out: phrase in the notes about rejected proposals, such as ``"are not wanted"``.
+        wish: name of the filter; a resumed run must use a filter of the same name. None: a resumed run may use any
+            filter.
     """
 
     def __init__(
@@ -72,7 +73,7 @@ def offline_designer(
     Args:
         mode: ``"explore"`` for tasks of one step, ``"bottomup"`` for tasks of several; None: both.
         target_object: class that every task must use; None: any.
-        review: callback that accepts or rejects each proposal; None: accept all.
+        review: function that returns whether to accept a proposal; None: accept all proposals.
     """
     designer: Designer = OfflineDesigner()
     if mode is not None:
@@ -99,19 +100,18 @@ def model_designer(
     review: Callable[[TaskSpec], bool] | None = None,
     **options: Any,
 ) -> Designer:
-    """Return a designer that asks a language model.
+    """Return a designer that queries a language model.
 
     Args:
         model: model name at its endpoint; None: the name in ``config`` or ``replay``.
         asking: mode, targets and number of trials.
         scene: scene options of the run, for the pictures shown to the model.
         prompts: folder of the user's own prompts.
-        replay: run folder whose recorded answers are used instead of a model. The folder determines the model and
-            ``asking``.
+        replay: run folder whose recorded answers are used instead of querying a model. Its record overrides ``model``
+            and ``asking``.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
-        review: callback that accepts or rejects each proposal; None: accept all.
-        **options: fields of :class:`~gensim2.design.llm.ModelOptions` that override those of ``config``; None: not
-            given.
+        review: function that returns whether to accept a proposal; None: accept all proposals.
+        **options: fields of :class:`~gensim2.design.llm.ModelOptions`, which override ``config``; None: not given.
 
     Raises:
         InputError: an argument cannot be used.

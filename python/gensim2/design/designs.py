@@ -67,16 +67,14 @@ class DesignRecord(Record):
 
 @dataclass(frozen=True)
 class Design:
-    """Result of a search: every candidate with its stages, best first, and the winning strategies of each step, if
-    any.
-    """
+    """Result of a search: candidates with their results, best first, and the chosen strategies, if any."""
 
     results: tuple[CandidateResult, ...]
     chosen: StepStrategies | None
     notes: tuple[str, ...] = field(default=())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return a dictionary for JSON."""
         return {
             "schema_version": 3,
             "candidates": [_candidate(index, result) for index, result in enumerate(self.results)],

@@ -1,4 +1,4 @@
-"""Summarize failures for designers: violated constraint, error, collision or slip."""
+"""Describe failures for designers: a violated constraint, an error, a collision or a slip, with numbers."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ SHARES = {
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """A kind of failure of a candidate.
+    """A kind of failure that occurs in a candidate's trials.
 
     Attributes:
         step: name of the failed step; None if no step is to blame.
         cause: cause of failure (docs/reference/episodes.md) or status of the planner.
-        words: one sentence with the numbers of one failed trial.
-        count: number of trials that failed in this way.
-        numbers: the numbers of that trial, as passed to :func:`diagnoses`.
+        words: sentence that describes one of these failed trials with its numbers.
+        count: number of trials with this kind of failure.
+        numbers: the numbers behind ``words``, as passed to :func:`diagnoses`.
     """
 
     step: str | None
@@ -42,7 +42,7 @@ class Diagnosis:
     numbers: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return a dictionary for JSON."""
         return {"step": self.step, "cause": self.cause, "words": self.words, "count": self.count}
 
     def __str__(self) -> str:
@@ -50,11 +50,11 @@ class Diagnosis:
 
 
 def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagnosis, ...]:
-    """Return the most frequent failures, at most ``KEPT``.
+    """Return the ``KEPT`` most frequent kinds of failure.
 
     Args:
-        failures: cause and numbers of each failed trial. The numbers are an episode's ``diagnosis``, or a plan's
-            ``detail`` with the ``step`` and ``strategy`` added.
+        failures: cause and numbers of each failed trial. The numbers are the ``diagnosis`` of an episode, or the
+            ``detail`` of a plan with ``step`` and ``strategy`` added.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
     example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}
@@ -69,7 +69,7 @@ def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagno
 
 
 def in_words(cause: str, numbers: Mapping[str, Any]) -> str:
-    """Return one sentence that names the step, the strategy, the cause and the numbers."""
+    """Return one sentence that states the step, the strategy, the cause and the numbers of a failure."""
     step, strategy = numbers.get("step"), numbers.get("strategy")
     where = f"step {step!r}" + (f" by {strategy!r}" if strategy else "") + ": " if step else ""
     facts = [

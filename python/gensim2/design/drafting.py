@@ -1,4 +1,4 @@
-"""Draft long tasks and check that each step's preconditions are established by the steps before.
+"""Draft tasks of several steps, and check that earlier steps establish each step's preconditions.
 
 Picking up needs an empty hand and fills it. Putting down needs a full hand and an open container, and empties the hand.
 A joint is not moved to a state that it already has (:func:`chains`).
@@ -30,7 +30,7 @@ class Piece(NamedTuple):
 
 
 def pieces(brief: Brief) -> list[Piece]:
-    """Return the known joint tasks on classes of the library, the most useful first."""
+    """Return the known joint tasks whose object class is in the library, the most useful first."""
     goals = [(joint_goal(known.task), known) for known in brief.known]
     found = [
         Piece(goal[0], goal[1], known)  # type: ignore[arg-type]
@@ -41,9 +41,7 @@ def pieces(brief: Brief) -> list[Piece]:
 
 
 def has_joint(brief: Brief, asset_class: str) -> bool:
-    """Return whether the library has an articulated class of this name; known tasks may use other libraries'
-    classes.
-    """
+    """Return whether the library has an articulated class of this name; known tasks may use classes of other libraries."""
     return asset_class in brief.classes and brief.classes[asset_class].kind == "articulated"
 
 
@@ -53,9 +51,7 @@ def is_known(brief: Brief, asset_class: str, goal: str) -> bool:
 
 
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
-    """Return the strategies of the known task that moves this class's joint to ``goal``; empty if there is no such
-    task.
-    """
+    """Return the strategies of the known task that moves this class's joint to ``goal``; empty without such a task."""
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):
             wanted = known.task.steps[0].strategies
@@ -64,7 +60,7 @@ def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
 
 
 def _own_name(strategy: str, task: TaskSpec) -> str:
-    """Return a name that is unique among joint tasks, in place of a designer's generic name."""
+    """Replace a strategy's generic name by a name that is unique among joint tasks."""
     (thing,) = task.objects.values()
     number = strategy.removeprefix(DESIGNED)
     return f"{task.steps[0].name}_{thing.asset_class}{number}" if number != strategy else strategy
@@ -93,7 +89,7 @@ class Draft:
 
     Attributes:
         name, sentence: name and description of the task.
-        objects: objects by name, in the order of placement.
+        objects: objects by name, in the order in which they are placed.
         steps: steps in order.
         goal: criteria that must hold at the end.
     """
@@ -105,7 +101,7 @@ class Draft:
     goal: list[Criterion] = field(default_factory=list)
 
     def joint(self, verb: str, role: str, criterion: Criterion, lasting: bool = True) -> None:
-        """Add a step that moves a joint; ``lasting`` adds its criterion to the goal."""
+        """Add a step that moves a joint; ``lasting`` adds the criterion to the goal of the task, too."""
         self._step(f"{verb}_{role}", role, HAND, (criterion,))
         if lasting:
             self.goal.append(criterion)
@@ -140,7 +136,7 @@ Family = Callable[[Brief], Iterator[Draft]]
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """Return the preconditions of steps that no earlier step establishes."""
+    """Return a sentence for each precondition of a step that no earlier step establishes."""
     held: str | None = None
     openness: dict[str, str] = {}
     wrong = []

@@ -66,8 +66,8 @@ def repeated(
         jobs: configuration, strategies and seed of each episode.
         engine: the other engine.
         name: name of the task, for messages.
-        evaluator: runs the episodes.
-        log: log of finished episodes; None: nothing is resumed.
+        evaluator: worker pool that runs the episodes.
+        log: log of finished episodes, which are not run again; None: run all.
 
     Raises:
         NotRunError: some episodes could not be run; all others are finished.
@@ -101,9 +101,9 @@ def verify(
         strategies: strategies of its steps, by name.
         files: the task's folder.
         run: the run's folder.
-        evaluator: runs the episodes.
+        evaluator: worker pool that runs the episodes.
         library: object library.
-        apart: division of the instances; the episodes use those that the search did not.
+        apart: division of the instances; the episodes use instances that the search did not use.
         episodes: number of episodes.
         seed: seed of the scenes.
         second: engine that repeats the verification if the task passes it in the first engine; None for one engine.
@@ -166,7 +166,7 @@ class Wanted:
 
     Attributes:
         total: number of tasks of any kind.
-        single, long: maximum number of single-step and of long tasks; None: no limit.
+        single, long: maximum number of single-step tasks, and of tasks with several steps; None: no limit.
     """
 
     total: int
@@ -174,7 +174,7 @@ class Wanted:
     long: int | None = None
 
     def wants(self, task: TaskSpec, kept: Sequence[TaskSpec]) -> bool:
-        """Return whether another task of this kind is wanted."""
+        """Return whether the run should keep another task with as many steps as ``task``."""
         most = self.single if task.is_single_step else self.long
         return most is None or sum(each.is_single_step == task.is_single_step for each in kept) < most
 
@@ -187,7 +187,7 @@ class Extent:
         verify: number of verification episodes.
         demos: number of demonstrations to collect.
         instances: instances that demonstrations use, as in ``--instances``.
-        videos: number of episodes of each task to film; 0: no plan is drawn either.
+        videos: number of videos for each task; 0 also omits the picture of a plan.
         second: engine that repeats verifications; None for one engine.
     """
 
@@ -203,12 +203,12 @@ SEARCHED = "search"
 
 
 class _Kept:
-    """Runs the trials of a search and stores their results, so that a resumed search does not repeat them.
+    """Runs the trials of a search and stores the results, so that a resumed search does not repeat trials.
 
     Args:
         runner: runner that plans and runs episodes.
-        folder: folder of the results, with one entry for each call. Stored results are reused only by a search that
-            makes the same calls.
+        folder: folder of the results, with one file for each call. A search reuses a result only if its calls are the
+            same.
     """
 
     def __init__(self, runner: EpisodeRunner, folder: Path) -> None:
@@ -236,19 +236,19 @@ def classes_of(task: TaskSpec) -> str:
 
 
 class PipelineRun:
-    """State of one call of ``run_pipeline``.
+    """One call of ``run_pipeline``: settings, progress and results.
 
     Args:
         library: object library.
-        designer: proposes tasks and writes candidates.
+        designer: designer that proposes tasks and candidates.
         folder: run folder.
-        evaluator: plans and runs episodes.
+        evaluator: worker pool that plans and runs episodes.
         seed: seed of every random draw.
         extent: amount of work on each task.
         known: tasks that the designer knows.
-        familiar: tasks that count as already solved; a repetition serves only as a part of longer tasks and does not
-            count.
-        budget: budget of the search; None: the default for each task.
+        familiar: tasks that count as already solved. A proposal that repeats one can become a part of longer tasks, but
+            does not count towards the wanted number.
+        budget: budget of each search; None: the default for the task.
         progress: progress listener.
     """
 
@@ -275,7 +275,7 @@ class PipelineRun:
         self._kept: list[TaskSpec] = []
 
     def run(self, wanted: Wanted, target: TaskSpec | None, stored: Sequence[TaskInput]) -> PipelineResult:
-        """Design tasks until enough are kept, or only the target; then verify the stored tasks."""
+        """Design tasks until enough are kept, or design only ``target``; then verify the tasks ``stored``."""
         rejected: list[dict[str, str]] = []
         tried, unwanted, reported = 0, 0, 0.0
         self.designer.open(self.folder.path)
@@ -316,7 +316,7 @@ class PipelineRun:
         return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), notes)
 
     def _designed(self, task: TaskSpec) -> str | None:
-        """Search and verify one proposal; return why it was rejected before the search, or None."""
+        """Search strategies for a proposal and verify the task; return why the search was skipped, or None."""
         from gensim2.scenes.goal import GoalError
         from gensim2.scenes.initial_state import PlacementError
 
@@ -360,7 +360,7 @@ class PipelineRun:
         return reason
 
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
-        """Return the strategies that the search found, now or in an earlier call, or the reason why it found none."""
+        """Return the strategies found by the search, now or in an earlier call, or the reason why it found none."""
         for thing in task.objects.values():
             _ = self._classes[thing.asset_class]  # for its notes, which belong to the result
         self.folder.save()
@@ -390,7 +390,7 @@ class PipelineRun:
         return record.steps, effort
 
     def _show_best(self, task: TaskSpec, folder: TaskFolder, ways: StepStrategies) -> None:
-        """Draw the best candidate of a search that found nothing, and film what it does."""
+        """Draw a plan and record videos of the best candidate of a search that failed."""
         strategies = {name: data for own in ways.values() for name, data in own.items()}
         config = self.evaluator.config(with_strategies(task, ways), kept_apart(self.library, task).search)
         seeds = scene_seeds(self.seed, task.name, "design", self.extent.videos)
@@ -400,7 +400,7 @@ class PipelineRun:
     def _show_verified(
         self, task: TaskSpec, strategies: Strategies, folder: TaskFolder, verification: Verification
     ) -> None:
-        """Draw the plan of a verified task, and film episodes: failed ones of a task that is not kept."""
+        """Draw a plan of a verified task and record videos, of failed episodes if the task is not kept."""
         drawn = kept_apart(self.library, task).verification(len(verification.episodes), self.seed)
         wanted = [n for n, episode in enumerate(verification.episodes) if episode.held == verification.kept]
         word = "held" if verification.kept else "failed"
@@ -415,7 +415,7 @@ class PipelineRun:
         self._show(task, folder, films)
 
     def _show(self, task: TaskSpec, folder: TaskFolder, films: Mapping[Path, tuple[Any, ...]]) -> None:
-        """Make the films and a picture of the first one's plan; where they cannot be made, say so and go on."""
+        """Record the videos and draw the plan of the first one; report errors as messages and continue."""
         picture = folder.path / PLAN_PICTURE
         missing = {path: job for path, job in films.items() if not path.exists()}
         if not films or (not missing and picture.exists()):
@@ -496,10 +496,10 @@ class PipelineRun:
 
 
 def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture: Path) -> bool:
-    """Plan a task in the scene of one seed and draw the last step that was planned; called in a worker.
+    """Plan a task in the scene of one seed and draw the last planned step; runs in a worker process.
 
     Returns:
-        Whether there is a picture.
+        Whether a picture was drawn.
     """
     env = worker.simulator(config.scene)
     env.reset(seed)
@@ -508,7 +508,7 @@ def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture
 
 
 def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
-    """Return the task with its provenance: a search on training objects or on all objects found its strategies."""
+    """Return the task with a provenance that says whether the search used training objects only or all objects."""
     origin = "search" if task.provenance is None else task.provenance.origin
     strategies = {name: Made(by="search", seen=seen) for name in strategies_of(task)}
     return task.model_copy(update={"provenance": Provenance(origin=origin, strategies=strategies)})

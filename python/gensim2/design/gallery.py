@@ -39,7 +39,7 @@ SPEED = 2
 
 
 class GalleryEntry:
-    """Video and still of one task in a gallery.
+    """Video and still image of one task in a gallery.
 
     Args:
         given: task with its strategies.
@@ -48,8 +48,8 @@ class GalleryEntry:
 
     Attributes:
         description: description of the task as plain data.
-        seeds: scene seeds to try until an episode succeeds, as in ``gensim2 demo --episodes 1`` with this seed.
-        log: record of the episodes that were run.
+        seeds: scene seeds to try until an episode succeeds, the same as in ``gensim2 demo --episodes 1 --seed SEED``.
+        log: log file of the episodes that were run.
 
     Raises:
         InputError: files of an earlier run cannot be used.
@@ -96,7 +96,7 @@ class GalleryEntry:
         return self._place(STILL)
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Log the episodes that were run; the last one may have a video."""
+        """Write the log of the episodes that were run; if the last one succeeded, it has a video."""
         for index in list(self.log.done):
             self.log.forget(index)
         for index, episode in enumerate(episodes):
@@ -144,8 +144,8 @@ class TasksGallery:
     Attributes:
         index: path of the page.
         shown: seed of the episode in the video, by task.
-        without: tasks without a successful episode, with the cause of the last failure.
-        skipped: tasks that these objects do not support, with the reason.
+        without: tasks for which no episode succeeded, with the cause of the last failure.
+        skipped: tasks that cannot be run with these objects, with the reason.
     """
 
     index: Path
@@ -154,7 +154,7 @@ class TasksGallery:
     skipped: dict[str, str]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return a dictionary for JSON."""
         return {"schema_version": SCHEMA_VERSION, **asdict(self), "index": str(self.index)}
 
 
@@ -174,9 +174,9 @@ def tasks_gallery(
 
     Args:
         tasks: names of library tasks, or folders that hold task.yaml and strategies/; empty: all tasks of ``origin``.
-        origin: origin of the tasks if none are named; None: the paper's suite.
+        origin: origin of the tasks if ``tasks`` is empty; None: the paper's suite.
         out: output folder.
-        seed: seed of the scenes; the first successful one of five scenes is shown.
+        seed: seed of the scenes; the page shows the first successful episode of up to five scenes.
         resume: continue the gallery in ``out``.
         progress: progress listener.
         scene: see :class:`~gensim2.rollout.config.EvaluationArguments`.
@@ -248,7 +248,7 @@ def tasks_gallery(
 
 
 def _again(given: Sequence[TaskInput], seed: int) -> str:
-    """Return the command that runs the episode of a film again, for ``TASK``."""
+    """Return the shell command that repeats the episode of a video; ``TASK`` in it stands for the task."""
     options = given[0].scene.options
     words = ["gensim2", "demo", "TASK", "--episodes", "1", "--seed", str(seed), "--assets", options.assets]
     words += [word for name in ("engine", "physics", "robot") for word in _unless_default(options, name)]

@@ -25,9 +25,7 @@ _NAMES = "xyz"
 
 
 def _directions() -> list[Direction]:
-    """Return the six axes of the joint frame, their twelve diagonals, and three directions that suit a table-top
-    arm.
-    """
+    """Return approach directions: the joint frame's six axes, twelve diagonals, and three for table-top arms."""
     found = []
     for index, axis in enumerate(_AXES):
         for sign in (1.0, -1.0):
@@ -58,7 +56,7 @@ LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, 
 
 
 def likely(thing: Affordance, opening: bool, goal: float) -> list[Manipulation]:
-    """Return the alignments tried before any random draw, at the keypoint furthest from the axis."""
+    """Return the alignments to try before random ones; they use the keypoint furthest from the joint axis."""
     if thing.joint_type != "prismatic" or not thing.lever_arms:
         return []
     named = {direction.name: direction for direction in DIRECTIONS}
@@ -88,7 +86,7 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
         opening: whether the joint is opened.
         goal: openness at which the motions end.
         count: maximum number of alignments.
-        seed, what: seed and name of the random stream.
+        seed, what: seed of the random draw, and name of its purpose.
     """
     found = list(alignments(thing, opening, goal))
     if len(found) <= count:
@@ -98,7 +96,7 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
 
 
 def vary(parent: Manipulation, halfway: bool, generator: Any) -> Manipulation:
-    """Return a copy with offsets, retreat, tolerance and end openness redrawn near those of ``parent``."""
+    """Return a copy of ``parent`` with small random changes of offsets, retreat, tolerance and end openness."""
     step = 1.0 if parent.opening else -1.0
     further = 0.0 if halfway else step * generator.uniform(-0.1, 0.2)
     return replace(
@@ -113,19 +111,19 @@ def vary(parent: Manipulation, halfway: bool, generator: Any) -> Manipulation:
 
 
 def manipulation_from(provenance: dict[str, Any]) -> Manipulation:
-    """Return the manipulation from its ``provenance()``."""
+    """Return the manipulation that ``Manipulation.provenance()`` stored."""
     values = dict(provenance)
     approach = values.pop("approach")
     return Manipulation(approach=Direction(approach["name"], approach["frame"], tuple(approach["vector"])), **values)
 
 
 def round_to(value: float, step: float = 0.005) -> float:
-    """Round to a multiple of ``step``, so that configs stay readable."""
+    """Round to a multiple of ``step``, so that solver configs stay readable."""
     return round(round(value / step) * step, 6)
 
 
 def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Yield every alignment on a grid of directions, offsets and motions; arguments as for :func:`sample`."""
+    """Yield all alignments on a grid of directions, offsets and motions; for the arguments see :func:`sample`."""
     longest = max(thing.lever_arms.values(), default=0.0)
     for keypoint in thing.lever_arms:
         if longest and thing.lever_arms[keypoint] < 0.3 * longest:
@@ -136,13 +134,13 @@ def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipu
 
 
 def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
-    """Return whether the fingers point against the motion, so that the palm would have to pass through the part."""
+    """Return whether the fingers point against the motion, so that the palm would collide with the moving part."""
     along = direction.vector[1] if direction.frame == "joint" else 0.0
     return (along if opening else -along) < -0.5
 
 
 def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Yield pushes with closed fingers; the solver chooses their roll because closed fingers are nearly round."""
+    """Yield pushes with closed fingers; the solver chooses the roll angle, because closed fingers are nearly round."""
     if _pushes_from_the_wrong_side(direction, opening):
         return
     motions: Sequence[Motion] = ("follow_joint_to", "trace_joint_to")
@@ -163,7 +161,7 @@ def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> 
 
 
 def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Yield grasps across each axis of the joint frame; without an axis the fingers would miss thin parts."""
+    """Yield grasps with a roll fixed by each axis of the joint frame; with a free roll fingers miss thin parts."""
     axes: Sequence[Axis] = ("x", "y", "z")
     for roll, inset in itertools.product(axes, (0.0, 0.015)):
         if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:

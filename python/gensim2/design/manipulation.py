@@ -1,8 +1,8 @@
-"""One way to move an object's joint, described in the joint's frame, and the solver config for it.
+"""Describe a contact and a motion that move an object's joint, in the joint frame, and convert them to a solver config.
 
 The frame lies at the contact keypoint (docs/architecture.md): y is the direction in which the keypoint moves as the
-joint opens, z is the joint axis, x points away from the hinge. The same description therefore works for a lid, a door
-and a drawer.
+joint opens, z is the joint axis, x points away from the hinge. In this frame one description fits a lid, a door and a
+drawer.
 """
 
 from __future__ import annotations
@@ -37,13 +37,14 @@ class Manipulation:
 
     Attributes:
         keypoint: contact keypoint of the object.
-        gripper: ``"closed"`` pushes with the fingertips, ``"grasp"`` closes on the part, ``"open"`` hooks it.
+        gripper: ``"closed"`` pushes with closed fingertips, ``"grasp"`` grasps the part, ``"open"`` hooks the part with
+            an open finger.
         approach: direction of the fingers.
-        roll: axis of the joint frame to which the line between the fingertips is orthogonal; None: any.
-        behind: distance in metres from the keypoint to the contact, against the wanted motion.
-        inset: distance in metres from the keypoint to the contact, towards the hinge (or against joint-frame x).
+        roll: axis of the joint frame orthogonal to the line between the fingertips; None: the roll is free.
+        behind: offset of the contact from the keypoint, m, against the direction of the motion.
+        inset: offset of the contact from the keypoint, m, towards the hinge (along -x of the joint frame).
         retreat: distance in metres along the fingers from which the hand approaches the contact.
-        motion: motion after the actuation pose that follows the joint, with or without rotating the hand.
+        motion: name of the motion after the actuation pose; it follows the joint with or without rotating the hand.
         goal_openness: openness at which that motion ends; may exceed the joint's range.
         tolerance: angular tolerance of the approach direction, rad.
         opening: whether the joint is opened.
@@ -65,7 +66,7 @@ class Manipulation:
 
     @property
     def label(self) -> str:
-        """Return one phrase for the report."""
+        """Return one phrase that describes the manipulation in the report."""
         verb = {"closed": "push", "open": "push with open fingers", "grasp": "grasp"}[self.gripper]
         roll = f", fingers across {self.roll}" if self.roll else ""
         offset = "".join(
@@ -80,11 +81,11 @@ class Manipulation:
         )
 
     def provenance(self) -> dict[str, Any]:
-        """Return the parameters as plain data."""
+        """Return the parameters as a dictionary for JSON."""
         return asdict(self)
 
     def config(self) -> dict[str, Any]:
-        """Return the solver config as plain data."""
+        """Return the solver config as a dictionary."""
         sign = 1.0 if self.opening else -1.0
         contact: dict[str, Any] = {
             "type": "point2point_constraint",

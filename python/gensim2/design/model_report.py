@@ -1,4 +1,4 @@
-"""Report section about a language model: the questions, answers and costs of each task."""
+"""Collect the questions, answers and costs of a language model for the report."""
 
 from __future__ import annotations
 
@@ -44,14 +44,12 @@ class ModelReport:
         self._conversations = read_log(folder).conversations
 
     def of_task(self, name: str) -> dict[str, Any] | None:
-        """Return the conversations about a task and their cost; None if there are none."""
+        """Return the conversations about a task and their cost; None without conversations."""
         own = [each for each in self._conversations if each.subject == name]
         return self._told(own) if own else None
 
     def of_run(self) -> dict[str, Any] | None:
-        """Return the model, its conversations by stage, those without a task, and the total cost; None without a
-        model.
-        """
+        """Return the model, counts for each stage, the conversations without a task, and costs; None without a model."""
         if self._model is None:
             return None
         stages = sorted({each.stage for each in self._conversations}, key=_rank)

@@ -1,7 +1,7 @@
-"""A designer without a language model: rules first, then a search over alignments, keypoints and motions.
+"""Design without a language model: try rules first, then search over alignments, keypoints and motions.
 
-Single-step tasks follow from what objects afford; long tasks combine them by their pre- and postconditions. Simulation
-decides which strategies are kept.
+Single-step tasks follow from the joints and sizes of objects; long tasks combine them by pre- and postconditions.
+Simulation decides which strategies are kept.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ FAMILIES: list[Family] = [
 
 
 def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
-    """Yield new long tasks that can be composed from known ones, one kind after the other; names are never repeated.
+    """Yield new long tasks composed from known tasks, alternating between kinds of tasks; names never repeat.
 
-    The known tasks are read anew for each proposal, so that tasks kept in the meantime are used. None means that
-    nothing new can be composed at present.
+    Each proposal uses the known tasks of that moment, including tasks kept in the meantime. None means that no new task
+    can be composed at present.
     """
     proposed: set[str] = set()
     while True:
@@ -71,7 +71,7 @@ def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
 
 
 def wanted_ends(brief: Brief) -> set[tuple[str, str]]:
-    """Return the joint goals (class and end state) that long tasks are composed of."""
+    """Return the joint goals (class and end state) that long tasks use as steps."""
     kept_in = {name for name, thing in brief.classes.items() if thing.is_container and belongs(name)}
     return chores.wanted_ends() | {(name, end) for name in kept_in for end in ENDS}
 
@@ -99,7 +99,7 @@ OPENING: dict[Goal, bool] = {
 
 
 class OfflineDesigner:
-    """Proposes tasks that the library lacks, and searches for strategies without a language model."""
+    """Designer that proposes tasks by rules and searches for strategies, without a language model."""
 
     name = "offline"
     notes: Sequence[str] = ()
@@ -121,9 +121,7 @@ class OfflineDesigner:
             yield from found
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Return the first candidates: all rules together, each rule alone, and for a joint also a draw of
-        alignments.
-        """
+        """Return the first candidates: all rules together, each rule alone and, for a joint, also random alignments."""
         if task.is_single_step and (goal := proposals.joint_goal(task)) is not None:
             step, thing = task.steps[0], brief.classes[goal[0]]
             if not thing.lever_arms:
@@ -204,13 +202,13 @@ def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
 
 
 def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
-    """Return the two and the three best candidates that succeeded at least once, the best one first."""
+    """Return two groups: the two best and the three best candidates among those that succeeded at least once."""
     alone = [result for result in results if result.held and len(result.candidate.strategies) == 1]
     return [alone[:count] for count in range(2, TEAM + 1) if len(alone) >= count]
 
 
 def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
-    """Return a candidate that tries several strategies for a step, in order, until one can be planned."""
+    """Return a candidate with the strategies of ``group``; the planner uses the first that can be planned."""
     ways: Strategies = {}
     for number, result in enumerate(group, 1):
         ((name, data),) = result.candidate.strategies.items()
@@ -220,9 +218,7 @@ def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
 
 
 def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
-    """Return the candidate with all strategies of all steps, and copies with another preference for one or all
-    steps.
-    """
+    """Return a candidate with all strategies of each step, and copies with other preferences in one or all steps."""
     turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
     found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]
     several = [name for name, own in ways.items() if len(own) > 1]
@@ -235,7 +231,7 @@ def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
 
 
 def _reordered(results: Sequence[CandidateResult]) -> list[Candidate]:
-    """Return the two best candidates with the first two strategies of their most blamed step swapped."""
+    """Return copies of the two best candidates, with the first two strategies of the step that fails most swapped."""
     found = []
     for result in results[:2]:
         blamed = next((each.step for each in result.diagnoses if each.step in result.candidate.steps), None)

@@ -1,4 +1,4 @@
-"""``gensim2 design``: strategies for a task of the user's own, found and verified as ``run_pipeline`` does."""
+"""``gensim2 design``: search and verify strategies for the user's task, as ``run_pipeline`` does for proposed tasks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TaskDesign:
     """Result of ``design_task``.
 
     Attributes:
-        run: the run, with one task that was verified or rejected.
+        run: result of the run, whose only task was verified or rejected.
         folder: folder with task.yaml and the found strategies; None: no strategy was kept.
         strategies: names of the strategies, in order of preference.
     """
@@ -39,7 +39,7 @@ class TaskDesign:
     strategies: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return the result as a dictionary for JSON."""
         folder = None if self.folder is None else str(self.folder)
         return {**self.run.to_dict(), "task_folder": folder, "strategies": list(self.strategies)}
 
@@ -69,10 +69,10 @@ def design_task(
         out: run folder. None: ``design`` in ``folder``; kept strategies are then also written to ``folder``.
         verify: number of new episodes that verify the task. 80 % of them must succeed (60 % for a task with several
             steps).
-        seed: seed of every draw.
+        seed: seed of every random draw.
         resume: continue the run in the run folder.
         videos: number of episodes to film, failed ones if the task is not kept.
-        budget: limits of the search; None: the usual ones.
+        budget: limits of the search; None: the default budget.
         progress: listener for stages and steps.
         scene: see :class:`~gensim2.rollout.config.RunArguments`.
 

@@ -11,9 +11,10 @@ class LazyPicture:
     """A PNG image that is rendered on first use.
 
     Attributes:
-        of: description that identifies the content; equal descriptions mean equal pictures. A recorded run can
-            therefore be replayed on a machine that cannot render.
-        make: renders the picture, which takes seconds at first. Raises GenSim2Error if this machine cannot render.
+        of: description that identifies the content: equal descriptions mean equal pictures. A replay compares
+            descriptions, so that it works on a machine that cannot render.
+        make: function that renders the picture; the first call takes seconds. Raises GenSim2Error if this machine
+            cannot render.
     """
 
     of: str

@@ -61,7 +61,7 @@ def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
 
 
 def goal_of(task: TaskSpec) -> str:
-    """Return the types of the criteria that must hold at the end, in one phrase."""
+    """Return one phrase with the types of the criteria that must hold at the end."""
     return ", ".join(criterion.type for criterion in task.success)
 
 
@@ -98,7 +98,7 @@ def criterion_of(role: str, goal: Goal) -> Criterion:
 
 
 def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
-    """Return ranges of a scene in which ``goal`` does not hold yet: the object's own openness, or the opposite end."""
+    """Return a randomization in which ``goal`` does not hold at the start: default openness, or the opposite end."""
     if goal in ("half_open", "half_closed") or not _undone(thing, goal):
         mean, spread = SHUT_AT if goal in ("articulated_open", "half_open") else OPEN_AT
         return Randomization(openness_mean=mean, openness_spread=spread, **given)
@@ -106,7 +106,7 @@ def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
 
 
 def goals(thing: Affordance) -> list[Goal]:
-    """Return the goals that people ask for and that can be unmet at first; a hanging part closes by itself."""
+    """Return the goals that people ask for and that are unmet at the start; a hanging part closes by itself."""
     hangs = thing.joint_type == "prismatic" and thing.joint_axis == "vertical"
     return [
         goal
@@ -151,18 +151,18 @@ def propose(
     familiar: Iterable[TaskSpec] = (),
     wanted: Collection[tuple[str, str]] = (),
 ) -> Iterator[TaskSpec]:
-    """Yield single-step tasks that ``known`` lacks, without repeated names.
+    """Yield single-step tasks that ``known`` lacks, each with a new name.
 
-    First come the tasks that longer tasks are composed of (``wanted``). Then comes the most useful task of each class,
-    with opening and closing in turn if both are equally useful; then the others by usefulness. Tasks that are rarely
-    asked for (below ``ASKED_FOR``) come last.
+    First come the tasks that longer tasks are composed of (``wanted``). Then comes the most useful task of each class
+    (alternately opening and closing if both are equally useful), then all other tasks by usefulness. Tasks that are
+    rarely asked for (below ``ASKED_FOR``) come last.
 
     Args:
         classes: affordance by class name.
         known: existing tasks.
         stroke: maximum opening of the gripper, m.
         familiar: tasks that are proposed only if ``wanted`` contains their goal.
-        wanted: joint goals (class and goal) that longer tasks are composed of.
+        wanted: joint goals (class and goal) that longer tasks use as steps.
     """
     known = list(known)
     names = {task.name for task in known}
@@ -194,12 +194,11 @@ def propose(
 
 
 def redesigned(task: TaskSpec, name: str | None = None) -> TaskSpec:
-    """Return the task with one strategy for each step, to be written by a designer, and without the strategies'
-    provenance.
+    """Return the task with one strategy name for each step, which a designer must fill in, and without provenance.
 
     Args:
         task: the task.
-        name: name of the strategy of each step; None: the step's first.
+        name: name for the strategy of every step; None: keep the name of each step's first strategy.
     """
     steps = tuple(
         step.model_copy(update={"strategies": step.strategies[:1] if name is None else (name,)}) for step in task.steps
@@ -209,12 +208,12 @@ def redesigned(task: TaskSpec, name: str | None = None) -> TaskSpec:
 
 
 def holdable(thing: Affordance, stroke: float) -> bool:
-    """Return whether two fingers fit around a rigid object that is thick enough to be grasped from a table."""
+    """Return whether a rigid object fits between two fingers and is thick enough to be grasped from a table."""
     return thing.kind == "rigid" and 0.0 < (thing.grip_width or 0.0) < stroke - 0.005 and thing.size[2] > 0.015
 
 
 def role_of(noun: str) -> str:
-    """Return the noun as a valid object name in a task; an article is added if the noun alone is reserved."""
+    """Return a valid object name for a task, made from ``noun``; a reserved noun gets an article."""
     role = in_ascii(noun).lower().replace(" ", "_").replace("'", "")[:50]
     return f"the_{role}" if role in (HAND, TABLE) or not role[0].isalpha() else role
 

@@ -54,14 +54,14 @@ def add_task(
         seed: seed of the scenes.
         engines: ``"both"`` repeats the verification in the other physics engine and adds the task only if enough
             episodes hold in both.
-        memory: library; default: the user's library.
+        memory: task library; default: the user's library.
         progress: progress listener.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
-        InputError: the folder or an argument cannot be used, or there is no library.
+        InputError: the folder or an argument cannot be used, or no task library exists.
         KnownTaskError: the library has the task already; raised before any episode.
-        UnverifiedTaskError: too few episodes succeeded; gives the number and the causes of failure.
+        UnverifiedTaskError: too few episodes succeeded; the message gives their number and the causes of failure.
         NotRunError: some episodes could not be run.
     """
     check_counts(episodes=episodes)
@@ -76,8 +76,8 @@ def add_task(
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
     seeds = scene_seeds(seed, task.name, "verify", episodes)
-    # The author's instances are unknown. Generated classes therefore use new objects, other classes all of the
-    # folder's.
+    # It is unknown which instances the author used. Generated classes therefore use new objects, other classes all
+    # instances in the folder.
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"
@@ -107,9 +107,9 @@ class Remembered:
     """Result of adding the tasks that a run kept.
 
     Attributes:
-        library: folder of the library; None: there is no library.
+        library: folder of the task library; None: no library exists.
         added: names of the run's tasks that are now in the library.
-        left_out: reason for each of the other tasks, by name.
+        left_out: names of the kept tasks that were not added, with the reasons.
     """
 
     library: str | None
@@ -137,7 +137,7 @@ def verified(verification: Verification, seed: int) -> Verified:
 
 
 def known_before(run: Path | None) -> tuple[str, ...]:
-    """Return the names of the library's tasks, except those that this run added before it was resumed.
+    """Return the names of the library's tasks, except tasks that this run added before an interruption.
 
     Args:
         run: run folder; None: the run is new.
@@ -150,7 +150,7 @@ def known_before(run: Path | None) -> tuple[str, ...]:
 
 
 def _verify_anew(folder: Path, record: RunRecord) -> str:
-    """Return the shell command that verifies a task with the objects and scenes of its run."""
+    """Return the shell command that repeats a task's verification with the objects and scenes of its run."""
     words = ["gensim2", "tasks", "add", str(folder)]
     for name in ("assets", "instances", "engine", "physics", "robot", "randomization"):
         told = record.arguments.get(name)
@@ -164,7 +164,7 @@ def remember(run: Path, memory: Memory | None = None) -> Remembered:
 
     Args:
         run: folder of ``gensim2 run-pipeline``.
-        memory: library; default: the user's library.
+        memory: task library; default: the user's library.
 
     Raises:
         InputError: the run folder is missing or damaged, or the library cannot be written to.

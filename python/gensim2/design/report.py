@@ -1,4 +1,4 @@
-"""Write ``report.html``: all results of a run on one page, made from the run folder alone."""
+"""Write ``report.html``, a page with all results of a run, from the files of the run folder."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
 
 
 def _films(folder: Path, verification: Verification | None) -> list[tuple[str, str]]:
-    """Films of a task's episodes beside its first demonstration: path in the run folder and caption."""
+    """Return the videos of a task, except of the first demonstration: path in the run folder, and caption."""
     found = []
     for path in sorted(folder.glob("*_*.mp4")):
         word, _, number = path.stem.partition("_")
@@ -142,7 +142,7 @@ NOTHING_KEPT = (
 
 
 def _why_unfilmed(run: RunRecord) -> str:
-    """Say why a task of a run has no film."""
+    """Return the reason why a task has no video, as a sentence for the report."""
     if run.arguments.get("videos") == 0:
         return "no pictures: filming was off (--videos 0)"
     return "no pictures yet: no episode of this task was filmed; errors.log says why if filming failed"
@@ -173,7 +173,7 @@ def _verification(verification: Verification | None, spec: TaskSpec | None) -> d
 
 
 def _second(verification: Verification) -> dict[str, Any] | None:
-    """Return the success rates in the other engine, and the scenes in which the engines disagree."""
+    """Return the success rates in the second engine, and the scenes with different outcomes in the two engines."""
     if (second := verification.second) is None:
         return None
     pairs = list(zip(verification.episodes, second.episodes, strict=True))
@@ -189,7 +189,7 @@ def _second(verification: Verification) -> dict[str, Any] | None:
 
 
 def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
-    """Return the statistics of episodes for a page: verdicts with confidence intervals, causes, objects, steps."""
+    """Return statistics of episodes for the page: success rates with confidence intervals, causes, objects, steps."""
     tally = Tally.of(episodes)
     names = [step.name for step in spec.steps] if spec is not None else []
     return {
@@ -299,7 +299,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _beside(folder: Path, pattern: str) -> str | None:
-    """Return the path of the first match relative to the run folder, or None."""
+    """Return the path, relative to the run folder, of the first file that matches ``pattern``; None without a match."""
     found = sorted(folder.glob(pattern))
     return f"{folder.parent.name}/{folder.name}/{found[0].name}" if found else None
 

@@ -81,11 +81,11 @@ def run_pipeline(
         out: run folder; default ``runs/<date>-<time>``.
         target_task: design this task without its stored strategies: the name of a library task, or the path of a folder
             with a task.yaml.
-        stored_tasks: library tasks to verify and demonstrate with their stored strategies, in addition.
+        stored_tasks: further tasks of the library, to verify and demonstrate with their stored strategies.
         resume: continue the run in ``out``.
         designer: ``"offline"``, or a :class:`~gensim2.design.base.Designer`.
-        videos: number of episodes of each task to film: demonstrations, or failed episodes of a task that is not kept.
-            With 0 no plan is drawn either.
+        videos: number of videos for each task: of demonstrations, or of failed episodes if the task is not kept. 0 also
+            omits the picture of a plan.
         engines: ``"both"`` repeats each verification in the other physics engine and keeps a task only if enough
             episodes hold in both.
         budget: episodes and rounds of the search for each task; None: the defaults.

@@ -1,12 +1,12 @@
 """Search for strategies that work: screen by planning, select by successive halving in simulation, refine the best.
 
-Planning is cheap, so every candidate is planned on a few scenes first. Those with a plan are simulated for a few
+Planning is cheap, so every candidate is planned on a few scenes first. Candidates with a plan are simulated for a few
 episodes each; the better half gets more episodes, and so on. If the best candidate succeeds nearly always, only that
-candidate continues, and it ends the search after enough episodes. Otherwise candidates whose success rates differ by no
-more than chance get more episodes until one leads or all count as equal. The designer then varies the best ones, and
-they are compared again, until the task is judged hopeless or the budget is spent.
+candidate continues, and it ends the search after enough episodes. Otherwise candidates whose success rates do not
+differ significantly get more episodes until one leads or all count as equal. The designer then varies the best
+candidates, and the variants are compared again, until no candidate is promising or the budget is spent.
 
-Candidates are ranked by success rate. If the leaders' rates differ by no more than chance, the strict success rate
+Candidates are ranked by success rate. If the rates of the leaders do not differ significantly, the `strict` rate
 decides.
 """
 
@@ -37,7 +37,7 @@ LEADERS = 1.96
 
 
 class Evaluator(Protocol):
-    """Interface of the search to the simulator, for one process or many."""
+    """Interface through which the search plans and simulates, in one process or many."""
 
     def screen(
         self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
@@ -46,7 +46,7 @@ class Evaluator(Protocol):
         ...
 
     def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
-        """Simulate one episode for each job (strategies of each step, seed), and return the episodes in order."""
+        """Simulate one episode for each job (strategies of each step, seed); return the episodes in this order."""
         ...
 
 
@@ -56,15 +56,16 @@ class Budget:
 
     Attributes:
         screen_scenes: number of scenes on which every candidate is planned.
-        rounds: (candidates, episodes for each) of the successive simulation rounds of the first candidates.
-        refine_episodes: episodes of each refined candidate.
-        comparison: (candidates at once, episodes for each) of the comparisons before and after each refinement.
-        max_episodes: maximum episodes of a candidate; leaders that are still indistinguishable then count as equal.
+        rounds: (number of candidates, episodes for each) in the successive simulation rounds of the first candidates.
+        refine_episodes: number of episodes for each refined candidate.
+        comparison: (candidates at once, episodes for each) in the comparisons before and after each refinement.
+        max_episodes: maximum number of episodes for a candidate; leaders whose rates still do not differ count as
+            equal.
         enough, enough_strict: success rate and strict success rate, over at least ``enough_episodes`` episodes, that
             end the search. A low strict rate alone causes at most one refinement.
-        enough_episodes: minimum episodes of a candidate that ends or wins the search.
+        enough_episodes: minimum number of episodes before a candidate can end or win the search.
         hopeless: the search ends if no candidate exceeds this success rate after a refinement.
-        max_physics_episodes: number of simulated episodes after which no candidates are compared or refined.
+        max_physics_episodes: total number of simulated episodes after which the search stops comparing and refining.
     """
 
     screen_scenes: int = 3
@@ -104,8 +105,8 @@ class Search:
     Args:
         config: the task, and the instances that the search may use.
         brief: input of the designer.
-        designer: writes the candidates.
-        evaluator: plans and simulates them.
+        designer: designer that writes and refines candidates.
+        evaluator: evaluator that plans and simulates candidates.
         seed: seed of every random draw.
         budget: budget of the search.
         progress: progress listener.
@@ -148,7 +149,7 @@ class Search:
                     break
             if round_index and self._hopeless(standing):
                 break
-            # The failures of dropped candidates show the designer which choices to avoid.
+            # Pass on dropped candidates, too: their failures show the designer which choices to avoid.
             learned = [*standing, *self._sorted([each for each in everything.values() if each not in standing])]
             children = self.designer.refine(self.task, self.brief, learned, self.seed, round_index)
             if not children:
@@ -192,7 +193,7 @@ class Search:
         return self._spread(results)
 
     def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
-        """Order by plan score, with ties in a seeded order, so that similar neighbours do not crowd out the rest."""
+        """Sort by plan score and shuffle ties, so that similar candidates do not crowd out different ones."""
         order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
         return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
 
@@ -215,8 +216,8 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Run further episodes of the best candidate if it may end the search, else of those equal to it, until one
-        leads or all count as equal.
+        """Run more episodes of the best candidate if it may end the search, or else of tied candidates until one
+        leads.
         """
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}
@@ -246,7 +247,7 @@ class Search:
         )
 
     def _promises(self, result: CandidateResult) -> bool:
-        """Return whether the candidate can still reach the rate that ends the search."""
+        """Return whether the candidate can still reach the success rate that ends the search."""
         budget = self.budget
         return result.held > 0 and result.episodes - result.held <= (1 - budget.enough) * budget.enough_episodes
 
@@ -272,7 +273,7 @@ class Search:
 
 
 def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0) -> bool:
-    """Return whether a candidate's success rate lies within ``errors`` standard errors of the best one's."""
+    """Return whether a candidate's success rate lies within ``errors`` standard errors of the best candidate's rate."""
     if not result.held:
         return False
     rate = (result.held + best.held + 1) / (result.episodes + best.episodes + 2)
@@ -281,7 +282,7 @@ def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0
 
 
 def _compared(standing: Sequence[CandidateResult]) -> str:
-    """Return one sentence about the winner, its lead and its equals."""
+    """Return one sentence about the winner: its lead, and the candidates that count as equal."""
     best = standing[0]
     low, high = interval(round(best.held), best.episodes)
     equal = [other for other in standing[1:] if other.episodes and _is_tied(other, best, LEADERS)]

@@ -1,4 +1,4 @@
-"""Draft long tasks that put one or two objects on a plate, into a bowl, or one on each."""
+"""Draft long tasks that put one or two objects on a plate or into a bowl."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def place_support(draft: Draft, support: Affordance, at: tuple[float, float]) ->
 
 
 def carry(draft: Draft, support: Affordance, thing: Affordance, at: tuple[float, float]) -> None:
-    """Add two steps that pick an object up at ``at`` and put it on a support."""
+    """Add an object at ``at``, and two steps that pick up the object and put it on a support."""
     role, below = role_of(thing.noun), role_of(support.noun)
     draft.objects[role] = ObjectSpec(asset_class=thing.asset_class, place=Place(at=at), randomization=CLOSE_ABOUT)
     draft.grasp(role)
@@ -83,7 +83,7 @@ def carry(draft: Draft, support: Affordance, thing: Affordance, at: tuple[float,
 
 
 def on_it(support: Affordance, thing: Affordance, role: str, below: str) -> RigidOnRigid:
-    """Return the criterion that an object lies well within the support's edge, at most one object high."""
+    """Return the criterion that an object lies on a support, well within its edge and not on top of another object."""
     return RigidOnRigid(
         rigid=role,
         support=below,
@@ -93,12 +93,12 @@ def on_it(support: Affordance, thing: Affordance, role: str, below: str) -> Rigi
 
 
 def into_it(support: Affordance) -> str:
-    """Return the preposition for the support."""
+    """Return the preposition for the support: into a bowl, onto a plate."""
     return "in" if support.asset_class == "bowl" else "on"
 
 
 def fits(brief: Brief, support: Affordance) -> list[Affordance]:
-    """Return the objects that people put on this support and that the hand can grasp."""
+    """Return the graspable objects that people put on this support."""
     found = [brief.classes[name] for name in belongs(support.asset_class) if name in brief.classes]
     return [thing for thing in found if holdable(thing, brief.settings.stroke)]
 

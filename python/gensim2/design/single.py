@@ -29,8 +29,8 @@ class DemoResult:
         run_dir: run folder.
         demos: number of demonstrations.
         tally: counts over all episodes that were run.
-        cpu_s: CPU seconds of all processes in this call, without their start.
-        notes: remarks for the reader.
+        cpu_s: CPU time of all worker processes in this call, s, excluding their start.
+        notes: remarks for the user.
     """
 
     name: str
@@ -41,7 +41,7 @@ class DemoResult:
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return a dictionary for JSON."""
         return {
             "schema_version": SCHEMA_VERSION,
             "name": self.name,
@@ -80,7 +80,7 @@ def demo(
         seed: seed of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.
-        videos: number of demonstrations to film.
+        videos: number of demonstrations to record as videos.
         progress: listener for stages and steps.
         scene: options of scenes, execution and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 

@@ -1,8 +1,8 @@
 """Strategies of the offline designer for joints, grasps and placements, independent of an object's class.
 
-Many are shared strategies (``gensim2/tasks/library/strategies``) in the joint's frame; placements are computed from the
-sizes of the objects. A step gets several strategies in order of preference, and the planner uses the first that it can
-plan on the scene.
+Many come from the task library (``gensim2/tasks/library/strategies``), in the joint frame; placements are computed from
+object sizes. A step gets several strategies in order of preference, and the planner uses the first that it can plan on
+the scene.
 """
 
 from __future__ import annotations
@@ -77,13 +77,13 @@ _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
 
 
 def joint_ways(thing: Affordance, way: Way, halfway: bool = False) -> Strategies:
-    """Return the shared strategies that move a joint to one end, or halfway."""
+    """Return the library's strategies that move a joint to one limit, or halfway."""
     found = {name: shared_strategy(name) for name in _JOINTS[thing.joint_type or "revolute", way]}
     return {f"{name}_halfway": stopping(data, 0.5) for name, data in found.items()} if halfway else found
 
 
 def stopping(strategy: dict[str, Any], openness: float) -> dict[str, Any]:
-    """Return the strategy with its joint motion ending at this openness."""
+    """Return a copy of the strategy whose joint motion ends at ``openness``."""
     changed = copy.deepcopy(strategy)
     changed["post_actuation_motions"] = [
         [motion[0], openness] if isinstance(motion, list) and str(motion[0]).endswith("_joint_to") else motion
@@ -118,7 +118,7 @@ def places_in(container: Affordance, thing: Affordance) -> Strategies:
 
 
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
-    """Return strategies that put the grasped object on or into a rigid one from above, with increasing gaps."""
+    """Return strategies that put the grasped object on or into a rigid object, from increasing heights."""
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
     return {
@@ -143,7 +143,7 @@ def hand_overs(thing: Affordance, direction: str) -> Strategies:
 
 
 def _stands(thing: Affordance) -> bool:
-    """Return whether the measured keypoint of a rigid object lies at its foot."""
+    """Return whether the measured keypoint of a rigid object lies at its bottom."""
     return "rigidbody_object_tail" in thing.keypoints and thing.size[2] > 0.5 * max(thing.size[:2])
 
 

@@ -1,10 +1,11 @@
-"""Draw alignments by weights learned from the results of earlier ones.
+"""Sample alignments with weights learned from the results of earlier alignments.
 
 An alignment works if the arm reaches the actuation pose (``reach``), can follow the joint from there (``follow``), and
 moves the part (``effect``). The diagnosis of a failure tells which of the three failed, and which parts of the
-alignment are to blame: an unreachable finger direction counts against this direction at every keypoint, but a finger
-that hits the part counts against this contact only. The probability of each condition is estimated from trials of
-alignments that are similar in the blamed parts. Alignments likely to meet all three conditions are sampled more often.
+alignment are to blame: if the arm cannot reach a finger direction, this counts against the direction at every keypoint;
+if a finger hits the part, this counts against the contact only. The probability of each condition is estimated from
+trials of alignments that are similar in the blamed parts. Alignments likely to meet all three conditions are sampled
+more often.
 """
 
 from __future__ import annotations
@@ -74,11 +75,12 @@ _CAUSES: dict[str, Cause] = {cause.value: cause for cause in Cause}
 
 @dataclass(frozen=True)
 class Evidence:
-    """Results of trials of one alignment for one of the three conditions.
+    """Trials of an alignment that tell whether it meets one of the three conditions.
 
     Attributes:
-        question: the condition.
-        parts: parts in which another alignment must be similar for the result to count for it.
+        question: the condition: ``reach``, ``follow`` or ``effect``.
+        parts: parts of the alignment (such as keypoint or direction) that caused the result; it counts for alignments
+            similar in them.
         yes: share of trials that met the condition.
         trials: number of trials.
     """
@@ -92,11 +94,11 @@ class Evidence:
 def draw(
     pool: Sequence[Manipulation], results: Sequence[CandidateResult], count: int, generator: np.random.Generator
 ) -> list[Manipulation]:
-    """Draw alignments without replacement, the likely ones more often.
+    """Draw alignments without replacement, those likely to succeed with higher probability.
 
     Args:
-        pool: alignments to draw from; those in ``results`` are excluded.
-        results: results of earlier candidates; those that are not alignments are ignored.
+        pool: alignments to draw from; alignments in ``results`` are excluded.
+        results: results of earlier candidates; candidates that are not alignments are ignored.
         count: maximum number of alignments.
         generator: random generator.
     """
@@ -116,7 +118,7 @@ def draw(
 
 
 def estimates(pool: Sequence[Manipulation], tried: Sequence[tuple[Manipulation, CandidateResult]]) -> Array:
-    """Estimate the probability, (N,), that each alignment of ``pool`` meets all three conditions."""
+    """Estimate the probabilities (N,) that the alignments of ``pool`` meet all three conditions."""
     likeness = _Likeness(pool)
     yes: dict[Question, Array] = {question: np.full(len(pool), PRIOR * PRIOR_TRIALS) for question in _YES}
     trials: dict[Question, Array] = {question: np.full(len(pool), PRIOR_TRIALS) for question in _YES}
@@ -158,15 +160,13 @@ def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
 
 
 def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return the other parts in which an alignment must be similar to hit the same body: none for the table, the
-    contact for the object.
-    """
+    """Return further parts to blame for a collision in ``plan``: the contact, or none if the table was hit."""
     bodies = [str(each["bodies"][1]) for each in plan.get("collisions", ())]
     return () if not bodies or "table" in bodies else ("offset",)
 
 
 def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evidence]:
-    """Yield the met conditions of a stage; a trial that tests the second condition has met the first."""
+    """Yield evidence of met conditions; a trial that tests one condition has met the conditions before it."""
     reached = 1.0 - no["reach"]
     followed = reached - no["follow"]
     worked = followed - no["effect"]
@@ -180,7 +180,7 @@ def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evid
 
 
 class _Likeness:
-    """Similarity of the alignments in a pool to other alignments, from 0 to 1."""
+    """Computes the similarity, from 0 to 1, of the alignments in a pool to other alignments."""
 
     def __init__(self, pool: Sequence[Manipulation]) -> None:
         self._vectors = np.array([each.approach.vector for each in pool])
@@ -194,7 +194,7 @@ class _Likeness:
     def of(self, one: Manipulation, parts: Sequence[Part]) -> Array:
         """Return the similarity (N,) of every alignment in the pool to the alignment ``one``.
 
-        It is the product of the similarities in ``parts``, such as the approach direction and the keypoint.
+        The similarity is the product of the similarities in ``parts``, such as the approach direction and the keypoint.
         """
         found = np.ones(len(self._vectors))
         for part in parts:

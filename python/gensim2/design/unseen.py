@@ -1,4 +1,4 @@
-"""Separate the instances that a search may use from those that test its result."""
+"""Separate the object instances that a search may use from the instances that test its result."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ class Apart:
 
     Attributes:
         library: object library.
-        classes: class of each articulated object, by its name in the task; a rigid class has a single instance.
+        classes: class of each articulated object, by its name in the task; rigid classes have a single instance and are
+            left out.
         kind: instances of a verification. ``"new"``: unlisted numbers of generated classes; ``"test"``: test split of a
             folder; ``"all"``: all, because a class has too few instances to divide.
         search: ``--instances`` value for the search.
@@ -29,7 +30,7 @@ class Apart:
     search: str
 
     def verification(self, episodes: int, seed: int) -> list[Drawn]:
-        """Return the instances of each verification episode: new ids, or the name of a split."""
+        """Return the object instances of each verification episode: new ids, or the name of a split."""
         if self.kind != "new":
             return [self.kind] * episodes
         drawn = {name: self.library.sample(each, episodes, seed) for name, each in self.classes.items()}

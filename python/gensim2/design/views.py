@@ -1,7 +1,7 @@
 """Render pictures for a language model: an object with its keypoints, or the arm at an actuation pose.
 
-Rendering runs in its own process, started when a model is really asked: the first picture takes half a minute on a
-software driver, and a crash of the driver must not end the run.
+Rendering runs in a separate process, because a crash of the driver must not end the run. The process starts when a
+picture is first needed, because the first picture takes half a minute on a software driver.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _STARTING = Lock()
 
 
 def view_of(location: str, asset_class: str, instance: str) -> LazyPicture:
-    """Return a picture of an object at three joint positions, or from three sides, with named keypoints."""
+    """Return a picture of an object at three joint positions, or from three sides, with labelled keypoints."""
     return LazyPicture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
 
 
@@ -65,7 +65,7 @@ class SceneViews:
         self.options = options
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
-        """Return a picture of the initial scene, marked for ``step``."""
+        """Return a picture of the initial scene, with frames and the keypoints of the object of ``step``."""
         return self.actuation(task, {}, step)
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
@@ -138,7 +138,7 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
 def _actuation(
     options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
 ) -> tuple[Any, Any]:
-    """Return joints (n,) and hand pose (4, 4) in the base frame at the actuation pose; two None if there is none."""
+    """Return joints (n,) and hand pose (4, 4) in the base frame at the actuation pose, or (None, None)."""
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
     for before in task.steps:  # The step's tool is grasped first.

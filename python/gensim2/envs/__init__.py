@@ -1,4 +1,4 @@
-"""Register the Gymnasium ids on import, without importing a simulator.
+"""Register the ids of all task environments with Gymnasium on import, without importing a simulator.
 
 import gymnasium as gym
 import gensim2.envs

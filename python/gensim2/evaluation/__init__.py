@@ -1,4 +1,4 @@
-"""Evaluation: benchmark of the tasks, with its table."""
+"""Benchmark the planner, or evaluate a controller, on the tasks of the library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table of ``gensim2 benchmark``, computed from its episodes."""
+"""Compute the table of ``gensim2 benchmark`` from its episodes."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ VERDICTS = {"success": "paper", "held": "held", "strict": "strict"}
 
 @dataclass(frozen=True)
 class TaskRow:
-    """One task in the table.
+    """Row of the table: results of one task.
 
     Attributes:
         task: the task.
         runs: number of runs with equally many episodes.
-        episodes: episodes in the order of runs.
+        episodes: episodes of all runs, run after run.
     """
 
     task: TaskSpec
@@ -34,18 +34,18 @@ class TaskRow:
 
     @property
     def type(self) -> TaskType:
-        """Type of the task in the paper's terms."""
+        """Type of the task, as the paper classifies tasks."""
         return "single-step" if self.task.is_single_step else "long-horizon"
 
     @property
     def seen(self) -> Literal["train", "all"] | None:
-        """Instances used when its strategies were made; ``"all"`` if any of them saw all; None if unknown."""
+        """Object instances used to make the strategies; ``"all"`` if any strategy used all; None if unknown."""
         made = self.task.provenance.strategies.values() if self.task.provenance is not None else ()
         found = {each.seen for each in made}
         return "all" if "all" in found else "train" if found else None
 
     def rates(self, verdict: str) -> list[float]:
-        """Return the success rate of each run by the criterion ``"paper"``, ``"held"`` or ``"strict"``."""
+        """Return the success rate of each run by the verdict ``"paper"``, ``"held"`` or ``"strict"``."""
         size = len(self.episodes) // self.runs
         flags = [bool(getattr(episode, verdict)) for episode in self.episodes]
         return [mean(flags[run * size : (run + 1) * size]) for run in range(self.runs)]
@@ -78,7 +78,7 @@ class TaskRow:
 
 
 def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
-    """Return the number of episodes, and of successes by each criterion, for each combination of objects."""
+    """Return the number of episodes and of successes by each verdict, for each combination of object instances."""
     found: dict[str, list[Episode]] = {}
     for episode in episodes:
         name = " + ".join(f"{record.asset_class}/{record.id}" for record in episode.objects.values())
@@ -93,9 +93,7 @@ def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
 
 
 def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
-    """Return the means over the tasks of each type, all tasks weighted equally, with the paper's results for the same
-    tasks.
-    """
+    """Return each type's mean success rates over its tasks, equally weighted, and the paper's for the same tasks."""
     found = []
     for kind in ("single-step", "long-horizon"):
         if not (members := [row for row in rows if row.type == kind]):
@@ -116,10 +114,10 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
 
 
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
-    """Return mean, standard deviation between runs and 95 % interval of each criterion.
+    """Return the mean success rate by each verdict, its standard deviation between runs, and its 95 % interval.
 
-    The interval of several tasks is that of as many episodes of one task with their mean rate, which is rather too wide
-    than too narrow.
+    The interval over several tasks is computed as if all episodes were of one task, which makes it wider rather than
+    too narrow.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

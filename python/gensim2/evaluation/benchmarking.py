@@ -1,6 +1,4 @@
-"""``gensim2 benchmark``: run the task library by the paper's protocol, several runs of many random episodes for each
-task.
-"""
+"""``gensim2 benchmark``: run the planner on library tasks by the paper's protocol (several runs of random episodes)."""
 
 from __future__ import annotations
 
@@ -25,7 +23,7 @@ class BenchmarkResult(Table):
     """Result of a benchmark.
 
     Attributes:
-        provenance: commit, date and command.
+        provenance: commit of gensim2, date, and command.
     """
 
     provenance: dict[str, str]
@@ -61,11 +59,12 @@ def benchmark(
         tasks: names of library tasks, or folders with task.yaml and strategies/; empty for all tasks of ``origin``. A
             task whose object classes are not available is skipped and listed in the result.
         origin: origin of the tasks if none is named; None: the paper's suite.
-        runs: number of runs, for the deviation between them.
+        runs: number of runs, from which the standard deviation is computed.
         episodes: number of episodes of each task in each run.
-        seed: seed of the scenes, which differ from those of all searches.
-        attempts: largest number of attempts from an episode's start until one succeeds.
-        one_plan: plan each step once, when its turn comes, by its first strategy: the paper's method with our solver.
+        seed: seed of the scenes, which differ from the scenes of all searches.
+        attempts: maximum number of attempts in an episode; each begins in the same scene, until one succeeds.
+        one_plan: plan each step only once, before its execution and with its first strategy: the paper's method with
+            gensim2's solver.
         disturbance: ``"push"`` or ``"drop"``, once in an episode at a seeded moment; tasks that grasp no rigid object
             are skipped.
         out: run folder; default ``runs/<date>-<time>``.
@@ -73,7 +72,7 @@ def benchmark(
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:
-        A table with one row per task: the success rate by each of the three criteria with its 95 % interval.
+        A table with one row per task: the success rate by each of the three verdicts with its 95 % interval.
 
     Raises:
         InputError: an argument is invalid.
@@ -83,12 +82,12 @@ def benchmark(
     execution = Execution.of(scene)
     if disturbance is not None and disturbance not in DISTURBANCES:
         raise InputError(
-            f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
+            f"unknown disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
         )
     if one_plan and scene.get("open_loop", False):
         raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
-    # Imported late because these modules take long to import.
+    # Import late, because these modules take long to import.
     from gensim2.data.runfolder import RUN_JSON
     from gensim2.rollout import worker
     from gensim2.rollout.identity import identity, provenance
@@ -124,13 +123,13 @@ def benchmark(
 
 
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
-    """Return the tasks that grasp a rigid object, and the names of all others.
+    """Return the tasks that grasp a rigid object, and the names of all other tasks.
 
-    If no task does and the run exists already, all tasks are returned, because the run was started without disturbance
-    and its record reports the difference.
+    If no task grasps a rigid object and the run exists already, return all tasks: the run was started without
+    disturbance, and comparing its record reports the difference.
 
     Raises:
-        InputError: no task of a new run does.
+        InputError: no task of a new run grasps a rigid object.
     """
     found = [one for one in given if any(_is_rigid(one, step) for step in one.spec.steps)]
     if not found and is_begun:

@@ -1,4 +1,4 @@
-"""``gensim2 evaluate``: run any controller in the benchmark's scenes, with the same criteria and table."""
+"""``gensim2 evaluate``: run any controller in the scenes of the benchmark; verdicts and table are the same as there."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class EvaluationResult(Table):
     """Result of an evaluation.
 
     Attributes:
-        controller: the controller as plain data: ``target``, ``arguments``, ``privileged`` and ``observation`` spec.
+        controller: description of the controller: ``target``, ``arguments``, ``privileged`` and ``observation`` spec.
         videos: video files by task.
     """
 
@@ -64,7 +64,7 @@ def evaluate(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[EvaluationArguments],
 ) -> EvaluationResult:
-    """Run a controller in the scenes of the benchmark with the same seed, and evaluate it by the same criteria.
+    """Run a controller in the scenes of the benchmark with the same seed, and apply the same verdicts.
 
     Example:
         ```python
@@ -76,32 +76,32 @@ def evaluate(
         controller: ``module:Class``, ``FILE.py:Class``, or a class that another process can import
             (docs/guides/controllers.md).
         tasks: names of library tasks, or folders with task.yaml and strategies/.
-        arguments: keyword arguments of the controller, plain data.
+        arguments: keyword arguments of the controller, as JSON data.
         data: rendered data set that the controller was trained on; its observation spec must agree.
         stop: ``"goal"``: an episode ends when the controller returns None, when the goal has held for half a second and
-            still holds after settling, or at the step limit; then it is evaluated. ``"controller"``: an episode whose
-            controller does not return None before the step limit has failed.
+            still holds after settling, or at the step limit; the verdicts are computed then. ``"controller"``: an
+            episode fails if the controller does not return None before the step limit.
         runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
         videos: number of episodes of each task that are recorded as videos by ray casting, with the controller's point
             cloud beside the image.
 
     Returns:
-        A table with one row per task: the success rate by each of the three criteria with its 95 % interval; and the
-            videos.
+        A table with one row per task (the success rate by each of the three verdicts with its 95 % interval), and the
+        videos.
 
     Raises:
-        ControllerError: the controller cannot be made, fails, or returns an invalid action.
+        ControllerError: the controller cannot be created, raises an exception, or returns an invalid action.
         InputError: an argument is invalid.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` continues.
     """
     check_counts(runs=runs, episodes=episodes)
     execution = Execution.of(scene)
     if stop not in STOPS:
-        raise InputError(f"no way to stop {stop!r}", field="stop", remedy=f"one of {', '.join(STOPS)}")
+        raise InputError(f"unknown value {stop!r}", field="stop", remedy=f"one of {', '.join(STOPS)}")
     given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tasks, seed=seed, **scene)
     spec = ControllerSpec.of(controller, arguments)
     about = _about(spec, given[0], data)
-    # Imported late because these modules take long to import.
+    # Import late, because these modules take long to import.
     from gensim2.rollout.identity import identity
 
     films: dict[str, list[str]] = {}
@@ -134,10 +134,10 @@ def evaluate(
 
 
 def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[str, Any]:
-    """Make a controller once before the start, and return its description.
+    """Create the controller once, before any episode, and return its description.
 
     Raises:
-        InputError: it cannot be made, or its observation spec differs from its data's.
+        InputError: the controller cannot be created, or its observation spec differs from the data set's.
     """
     from gensim2.perception.camera import require_cameras
     from gensim2.robots import robot
@@ -186,7 +186,7 @@ def _keep_missing(
     episodes: Sequence[Episode],
     progress: Progress,
 ) -> None:
-    """Repeat the first episodes whose states were not stored because an earlier call made no videos."""
+    """Repeat the episodes to be filmed whose states were not stored, because an earlier call made no videos."""
     files = folder.task(given.spec.name).path
     kept = _recorded(files)
     config = runner.config(given.spec, given.instances)
@@ -206,7 +206,7 @@ def _keep_missing(
 
 
 def _recorded(folder: Path) -> dict[int, tuple[Path, str]]:
-    """Return files and digests of a task's episodes with states, by index."""
+    """Return file and digest of each stored episode of a task that has states, by index."""
     from gensim2.data.store import TaskStore
 
     found = TaskStore(folder).found()
@@ -223,7 +223,7 @@ def _film(
     seed: int,
     progress: Progress,
 ) -> list[str]:
-    """Record videos of a task's episodes with states, with the controller's point cloud beside the image."""
+    """Record videos of a task's episodes with stored states; the controller's point cloud is beside the image."""
     from gensim2.data.films import film_episode, film_path
     from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
     from gensim2.rollout.identity import versions

@@ -1,4 +1,4 @@
-"""Run the episodes of a table in fixed scenes, and log each one as soon as it is finished."""
+"""Run the episodes behind a table of success rates in fixed scenes, and log each episode when it is finished."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ Made = TypeVar("Made", bound="Told")
 
 
 class Told(Protocol):
-    """A result that can be written to a file."""
+    """Interface of a result that can be converted to JSON."""
 
     def to_dict(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table of tasks.
+    """Table of the success rates of tasks.
 
     Attributes:
         run_dir: run folder.
         arguments: settings that determine the episodes, other than the tasks.
         versions: versions of the packages that affect results.
         rows: one row per task.
-        skipped: reasons by task for tasks that cannot be run with these objects.
+        skipped: names of tasks that cannot be run with these objects, with the reasons.
         speeds: episodes per second of wall time in this call, by task; None if all were finished before.
-        cpu_s: CPU time of all processes in this call, s, without their start.
+        cpu_s: CPU time of all worker processes in this call, s, excluding their start.
     """
 
     run_dir: str
@@ -68,7 +68,7 @@ class Table:
 
 @dataclass(frozen=True)
 class TableExtent:
-    """Scenes of each task of a table: ``runs`` times ``episodes`` seeds derived from ``seed``."""
+    """Number of episodes for each task of a table: ``runs`` times ``episodes`` scenes, derived from ``seed``."""
 
     runs: int
     episodes: int
@@ -100,9 +100,9 @@ def tabulate(
     """Run all episodes of the tasks, and write a run folder with their table.
 
     Args:
-        given: tasks of one library with the same options.
-        told: further arguments of the episodes for the record.
-        identity: digests that determine the results.
+        given: tasks to run, which share the object library and the options.
+        told: further arguments of the episodes, to be recorded.
+        identity: digests of all inputs that determine the results.
         function: function of :mod:`gensim2.rollout.worker`.
         arguments: function that returns the episode arguments for a task, its configuration and its folder.
         make: function that makes the command's result from the table.
@@ -158,7 +158,7 @@ def run_episodes(
     extent: TableExtent,
     progress: Progress,
 ) -> tuple[list[Episode], float | None]:
-    """Run all episodes of a task that are not in its log; return them and the number of episodes per second.
+    """Run the episodes of a task that are not in its log; return all episodes, and the number of episodes per second.
 
     A benchmark and an evaluation with the same seed have the same scenes.
 
@@ -184,12 +184,12 @@ def run_episodes(
 def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:
     """Write the result of a table into its run folder, and finish the run.
 
-    ``provenance`` is left out, so that the folder does not depend on date and commands. The ``records`` of episodes are
-    in the tasks' folders.
+    ``provenance`` is left out, so that the folder does not depend on date and command; so are the ``records`` of
+    episodes, which are in the folders of the tasks.
 
     Args:
         folder: run folder.
-        told: result as plain data, which is not changed.
+        told: result as JSON data; the function does not modify it.
     """
     tasks = [{name: value for name, value in task.items() if name != "records"} for task in told["tasks"]]
     folder.finish({name: value for name, value in {**told, "tasks": tasks}.items() if name != "provenance"})

@@ -26,7 +26,7 @@ FREE = ("above", "inside", "base")  # parts of the names of keypoints in free sp
 
 @dataclass(frozen=True)
 class Finding:
-    """A failed check of an object: a value beyond its limit."""
+    """A failed check of an object: the measured value is beyond the limit."""
 
     check: str
     value: float | str
@@ -34,7 +34,7 @@ class Finding:
 
 
 def distance_to_link(instance: ArticulatedObject, name: str) -> float:
-    """Return the distance (m) of a keypoint from its link's hulls, 0 inside, computed from surface samples."""
+    """Return the distance (m) of a keypoint from its link's hulls, by surface samples; 0 inside a hull."""
     keypoint = instance.keypoints[name]
     hulls = list(instance.hulls.get(keypoint.link, ()))
     if not hulls:
@@ -52,7 +52,7 @@ def world_rotation(instance: ArticulatedObject) -> Array:
 
 
 def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Return the failed checks that need no simulation, and the reader's warnings."""
+    """Return the checks that failed among those without simulation, and warnings from reading the object's files."""
     joint = instance.joint
     found = [Finding("note", warning, "none") for warning in instance.warnings]
 
@@ -89,7 +89,7 @@ def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
 
 
 def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Return overlaps of links away from the hinge, of the model's meshes or only of their convex hulls."""
+    """Return findings about overlaps of both links, outside the hinge, of their meshes or only of their hulls."""
     overlap = links_overlap(instance, OVERLAP / 1000)
     found = []
     if 1000 * overlap.meshes > OVERLAP:
@@ -102,7 +102,7 @@ def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
 
 
 def clearance_of(instance: ArticulatedObject, name: str) -> float:
-    """Return the distance (m) of a keypoint from the hulls of both links of the open object; negative inside."""
+    """Return the distance (m) of a keypoint from the hulls of both links, with the joint open; negative inside."""
     keypoint, child = instance.keypoints[name], instance.joint.child_link
     T = instance.link_pose(1.0)
     point = transform(T, keypoint.position[None]) if keypoint.link == child else keypoint.position[None]

@@ -1,4 +1,4 @@
-"""HTML page with pictures of every object of one or more libraries, and the failed checks of each."""
+"""Make an HTML page with pictures of every object in one or more libraries, and the failed checks of each object."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def build_gallery(
     Pictures of unchanged objects are kept, so the same call continues an interrupted run.
 
     Args:
-        libraries: libraries of the objects; the articulated ones of each come first.
+        libraries: object libraries; the page shows each library's articulated objects first.
         out: folder for ``index.html`` and ``pictures/``.
         classes: classes to show; None: all.
         findings: JSON files of ``gensim2 assets validate --json``.
@@ -99,7 +99,7 @@ def build_gallery(
     names_of = [library.name for library, _ in wanted]
     if len(set(names_of)) < len(names_of):
         repeated = next(name for name in names_of if names_of.count(name) > 1)
-        raise InputError(f"two folders are called {repeated!r}", field="assets", remedy="make a page of each")
+        raise InputError(f"two folders are called {repeated!r}", field="assets", remedy="make a separate page for each")
     maker = _Maker(out, views, size)
     sections = []
     for library, names in wanted:
@@ -131,7 +131,7 @@ def build_gallery(
 
 
 class _Maker:
-    """Makes cards and missing pictures; the studio is set up for the first picture."""
+    """Makes the page's cards and the missing pictures; the studio is set up only when a picture is missing."""
 
     def __init__(self, out: Path, views: int, size: int) -> None:
         self.made = self.kept = 0
@@ -160,10 +160,11 @@ class _Maker:
         return _Card(asset_class, name, None, "cannot be loaded", error=str(error))
 
     def _picture(self, place: str, content: str, draw: Callable[[pictures.Studio], Image.Image]) -> str:
-        """Return the path of a picture, drawn if it is missing, and remove outdated versions.
+        """Return the path of a picture; draw the picture if it is missing, and remove outdated versions.
 
         Args:
-            content: identity of the content: the prepared object's folder, which is named by content and code.
+            content: string that identifies the content: the name of the prepared object's folder, made from digests of
+                files and code.
         """
         text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
         picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"
@@ -227,7 +228,7 @@ _Verdicts = tuple[str | None, Mapping[tuple[str, str], list[dict[str, Any]]]]
 
 
 def _verdicts(path: Path) -> _Verdicts:
-    """Return the library's name, if the file has it, and the findings by (class, id).
+    """Return the library's name, if the file states it, and the findings by (class, id).
 
     Raises:
         InputError: the file is not from ``gensim2 assets validate --json``.

@@ -60,10 +60,10 @@ def mark_colour(instance: ArticulatedObject | RigidObject, keypoint: str) -> str
 
 
 class Studio:
-    """A table, lamps and a camera, for pictures of one object at a time.
+    """A simulated table with lamps and a camera, for pictures of one object at a time.
 
-    The first picture of a process takes seconds with a software driver, which compiles shaders; later ones take tens of
-    milliseconds. So use one studio for all pictures.
+    With a software driver, the first picture takes seconds because shaders are compiled; further pictures take tens of
+    milliseconds. Therefore use one studio for all pictures.
     """
 
     def __init__(self, size: int = 200) -> None:
@@ -109,7 +109,7 @@ class Studio:
         openness: Sequence[float] = OPENNESS,
         azimuths: Sequence[float] = (THREE_QUARTER,),
     ) -> None:
-        """Replace the object by an articulated one in its default placement.
+        """Replace the object in the studio by an articulated object in its default placement.
 
         The camera is placed so that the object fits the picture from all ``azimuths`` (degrees) at all ``openness``
         values.
@@ -125,7 +125,7 @@ class Studio:
         self._frame(np.concatenate([world_points(instance, share) for share in openness]), azimuths)
 
     def put_rigid(self, rigid: RigidObject, azimuths: Sequence[float] = (THREE_QUARTER,)) -> None:
-        """Replace the object by a rigid one in its resting pose."""
+        """Replace the object in the studio by a rigid object in its resting pose."""
         self._clear()
         builder = self._scene.create_actor_builder()
         if rigid.visual is not None:
@@ -155,7 +155,7 @@ class Studio:
         self._distance = MARGIN * max(_clear_distance(points - self._center, azimuth) for azimuth in azimuths)
 
     def shoot(self, openness: float = 0.0, azimuth: float = THREE_QUARTER, elevation: float = ELEVATION) -> Shot:
-        """Return a picture of the present object.
+        """Return a picture of the object in the studio.
 
         Args:
             openness: 0 to 1.
@@ -201,7 +201,7 @@ def camera_pose(center: Array, distance: float, azimuth: float, elevation: float
 
 
 def _clear_distance(points: Array, azimuth: float) -> float:
-    """Return the smallest distance of a camera at which points (N, 3) around its target fit the picture."""
+    """Return the smallest camera distance at which points (N, 3), relative to the target, fit into the picture."""
     R, _ = camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
     ahead, left, up = R.T @ points.T
     return float((np.maximum(np.abs(left), np.abs(up)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())
@@ -236,7 +236,7 @@ def keypoints_at(instance: ArticulatedObject | RigidObject, openness: float) -> 
 
 
 def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool) -> Image.Image:
-    """Return the picture with its keypoints: a disc, or a ring if occluded; with ``names`` also their names."""
+    """Return the picture with its keypoints drawn as discs (rings if occluded), and with their names if ``names``."""
     from PIL import Image, ImageDraw, ImageFont
 
     picture = Image.fromarray(shot.pixels)
@@ -272,7 +272,7 @@ def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool
 
 
 def turntable(studio: Studio, instance: ArticulatedObject, views: int) -> Image.Image:
-    """Return all views of an object on one sheet, with a row for each openness and a column for each azimuth.
+    """Return views of an articulated object on one sheet: a row for each openness, a column for each azimuth.
 
     Example:
         ```python
@@ -292,7 +292,7 @@ def turntable(studio: Studio, instance: ArticulatedObject, views: int) -> Image.
 
 
 def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Image:
-    """Return all views of a rigid object in one row, starting at the robot's side."""
+    """Return views of a rigid object in one row, starting with the robot's side."""
     from PIL import Image
 
     azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
@@ -304,7 +304,7 @@ def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Ima
 
 
 def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image:
-    """Return an object at openness 0, 0.5 and 1, or a rigid object from three sides, with named keypoints.
+    """Return views with labelled keypoints: of an object at openness 0, 0.5 and 1, or of three sides if it is rigid.
 
     Example:
         ```python
@@ -333,7 +333,7 @@ def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image
 
 
 def contact_sheet(studio: Studio, models: Iterable[ArticulatedObject | RigidObject], columns: int) -> Image.Image:
-    """Return a grid with a picture of each object, half open if it has a joint, and the name of its class.
+    """Return a grid of pictures, one for each object (half open if articulated), each with the name of the class.
 
     Example:
         ```python

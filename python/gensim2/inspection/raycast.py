@@ -1,4 +1,4 @@
-"""Ray-cast pictures of an articulated object with its keypoints; they need no graphics driver."""
+"""Draw an articulated object with its keypoints by ray casting, which needs no graphics driver."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PAINT = ((120, 150, 190), (230, 150, 60))
 
 
 def write_strip(instance: ArticulatedObject, file: Path) -> None:
-    """Draw an object at openness 0, 0.5 and 1 beside each other, with the names of its keypoints.
+    """Draw an object three times in a row, at openness 0, 0.5 and 1, with the names of its keypoints.
 
     Args:
         instance: the object.

@@ -41,10 +41,10 @@ def geometric_findings(rigid: RigidObject) -> list[Finding]:
 
 
 def physical_findings(rigid: RigidObject) -> list[Finding]:
-    """Return the failed checks of five seconds of simulation on a table.
+    """Simulate the object on a table for five seconds, and return the failed checks.
 
     Raises:
-        InputError: the physics engine changes the object.
+        InputError: the physics engine drops or changes a hull of the object.
     """
     try:
         import sapien

@@ -35,10 +35,10 @@ BUDGET: kpam.Options = {
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
-    """Return the openness values at which the fingertips cannot reach the head keypoint without hitting the table.
+    """Return a finding for each openness at which the fingertips cannot reach the head keypoint above the table.
 
     The head is ``articulated_object_head``, or else the first keypoint. A finding states the remaining distance in mm,
-    or that the table is in the way.
+    or that the hand would hit the table.
 
     Raises:
         MissingExtraError: the robot's files are in a package that is not installed.
@@ -113,9 +113,9 @@ CONTROL_STEPS = 5
 
 @dataclass(frozen=True)
 class ObjectReport:
-    """Failed checks of one object, which is sound if there are none.
+    """Report on one object: its failed checks. The object is sound if no check failed.
 
-    ``seconds`` is the time for loading and checking.
+    ``seconds`` is the time for loading and checking the object.
     """
 
     asset_class: str
@@ -163,13 +163,13 @@ def _findings(model: ArticulatedObject | RigidObject, physics: bool) -> list[Fin
 def validate(
     library: Library, items: Sequence[tuple[str, str]], physics: bool = True, workers: int = 0
 ) -> Iterator[ObjectReport]:
-    """Check (class, id) pairs and yield the reports in their order, for any number of workers.
+    """Check objects, given as (class, id), and yield their reports in the same order.
 
     Args:
-        items: pairs to check.
+        items: (class, id) of each object to check.
         physics: whether to simulate; otherwise only the geometry is checked.
-        workers: number of processes; 0 checks in this process. With workers, an object that crashes its process is a
-            finding.
+        workers: number of processes; 0 checks in this process. With worker processes, a crash becomes a finding about
+            the object.
 
     Raises:
         MissingExtraError: ``physics`` is set and SAPIEN is not installed.
@@ -186,7 +186,7 @@ def validate(
 
 
 def reaching(instance: ArticulatedObject) -> list[Finding]:
-    """Return the findings about reaching the head keypoint; this needs the robot's model from the ``sim`` extra."""
+    """Return the findings of :func:`reach_findings` for the default robot, whose model needs the extra ``sim``."""
     from gensim2.inspection.validate import reach_findings
     from gensim2.robots import robot
 
@@ -194,7 +194,7 @@ def reaching(instance: ArticulatedObject) -> list[Finding]:
 
 
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
-    """Return several reports as plain data: ``objects``, the number of ``sound`` ones, and counts by check."""
+    """Return a summary of reports as JSON data: ``objects``, the number of ``sound`` objects, and counts by check."""
     checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
     return {
         "schema_version": 1,
@@ -206,12 +206,12 @@ def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]
 
 
 def family(check: str) -> str:
-    """Return a check's name with its numbers replaced by X."""
+    """Return the name of a check with all numbers replaced by X, so that similar checks are counted together."""
     return re.sub(r"\b(openness|from|hull) [\d.]+", r"\1 X", check)
 
 
 def physical_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Check in simulation: the hulls, drift at rest, and motion over the whole joint range under 1.5 times its load.
+    """Simulate an object: check its hulls, drift at rest, and motion over the joint range under 1.5 times its load.
 
     Raises:
         MissingExtraError: SAPIEN is not installed.
@@ -297,7 +297,7 @@ class _Stage:
             self._scene.step()
 
     def rest(self, openness: float) -> float:
-        """Return the change of openness of an object that is left alone."""
+        """Return by how much the openness changes when nothing touches the object."""
         self._set(openness)
         self._run(REST_SECONDS)
         return self._openness() - openness
@@ -305,7 +305,7 @@ class _Stage:
     def sweep(self, start: float, goal: float) -> float:
         """Push the joint from ``start`` towards ``goal`` with 1.5 times the load of gravity and friction.
 
-        Return the farthest openness, including a further push against the end of the range.
+        Return the farthest openness that was reached, including a final push against the joint limit.
         """
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)

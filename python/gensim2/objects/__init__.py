@@ -1,6 +1,6 @@
 """Articulated and rigid object models, generated or real.
 
-Libraries are imported on first use, so that working with one object does not load the packages that read and make
+Names are imported on first use, so that working with one object does not load the packages that read and generate
 objects.
 """
 

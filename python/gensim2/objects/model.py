@@ -1,4 +1,4 @@
-"""A rigid or articulated model with one joint, between its source and its prepared form."""
+"""Model of an object with one joint, as read or generated and not yet prepared for simulation."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class LinkGeometry:
     """Geometry of a link, in metres in the link frame.
 
     Attributes:
-        hulls: convex parts, each (N, 3), for mass, stability and collision.
+        hulls: convex parts, each (N, 3), from which mass and stability are computed.
         meshes: visual meshes.
-        solid: convex parts for collision instead of ``hulls``; None: ``hulls``.
+        solid: convex parts for collision; None: use ``hulls``.
     """
 
     hulls: list[Array]
@@ -42,8 +42,8 @@ class Model:
 
     Attributes:
         body: fixed geometry, in the root frame.
-        moving: geometry that the joint moves, in the moving link's frame.
-        T_root_link: (4, 4) moving link at joint value zero, in the root frame.
+        moving: geometry of the moving link, in its frame.
+        T_root_link: (4, 4) frame of the moving link in the root frame at joint value zero.
         axis: (3,) unit joint axis through the moving link's origin, in the moving link's frame.
         T_link_object: (4, 4) object frame in the moving link's frame.
         content_hash: hex digest of all inputs of the model.

@@ -1,4 +1,4 @@
-"""Masses, inertias and joint friction, which the released models lack."""
+"""Compute masses, inertias and joint friction, which the files of the GenSim2 release lack."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ClassRule:
             inside.
         default_openness: mean of the randomized openness.
         stance: ``"upright"``, or ``"flat"`` for an object that lies on its back (its front faces up).
-        turn: side that faces the robot. ``"front"``: the model's front, or its back if the keypoint is there.
+        turn: side that faces the robot. ``"front"``: the model's front, or its back if the contact keypoint lies there.
             ``"swing"``: the side towards which the keypoint moves as the joint opens. ``"bar"``: a quarter turn, so
             that the hand at rest straddles a bar along the model's x.
     """
@@ -81,7 +81,7 @@ def class_rule(asset_class: str) -> ClassRule:
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass in kg, centre of mass (3,) in metres, and inertia (3, 3) in kg m² about it along the link's axes."""
+    """Mass in kg, centre of mass (3,) in metres, and inertia (3, 3) in kg m² about the centre of mass, in link axes."""
 
     mass: float
     center: Array
@@ -122,17 +122,17 @@ def inertial(hulls: Sequence[Array], density: float) -> Inertial:
 def joint_resistance(
     joint_type: str, axis: Array, origin: Array, moving: Inertial, lower: float, upper: float, gravity: Array
 ) -> tuple[float, float]:
-    """Return the friction and damping that keep a joint in place but let a push move it.
+    """Return joint friction and damping that hold the joint against gravity but let a push move it.
 
-    Friction is slightly more than 1.3 times the largest gravity load on the joint over its range. At unit speed,
-    damping equals a tenth of that friction.
+    Friction is slightly more than 1.3 times the largest gravity load on the joint over its range. At 1 rad/s or 1 m/s,
+    damping causes a tenth of this friction.
 
     Args:
         joint_type: ``"revolute"`` or ``"prismatic"``.
         axis, origin: (3,) of the joint in the moving link's frame at joint value zero.
-        moving: inertial of the moving link, same frame.
+        moving: inertial of the moving link, in the same frame.
         lower, upper: joint limits, rad or m.
-        gravity: (3,) m/s² in that frame.
+        gravity: (3,) gravity in the same frame, m/s².
 
     Returns:
         Friction in N m or N, damping in N m s/rad or N s/m.

@@ -17,19 +17,21 @@ from gensim2.objects.types import Keypoint, Placement
 
 @dataclass(frozen=True)
 class PlacementRegion:
-    """Region for placing objects; all values are horizontal distances in metres unless noted.
+    """Region in front of a robot for placing objects; values are horizontal distances in metres unless noted.
 
     Attributes:
         base_x: x in the world of the reference point under the arm's base; its y is 0.
-        comfortable: distance from the reference point to the contact keypoint, mean over the joint's range.
-        farthest: maximum of that distance over the joint's range; takes precedence over clearance from the hand.
+        comfortable: wanted distance from the reference point to the contact keypoint, averaged over the joint's range.
+        farthest: maximum distance of the contact keypoint over the joint's range; takes precedence over clearance from
+            the hand.
         sideways: maximum lateral offset of the contact keypoint.
         nearest_x: minimum x in the world of a low object.
         hand_at_rest: x and y in the world of the hand at the start of an episode.
         hand_low_point: height above the table below which an object passes under the hand at rest.
         hand_clearance: distance that tall objects keep in front of the hand at rest: thickness of the hand plus
             randomization.
-        hand_half_width: lateral range of that rule on each side of the hand: half its width plus randomization.
+        hand_half_width: lateral range on each side in which ``hand_clearance`` applies: half the hand's width plus
+            randomization.
     """
 
     base_x: float = -0.615
@@ -63,7 +65,7 @@ def work_keypoint(keypoints: Mapping[str, Keypoint], moving_link: str) -> str:
 
 
 def stance(model: Model, rule: ClassRule) -> Array:
-    """Return the rotation (3, 3) from root to world: upright or flat, with the side to work on facing the robot."""
+    """Return the rotation (3, 3) from root to world: upright or flat, with the contact side facing the robot."""
     tilt = LYING if rule.stance == "flat" else np.eye(3)
     name = work_keypoint(model.keypoints, model.moving_link)
     values = model.lower + (model.upper - model.lower) * np.linspace(0, 1, SAMPLES)
@@ -86,9 +88,9 @@ def stance(model: Model, rule: ClassRule) -> Array:
 def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGION) -> Placement:
     """Return the default placement of a model in front of a robot.
 
-    The lowest point over the joint's whole range rests on the table. The head keypoint lies at a comfortable reach,
-    unless a tall part would come near the hand at rest. The average position of the keypoint lies straight in front of
-    the robot.
+    The lowest point over the joint's range touches the table. The contact keypoint lies at the distance
+    ``comfortable``, or farther if a tall part would come near the hand at rest. Its average position lies straight in
+    front of the robot.
 
     Args:
         model: the object.
@@ -110,7 +112,7 @@ def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGI
     everything = np.concatenate([*body, *swept])
     z = -float(everything[:, 2].min())
 
-    # Openness values at the usual start of an episode and on the motion to both ends.
+    # Openness values from the usual start of an episode to both joint limits.
     shares = np.linspace(0, 1, SAMPLES)
     first, last = max(rule.default_openness - 0.15, 0), min(rule.default_openness + 0.15, 1)
     usual = path[(shares >= first - 0.2) & (shares <= last + 0.2)]

@@ -59,7 +59,7 @@ class Solid:
         return Solid(hull, mesh)
 
     def visual_only(self) -> Solid:
-        """Return the part without collision."""
+        """Return a copy of the part without collision hull."""
         return Solid(None, self.mesh)
 
 
@@ -85,7 +85,7 @@ def pose(position: Vec3 = (0, 0, 0), axis: Vec3 = (0, 0, 1), angle: float = 0.0)
 
 
 def convex_hull(points: Array) -> ConvexHull:
-    """Return SciPy's hull of (N, 3) points."""
+    """Return SciPy's convex hull of (N, 3) points."""
     from scipy.spatial import ConvexHull  # imported here because listing classes does not need SciPy
 
     return ConvexHull(points)
@@ -110,7 +110,7 @@ def convex(points: Array | Sequence[Vec3], look: Look) -> Solid:
 
 
 def box(center: Vec3, size: Vec3, look: Look, bevel: float = 0.0015) -> Solid:
-    """Return a box of full ``size``; its visual edges are bevelled by ``bevel`` metres."""
+    """Return a box with edge lengths ``size``, m; its visual edges are bevelled by ``bevel`` metres."""
     c, half = np.asarray(center, float), np.asarray(size, float) / 2
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     corners = c + signs * half
@@ -156,7 +156,7 @@ def ring(center: Vec3, direction: Vec3, radius: float, sides: int, start: float 
 
 
 def cone(a: Vec3, b: Vec3, radius_a: float, radius_b: float, look: Look, sides: int = 16) -> Solid:
-    """Return a frustum from ``a`` to ``b``; collision has ``sides`` sides, the visual twice as many."""
+    """Return a frustum from ``a`` to ``b``; the collision hull has ``sides`` sides, the visual mesh twice as many."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     hull = np.concatenate([ring(a, b - a, radius_a, sides), ring(b, b - a, radius_b, sides)])
     seen = np.concatenate([ring(a, b - a, radius_a, 2 * sides), ring(b, b - a, radius_b, 2 * sides)])
@@ -228,8 +228,7 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
 
 
 def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
-    """Return the surface through rings of (N, 3) points each, right-handed about the direction from the first to the
-    last.
+    """Return the surface through rings of (N, 3) points, each right-handed about the direction from first to last.
 
     ``closed`` adds a flat lid at both ends; otherwise the last ring joins the first, as in a torus or a hollow wall.
     """
@@ -321,9 +320,9 @@ def tube(
     segments: int = 12,
     bottom: float | None = None,
 ) -> list[Solid]:
-    """Return a hollow frustum from ``a`` to ``b`` that collides as convex staves and looks round.
+    """Return a hollow frustum from ``a`` to ``b``, with convex staves for collision and a round visual mesh.
 
-    ``bottom`` is the thickness of the disc that closes it at ``a``; None: open at both ends.
+    ``bottom`` is the thickness of the disc that closes the frustum at ``a``; None leaves both ends open.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     d = b - a

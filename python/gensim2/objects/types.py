@@ -1,4 +1,4 @@
-"""Object models: keypoints, placements, articulated and rigid objects, joint motion, and errors."""
+"""Types of objects: keypoints, placements, articulated and rigid objects, joint motion, and errors."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Keypoint:
 
     Attributes:
         link: name of the link in the URDF; ``"body"`` for a rigid object.
-        position: (3,) metres in that link's frame, scale applied.
+        position: (3,) metres in the frame of ``link``, scaled.
         description: one phrase for a reader or a language model.
     """
 
@@ -135,7 +135,7 @@ class Placement:
 
 
 class ObjectModel(Protocol):
-    """Interface shared by articulated and rigid objects."""
+    """Interface that articulated and rigid objects share."""
 
     @property
     def asset_class(self) -> str:
@@ -147,7 +147,7 @@ class ObjectModel(Protocol):
 
     @property
     def source(self) -> Source:
-        """Whether the object is generated or real."""
+        """``"generated"`` or ``"real"``."""
 
     @property
     def license(self) -> str:
@@ -159,7 +159,7 @@ class ObjectModel(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Irregularities of the object's files, and their repair."""
+        """Irregularities in the object's files, and how they were repaired."""
 
     @property
     def mass(self) -> float:
@@ -197,14 +197,14 @@ class ArticulatedObject:
         joint: movable joint.
         keypoints: keypoints by name.
         T_link_object: (4, 4) object frame in the moving link's frame (see docs/architecture.md).
-        object_axis: ``"x"``, ``"y"`` or ``"z"``: axis of the object frame about which "rotate" motions turn.
+        object_axis: ``"x"``, ``"y"`` or ``"z"``: axis of the object frame about which motions named "rotate" turn.
         hulls: convex vertex sets by link name, each (N, 3) metres in the link frame.
         placement: default placement, computed from the geometry.
         default_openness: mean of the randomized openness.
-        mass: kg, all links.
+        mass: total mass of all links, kg.
         license: licence terms of the data.
         content_hash: hex digest of all inputs of the instance.
-        warnings: irregularities of the files, and their repair.
+        warnings: irregularities in the object's files, and how they were repaired.
     """
 
     asset_class: str
@@ -270,11 +270,11 @@ class RigidObject:
         friction: static and dynamic friction coefficient of the surface.
         keypoints: keypoints on ``"body"`` by name: always ``rigidbody_object_head``, and ``rigidbody_object_tail`` if
             the object has two ends.
-        placement: stable pose on a table at z = 0, object to world, with the object's origin above the world's.
-        grip: narrowest grasp in that pose.
+        placement: stable pose on a table at z = 0, object to world; the object's origin lies above the world's origin.
+        grip: best grasp in this pose.
         license: licence terms of the data.
         content_hash: hex digest of all inputs of the object.
-        warnings: irregularities of the files, and their repair.
+        warnings: irregularities in the object's files, and how they were repaired.
     """
 
     asset_class: str

@@ -42,8 +42,8 @@ class Phrase:
         sentence: instruction in lower case, such as ``"press the stapler"``.
         noun: name of the object, such as ``"stapler"``.
         usefulness: how likely people are to ask for the task. 1: on any day (open, close, switch, press, lift). 0.5:
-            now and then, or as part of a chore. 0.1: hardly ever, because the object does it by itself or because the
-            task only reverses another.
+            now and then, or as part of a chore. 0.1: hardly ever, because the joint moves by itself or because the task
+            only reverses another task.
     """
 
     name: str
@@ -54,13 +54,13 @@ class Phrase:
 
 @dataclass(frozen=True)
 class Purpose:
-    """Purpose that several actions serve together.
+    """Common purpose of several actions.
 
     Attributes:
         say: sentence with ``{}`` in place of the actions, such as ``"{} to tidy the desk"``.
-        goals: classes, and the end to which their joint is moved.
-        errands: such a class and end, with an action that puts an object on or into another: both classes, the moved
-            object last.
+        goals: joint goals that serve the purpose, each a class and the end (limit) to which its joint is moved.
+        errands: a joint goal, combined with an action that puts one object on or into another: support class, then
+            class of the moved object.
     """
 
     say: str
@@ -70,7 +70,7 @@ class Purpose:
 
 @dataclass(frozen=True)
 class ToAndFro:
-    """A joint that is moved to one end and back.
+    """A joint that people move to one limit and back in one task.
 
     Attributes:
         asset_class: class of the object.
@@ -86,12 +86,12 @@ class ToAndFro:
 
 
 def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
-    """Return the instruction to bring a class's joint to one end.
+    """Return the instruction for moving the joint of a class to one end.
 
     Args:
         asset_class: articulated class; an unknown class gets a plain phrase from its name.
-        goal: target end.
-        joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not tell how it moves.
+        goal: end to which the joint is moved, for example ``"articulated_open"``.
+        joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not say how its joint moves.
     """
     entry = _table()["articulated"].get(asset_class)
     if entry is not None:
@@ -103,7 +103,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
-    """Return the instruction to leave a class's joint halfway, or None."""
+    """Return the instruction for moving the joint of a class halfway; None if people do not ask for this."""
     entry = _table()["articulated"].get(asset_class, {})
     if goal not in entry:
         return None
@@ -134,12 +134,12 @@ def to_and_fro() -> tuple[ToAndFro, ...]:
 
 
 def handled(how: str) -> tuple[str, ...]:
-    """Return the rigid classes that people ask to be ``"lifted"`` or ``"handed over"``, the likeliest first."""
+    """Return the rigid classes that people want ``"lifted"`` or ``"handed over"``, the most likely first."""
     return tuple(_table()["handled"].get(how, ()))
 
 
 def belongs(asset_class: str) -> tuple[str, ...]:
-    """Return the rigid classes that people keep in or put on an object of this class, the likeliest first."""
+    """Return the rigid classes that people keep in or put on an object of this class, the most likely first."""
     return tuple(_table()["belongs"].get(asset_class, ()))
 
 
@@ -159,11 +159,9 @@ def _taken_apart(asset_class: str) -> tuple[str, str | None]:
 
 
 def in_ascii(phrase: str) -> str:
-    """Return ASCII words for a phrase, for use in names; letters that ASCII lacks become a number, since names must
-    differ.
-    """
+    """Convert a phrase to ASCII words for names; letters missing in ASCII become a number, so that names differ."""
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # Accents may be dropped, but letters may not.
+    # Accents may be lost in the conversion, but whole letters may not.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

@@ -1,4 +1,4 @@
-"""Tasks (objects, steps and a goal) and the library that stores them as data, with their strategies."""
+"""Tasks (objects, steps and a goal), and the library of tasks and strategies, stored as YAML files."""
 
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.library import load_strategies, load_task, task_names

@@ -1,11 +1,12 @@
 """Success criteria of steps and tasks, each a pure function of a :class:`Measurement`.
 
-Five are the paper's. They use horizontal distances between measured keypoints (an object's last keypoint), as in the
-original; only the strict verdict checks heights. The others describe a joint left in between, and the position of a
-rigid object by the origin of its frame, which lies in its middle.
+Five criteria come from the paper. As in the original, they use horizontal distances between measured keypoints (an
+object's last keypoint); only the `strict` verdict checks heights. The other criteria describe a joint that is partly
+open, and the position of a rigid object, which is the origin of its frame, near the object's middle.
 
 Each criterion has three methods. ``objects`` returns the names of the objects that it measures. ``holds`` returns
-whether it is met; a NaN never meets it. ``progress`` returns a value from 0 to 1, where 1 means that it is met.
+whether the criterion is met, which a NaN never does. ``progress`` returns a value from 0 to 1, where 1 means that the
+criterion is met.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class _Criterion(BaseModel, ABC):
 
     @abstractmethod
     def holds(self, measured: Measurement) -> bool:
-        """Return whether the criterion holds; it never does if a measured value is NaN."""
+        """Return whether the criterion holds; false if a measured value is NaN."""
 
     @abstractmethod
     def progress(self, measured: Measurement) -> float:
@@ -117,8 +118,8 @@ class RigidLifted(_Criterion):
 
 
 class RigidMoved(_Criterion):
-    """The rigid object has moved more than ``distance`` (m) from its position at the reset in a direction seen from the
-    robot, and less than half as far sideways.
+    """The rigid object has moved more than ``distance`` (m) since the reset in a direction as seen from the robot, and
+    less than half as far sideways.
     """
 
     type: Literal["rigidbody_moved"] = "rigidbody_moved"
@@ -131,7 +132,7 @@ class RigidMoved(_Criterion):
         return bool(along > self.distance and abs(across) < along / 2)
 
     def _way(self, measured: Measurement) -> tuple[float, float]:
-        """Return the displacement (m) along and across the direction, seen from the robot."""
+        """Return the object's displacement (m) since the reset along and across the direction."""
         x, y = map(float, measured.poses[self.rigid][:2] - measured.start_positions[self.rigid][:2])
         return {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
 
@@ -141,8 +142,8 @@ class RigidMoved(_Criterion):
 
 
 class RigidOnRigid(_Criterion):
-    """A rigid object is on or in another: their origins are within ``threshold`` (m) horizontally, and the first is at
-    most ``height`` (m) above the second.
+    """A rigid object is on or in a support: their origins are within ``threshold`` (m) horizontally, and the object's
+    origin is at most ``height`` (m) above the support's.
     """
 
     type: Literal["rigidbody_on_rigidbody"] = "rigidbody_on_rigidbody"
@@ -169,7 +170,7 @@ class _Distance(_Criterion):
 
     @abstractmethod
     def _excess(self, measured: Measurement) -> float:
-        """Return by how much (m) a horizontal distance exceeds the threshold; negative below it."""
+        """Return by how many metres the horizontal distance exceeds the threshold; negative below the threshold."""
 
 
 class DistanceArticulatedRigid(_Distance):
@@ -226,12 +227,12 @@ Criterion = Annotated[
 
 
 def all_hold(criteria: tuple[Criterion, ...], measured: Measurement) -> bool:
-    """Return whether every criterion holds; true for no criteria."""
+    """Return whether all criteria hold; true if there are no criteria."""
     return all(criterion.holds(measured) for criterion in criteria)
 
 
 def nearness(distance: float) -> float:
-    """Return 1 for a distance (m) of at most zero, decreasing to 0.24 at ``SCALE`` and nearly 0 at 1 m."""
+    """Map a distance (m) to a reward: 1 for at most zero, 0.24 at ``SCALE``, and nearly 0 at 1 m."""
     return _share(1.0 - math.tanh(max(0.0, distance) / SCALE))
 
 

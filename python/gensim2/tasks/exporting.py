@@ -17,7 +17,7 @@ _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def export(names: Sequence[str], out: Path) -> None:
-    """Write tasks with all their strategies to a folder or a ``.zip`` file, either of which can serve as a library.
+    """Write tasks with all their strategies to a folder or a ``.zip`` file, which can then serve as a task library.
 
     Args:
         names: names of tasks from any library.
@@ -43,13 +43,13 @@ def export(names: Sequence[str], out: Path) -> None:
 
 
 def _files(task: TaskSpec, strategies: Mapping[str, StrategyData]) -> dict[str, str]:
-    """Return the texts of a task's folder by path; task.yaml comes last."""
+    """Return the texts of the files in a task's folder, by path; task.yaml comes last."""
     found = {f"{STRATEGIES}/{name}.yaml": dump_yaml(dict(data)) for name, data in strategies.items()}
     return {**found, TASK_FILE: dump_yaml(task.model_dump(mode="json", exclude_none=True))}
 
 
 def write_task(folder: Path, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> None:
-    """Write a task's folder, each file atomically.
+    """Write the files of a task's folder, each atomically.
 
     Raises:
         InputError: the folder cannot be written to.

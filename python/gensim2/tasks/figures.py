@@ -1,7 +1,7 @@
-"""Measured success rates of the library's tasks, from which every table in the documentation is made.
+"""Measured success rates of the library's tasks; all tables in the documentation are made from them.
 
-Only ``benchmarks/figures.py`` writes ``figures.json``, from the JSON output of ``gensim2 benchmark``. A row holds the
-results of one task in one of these files.
+Only ``benchmarks/figures.py`` writes ``figures.json``, from the JSON output of ``gensim2 benchmark``. A row has the
+results of one task in one such JSON file.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ class Condition(_Value):
 
     Attributes:
         objects: ``"generated"``, or ``"real"`` from a folder.
-        physics: ``"default"`` (``"ours"`` in earlier files), ``"original"``, or the spelling of a mixture.
+        physics: ``"default"`` (``"ours"`` in earlier files), ``"original"``, or a combination of parts of both.
         engine: simulation engine.
         robot: name of the robot.
         instances: instances used, as in ``--instances``.
         randomization: ranges of the scene: ``"paper"``, ``"paper-half"`` or ``"wide"``.
-        attempts: number of attempts in an episode, from the same start.
+        attempts: maximum number of attempts in an episode, each from the same initial scene.
         open_loop: whether all motions were planned at the start.
         disturbance: ``"push"``, ``"drop"`` or None.
-        one_plan: whether each step was planned once only, with its first strategy.
+        one_plan: whether each step was planned only once, with its first strategy.
     """
 
     objects: Literal["generated", "real"]
@@ -93,7 +93,7 @@ class Condition(_Value):
 
 
 class Verdicts(_Value):
-    """Number of episodes, and of those that pass each verdict."""
+    """Number of episodes, and number of episodes that pass each verdict."""
 
     episodes: Count
     paper: Count
@@ -107,7 +107,7 @@ class Source(_Value):
     Attributes:
         commit: commit of the source code, with the suffix ``-modified`` if the code had local changes.
         date: day on which the measurement finished, ``YYYY-MM-DD``.
-        command: command that produced it.
+        command: command that produced the row.
     """
 
     commit: str
@@ -122,13 +122,13 @@ class Figure(_Value):
         task: name of the task.
         condition: conditions of the measurement.
         seed: seed of the scenes.
-        runs: number of repetitions with equally many episodes.
-        episodes: episodes of all runs.
-        paper, held, strict: episodes that pass each verdict.
+        runs: number of runs, all with the same number of episodes.
+        episodes: number of episodes in all runs.
+        paper, held, strict: number of episodes that pass each verdict.
         deviation: standard deviation between runs of the ``paper`` success rate.
-        partial: episodes in which only part of a motion was executed.
-        causes: causes of the failures by the verdict ``held``, most frequent first.
-        strict_misses: conditions of ``strict`` that failed, most frequent first.
+        partial: number of episodes in which only part of a motion was executed.
+        causes: number of episodes that fail ``held``, by cause, most frequent first.
+        strict_misses: number of episodes that fail ``strict``, by the failed condition, most frequent first.
         objects: number of different objects by class.
         instances: verdicts by object, as ``class/id``, joined with ``" + "`` for several objects; empty in old rows.
         source: commit, date and command of the measurement; None in old rows.
@@ -153,17 +153,17 @@ class Figure(_Value):
     @model_validator(mode="after")
     def _counts_go_together(self) -> Self:
         if not self.strict <= self.held <= self.episodes or self.paper > self.episodes:
-            raise ValueError("a verdict counts more episodes than were run, or strict counts more than held")
+            raise ValueError("a verdict counts more episodes than were run, or strict counts more episodes than held")
         if self.held + sum(self.causes.values()) != self.episodes:
             raise ValueError("held and causes do not sum to the number of episodes")
         for name in ("episodes", "paper", "held", "strict") if self.instances else ():
             if sum(getattr(each, name) for each in self.instances.values()) != getattr(self, name):
-                raise ValueError(f"{name} of the instances are not those of the row")
+                raise ValueError(f"{name} of the instances do not add up to the row's")
         return self
 
 
 class Figures(_Value):
-    """Content of a file of measured results: at most one row for each task and condition."""
+    """Content of ``figures.json``: at most one row for each task and condition."""
 
     schema_version: Literal[1]
     rows: tuple[Figure, ...]
@@ -176,13 +176,13 @@ class Figures(_Value):
         return self
 
     def with_rows(self, rows: Iterable[Figure]) -> Figures:
-        """Return these rows and others; a new row replaces one of the same task and condition."""
+        """Return a copy with ``rows`` added; a new row replaces the row of the same task and condition."""
         found = {(row.task, row.condition): row for row in (*self.rows, *rows)}
         return Figures(schema_version=1, rows=tuple(sorted(found.values(), key=_order)))
 
 
 def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
-    """Sort by task, with the paper's protocol first."""
+    """Return the sort key of a row: by task, the paper's protocol first."""
     return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
 
 
@@ -196,13 +196,13 @@ def read_figures(path: Path) -> Figures:
     """Read the measured results in a file.
 
     Raises:
-        InputError: the file cannot be read or is invalid; names the field.
+        InputError: the file cannot be read or is invalid; the message names the field.
     """
     return _parsed(read_input(path, MAX_RECORD), path)
 
 
 def figures_of(task: str) -> tuple[Figure, ...]:
-    """Return all rows of a task, the paper's protocol first; empty if the task was not measured."""
+    """Return all rows of a task, rows under the paper's protocol first; empty if the task was not measured."""
     return tuple(row for row in figures().rows if row.task == task)
 
 

@@ -1,10 +1,10 @@
-"""The task library: one folder of data for each task, in three places.
+"""The task library: one folder for each task, in three locations.
 
-``library/`` in the package holds the paper's suite. ``designed/`` beside it holds tasks that designers made with
-generated objects. The user's folder (:func:`user_library`) holds tasks that the user's own runs kept. In each,
-``<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec` and ``<Name>/strategies/<name>.yaml`` a strategy for one
-of its steps. A folder of schema version 1 has a ``solver.yaml`` instead. Strategies shared by several tasks of the
-package lie in ``strategies/``; they are used if a task's own folder lacks a strategy.
+``library/`` in this package contains the paper's suite, ``designed/`` contains tasks that designers made with generated
+objects, and the user's folder (:func:`user_library`) contains tasks kept by the user's runs. In each,
+``<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, and ``<Name>/strategies/<name>.yaml`` is a strategy for
+one of its steps. A folder of schema version 1 has a ``solver.yaml`` instead. A strategy missing in a task's folder is
+taken from ``strategies/``, which several tasks of the package share.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _chosen: ContextVar[str | None] = ContextVar("library", default=None)
 
 @contextlib.contextmanager
 def using_library(folder: str) -> Iterator[None]:
-    """Use a folder, an archive or ``none`` as the user's library inside a block."""
+    """Use another user library inside a block: a folder, an archive, or ``none`` for no library."""
     token = _chosen.set(folder)
     try:
         yield
@@ -57,10 +57,9 @@ def using_library(folder: str) -> Iterator[None]:
 
 
 def user_library() -> Path | None:
-    """Return the user's library: that of :func:`using_library`, else ``$GENSIM2_LIBRARY``, else a folder of the user's
-    data.
+    """Return the user's library: from :func:`using_library`, ``$GENSIM2_LIBRARY``, or the user's data folder.
 
-    The folder need not exist. None stands for ``none``: no user library is read or written.
+    The folder need not exist. None means that the user disabled the library (``none``).
     """
     chosen = _chosen.get()
     if chosen:
@@ -73,7 +72,7 @@ def _user_shelf() -> Traversable | None:
     """Return the user's library, a folder or an archive written by ``gensim2 tasks export``, or None.
 
     Raises:
-        InputError: the file is no such archive.
+        InputError: the file is not such an archive.
     """
     path = user_library()
     if path is None or path.suffix != ".zip" or not path.is_file():
@@ -93,10 +92,10 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
     """Return the names of the tasks in the library, sorted.
 
     Args:
-        origin: ``"paper"`` for the paper's suite, else a designer's name; None: all.
+        origin: ``"paper"`` for the paper's suite, or the name of a designer; None: all tasks.
 
     Raises:
-        InputError: no task has that origin (lists the origins), or a task cannot be read.
+        InputError: no task has this origin (the message lists the origins), or a task cannot be read.
 
     Example:
         ```python
@@ -127,10 +126,10 @@ def origin_of(task: TaskSpec) -> str | None:
 
 
 def task_folder(name: str) -> Traversable:
-    """Return the folder of a library task; the package takes precedence over the user's library.
+    """Return the folder of a library task; tasks of the package take precedence over the user's library.
 
     Raises:
-        InputError: there is no such task; names near matches.
+        InputError: no task has this name; the message suggests similar names.
     """
     for shelf in (_suite, _designed):
         if name in _names_on_shelf(shelf):
@@ -154,7 +153,7 @@ def load_task(name: str) -> TaskSpec:
         Objects, steps and goal of the task.
 
     Raises:
-        InputError: there is no such task (names near matches), or its file cannot be used.
+        InputError: no task has this name (the message suggests similar ones), or its file cannot be used.
 
     Example:
         ```python
@@ -174,13 +173,13 @@ def _read_task(folder: Traversable, name: str) -> TaskSpec:
     source = folder / TASK_FILE
     task = parse_task(_read(source), str(source))
     if task.name != name:
-        raise InputError(f"is {task.name!r} in the folder {name!r}", file=str(source), field="name")
+        raise InputError(f"is {task.name!r}, must be the folder's name {name!r}", file=str(source), field="name")
     return task
 
 
 @cache
 def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
-    """Return the names of the tasks in a folder of the package, which does not change."""
+    """Return the names of the tasks in a folder of the package (cached, because packages do not change)."""
     return names_in(shelf())
 
 
@@ -197,10 +196,10 @@ def load_strategies(name: str) -> dict[str, StrategyData]:
         name: name of the task, such as ``"OpenDrawer"``.
 
     Returns:
-        Strategies as plain data, by name, in the order in which the task's steps name them.
+        Strategies as JSON data, by name, in the order in which the task's steps name them.
 
     Raises:
-        InputError: there is no such task, or a strategy's file is missing.
+        InputError: no task has this name, or a strategy's file is missing.
 
     Example:
         ```python
@@ -213,10 +212,10 @@ def load_strategies(name: str) -> dict[str, StrategyData]:
 
 @cache
 def shared_strategy(name: str) -> StrategyData:
-    """Return a strategy shared by tasks of the package; do not change it in place.
+    """Return a strategy that tasks of the package share; the caller must not modify the result.
 
     Raises:
-        InputError: there is no shared strategy of that name.
+        InputError: no shared strategy has this name.
     """
     file = next((file for file in (shelf / f"{name}.yaml" for shelf in _shared()) if file.is_file()), None)
     if file is None:
@@ -238,10 +237,10 @@ def load_task_file(path: Path) -> TaskSpec:
 
 
 def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, StrategyData]:
-    """Load the strategies beside a task that was read from a file or folder, by name.
+    """Load the strategies, by name, of a task that was read from the file or folder ``path``.
 
     Raises:
-        InputError: a strategy's file is missing or unreadable, or holds NaN or infinity.
+        InputError: a strategy's file is missing or unreadable, or contains NaN or infinity.
     """
     folder = path if path.is_dir() else path.parent
     return {name: _read(file) for name, file in strategy_files(folder, task).items()}
@@ -251,7 +250,7 @@ def load_strategy_file(path: Path) -> StrategyData:
     """Load a strategy from a YAML or JSON file; numbers must be finite.
 
     Raises:
-        InputError: the file cannot be read, is not YAML, or holds NaN or infinity.
+        InputError: the file cannot be read, is not YAML, or contains NaN or infinity.
     """
     return read_yaml(path)
 
@@ -262,10 +261,10 @@ def strategies_of(task: TaskSpec) -> tuple[str, ...]:
 
 
 def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable]:
-    """Return the files of a task's strategies by name: from the task's folder, else from the shared strategies.
+    """Return the file of each strategy of a task, by name: in the task's folder, or else a shared strategy.
 
     Args:
-        folder: folder of the task; ``task_folder`` returns that of a library task.
+        folder: folder of the task (:func:`task_folder` for a library task).
         task: spec of the task.
 
     Raises:
@@ -285,7 +284,7 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
 
 
 def _places(folder: Traversable, name: str) -> list[Traversable]:
-    """Return the possible paths of a strategy's file, the task's own first."""
+    """Return the possible paths of a strategy's file, first in the task's folder."""
     former = [folder / f"{name}.yaml"] if name == version_1.STRATEGY else []
     return [folder / STRATEGIES / f"{name}.yaml", *former, *(shelf / f"{name}.yaml" for shelf in _shared())]
 

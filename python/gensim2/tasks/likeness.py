@@ -1,7 +1,8 @@
-"""Detect tasks that mean the same although their names, numbers or wording differ.
+"""Detect tasks with the same meaning, even if their names, numbers or wording differ.
 
-Two tasks are alike in structure if they have the same goal on the same classes and the same sequence of verbs. They are
-alike in meaning if they have the same goal on the same classes and similar sentences, or the same sentence.
+Two tasks have the same structure if their goals, their object classes and their sequences of steps are the same. They
+have the same meaning if their goals and object classes are the same and their sentences similar, or if their sentences
+are the same.
 """
 
 from __future__ import annotations
@@ -54,12 +55,12 @@ Fact = tuple[str, ...]
 
 @dataclass(frozen=True)
 class NormalForm:
-    """A task without names and numbers.
+    """Form of a task for comparisons, without names and numbers.
 
     Attributes:
         classes: classes of the objects that steps or goal use, sorted.
         goal: criteria that must hold at the end.
-        chain: criteria of each step, in order.
+        chain: criteria of each step, in the order of the steps.
         words: words of the sentence, with synonyms replaced.
     """
 
@@ -83,7 +84,7 @@ def normal_form(task: TaskSpec) -> NormalForm:
 
 
 def why_alike(one: TaskSpec, other: TaskSpec) -> str | None:
-    """Return the reason why two tasks are the same, or None."""
+    """Return the reason why two tasks count as the same; None if they differ."""
     first, second = normal_form(one), normal_form(other)
     if first.words == second.words and first.words:
         return "says the same"
@@ -97,7 +98,7 @@ def why_alike(one: TaskSpec, other: TaskSpec) -> str | None:
 
 
 def first_alike(task: TaskSpec, others: Iterable[TaskSpec]) -> tuple[TaskSpec, str] | None:
-    """Return the first of other tasks that is the same, and the reason; None if all differ."""
+    """Return the first of ``others`` that counts as the same task, and the reason; None if all differ."""
     for other in others:
         if (why := why_alike(task, other)) is not None:
             return other, why
@@ -111,18 +112,18 @@ def normal_words(sentence: str) -> tuple[str, ...]:
 
 
 def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
-    """Return the similarity of two sets of words, 0 to 100, regardless of order and repetition."""
+    """Return the similarity, 0 to 100, of two lists of words, regardless of order and repetition."""
     return float(fuzz.token_sort_ratio(" ".join(set(one)), " ".join(set(other))))
 
 
 def _concerned(task: TaskSpec) -> list[str]:
-    """Return the objects in the order in which steps and goal use them; unused objects are left out."""
+    """Return the objects that steps and goal use, in the order of first use."""
     named = [name for step in task.steps for name in (step.object, step.tool) if name != HAND]
     return list(dict.fromkeys([*named, *(name for criterion in task.success for name in criterion.objects)]))
 
 
 def _called(task: TaskSpec) -> dict[str, str]:
-    """Return a neutral name of each object: its class, with a number if several share the class."""
+    """Return a neutral name for each object: its class, with a number if several objects have this class."""
     seen: Counter[str] = Counter()
     called = {}
     for name in [*_concerned(task), *task.objects]:
@@ -139,7 +140,7 @@ def _link(step: Step, called: dict[str, str]) -> tuple[Fact, ...]:
 
 
 def _fact(criterion: Criterion, called: dict[str, str]) -> Fact:
-    """Return a criterion's text fields without its numbers."""
+    """Return the text fields of a criterion, without its numbers."""
     fields = criterion.model_dump()
     words = [f"{name}={called.get(value, value)}" for name, value in sorted(fields.items()) if isinstance(value, str)]
     return tuple(words)

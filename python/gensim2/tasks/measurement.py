@@ -1,4 +1,4 @@
-"""State of a scene at one instant, as input of criteria and verdicts, without types of a simulator."""
+"""State of a scene at one instant, from which criteria and verdicts are computed, independent of the simulator."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ class Measurement:
     """State of a scene at one instant, in the world frame.
 
     Attributes:
-        openness: (q - lower) / (upper - lower) of each articulated object; may slightly exceed 0..1.
+        openness: (q - lower) / (upper - lower) of each articulated object; may lie slightly outside 0..1.
         joint_speed: openness per second of each articulated object, as the simulator reports it; for a part pressed
             against a stop it may differ from the real motion.
-        keypoints: (3,) m by object and keypoint, in the object's own order.
-        poses: (7,) of each rigid object: x, y, z, qw, qx, qy, qz.
-        speeds: (2,) of each rigid object: m/s and rad/s, as the simulator reports them.
+        keypoints: position (3,) of each keypoint, m, by object and keypoint, in the order of the object's definition.
+        poses: (7,) pose of each rigid object: x, y, z (m), qw, qx, qy, qz.
+        speeds: (2,) linear (m/s) and angular (rad/s) speed of each rigid object, as the simulator reports them.
         gripper: tool keypoints of the robot, (3,) m.
         finger_opening: distance between the finger pads, m.
-        start_positions: (3,) frame origin of each rigid object at the reset.
+        start_positions: (3,) position (m) of each rigid object at the reset.
     """
 
     openness: Mapping[str, float]

@@ -1,7 +1,7 @@
-"""The user's own task library, in which each folder is complete or absent.
+"""Read and change the user's task library, in which each task's folder is either complete or absent.
 
-Besides ``task.yaml`` and the strategies, a folder holds ``added.json`` with the time and the run. Writers hold the
-library's lock. Readers need none because folders are added and removed by a single renaming.
+Besides ``task.yaml`` and the strategies, a task's folder contains ``added.json`` with the time and the run that added
+the task. Writers lock the library. Readers need no lock, because a folder is added or removed by a single renaming.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ LEAST_SHARE = 0.6
 
 
 class UnverifiedTaskError(InputError):
-    """A task without a successful verification cannot be added."""
+    """A task cannot be added because its verification did not succeed."""
 
 
 class KnownTaskError(InputError):
-    """A task cannot be added because the library has it already, under its name or in other words.
+    """A task cannot be added because the library already has a task of the same name or meaning.
 
     Attributes:
         known: name of the existing task.
@@ -69,7 +69,7 @@ class Memory:
     """The user's task library.
 
     Args:
-        folder: folder of the library; default :func:`~gensim2.tasks.library.user_library`. It need not exist.
+        folder: folder of the library, which need not exist; default: :func:`~gensim2.tasks.library.user_library`.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -90,7 +90,7 @@ class Memory:
 
     @property
     def is_there(self) -> bool:
-        """Whether the user has a library, possibly empty."""
+        """Whether the user's library exists, even if empty."""
         return self._folder is not None
 
     def names(self) -> tuple[str, ...]:
@@ -98,10 +98,10 @@ class Memory:
         return names_in(self._folder)
 
     def run_of(self, name: str) -> str | None:
-        """Return the folder of the run that a task comes from; None if unknown, or if the library lacks the task.
+        """Return the folder of the run that made a task; None if unknown, or if the library lacks the task.
 
         Raises:
-            InputError: the record of its addition cannot be read.
+            InputError: the task's ``added.json`` cannot be read.
         """
         if name not in self.names():
             return None
@@ -123,16 +123,16 @@ class Memory:
 
         Args:
             task: task with a provenance that names its origin.
-            strategies: all strategies that its steps name, by name.
+            strategies: all strategies that the steps of the task name, by name.
             verification: result on scenes and objects unseen in the design; becomes part of the provenance.
-            run: folder of the run that the task comes from.
+            run: folder of the run that made the task.
 
         Returns:
             Folder of the task.
 
         Raises:
-            UnverifiedTaskError: too few episodes, or too low a success rate.
-            KnownTaskError: library or package has a task of this name or meaning.
+            UnverifiedTaskError: the verification has too few episodes or too low a success rate.
+            KnownTaskError: the library or the package has a task of the same name or meaning.
             InputError: the origin or a strategy is missing, or the folder cannot be written to.
         """
         _check_verified(task, verification)
@@ -151,16 +151,16 @@ class Memory:
         return self.folder / task.name
 
     def check_new(self, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> None:
-        """Refuse a task that could not be added even if verified; the identical task is accepted.
+        """Check that a task can be added once it is verified; a task identical to a stored task passes.
 
         Raises:
-            KnownTaskError: library or package has a task of this name or meaning.
+            KnownTaskError: the library or the package has a task of the same name or meaning.
         """
         if not self._has(task, {name: dict(strategies[name]) for name in strategies_of(task)}):
             self._check_new(task)
 
     def remove(self, *names: str) -> None:
-        """Remove all of these tasks, or none if one cannot be removed.
+        """Remove all tasks of the given names; if one of them cannot be removed, remove none.
 
         Raises:
             InputError: a task is not in the user's library or cannot be removed.
@@ -186,7 +186,7 @@ class Memory:
         shutil.rmtree(gone)
 
     def _has(self, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> bool:
-        """Return whether the library has this very task, whatever its verification."""
+        """Return whether the library has an identical task, regardless of its verification."""
         if task.name not in self.names():
             return False
         found = read_task(self.folder / task.name)
@@ -202,7 +202,7 @@ class Memory:
 
     @contextlib.contextmanager
     def _making(self, name: str) -> Iterator[Path]:
-        """Yield a temporary folder, which is renamed to the task's name when the block ends."""
+        """Yield a temporary folder that becomes the task's folder when the block ends."""
         made = self.folder / _temporary(name)
         try:
             made.mkdir()
@@ -215,7 +215,7 @@ class Memory:
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        """Hold the library's lock for a block, and remove the temporary folders of killed processes.
+        """Lock the library during a block, and remove temporary folders that killed processes left.
 
         Raises:
             InputError: the folder cannot be written to.

@@ -1,4 +1,4 @@
-"""Convert plain data to a :class:`~gensim2.tasks.spec.TaskSpec`, with errors that name the field and a remedy."""
+"""Convert JSON data to a :class:`~gensim2.tasks.spec.TaskSpec`; errors name the field and a remedy."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from gensim2.tasks.spec import TaskSpec
 
 
 def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
-    """Validate a task given as plain data, of schema version 1 or 2.
+    """Validate a task given as JSON data, of schema version 1 or 2.
 
     Args:
         data: fields of the task.
         file: file of the data, for error messages.
 
     Raises:
-        InputError: a field is invalid; names it.
+        InputError: a field is invalid; the message names the field.
     """
     former = version_1.is_version_1(data)
     try:
@@ -79,7 +79,7 @@ def _kinds(kind: Any) -> list[Any]:
 
 
 def _inside(kind: Any, part: int | str) -> Any:
-    """Return the type of a field, key or index."""
+    """Return the type of the value at a field, key or index of ``kind``."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         fields = kind.model_fields
         return next((field.annotation for name, field in fields.items() if part in (name, field.alias)), None)

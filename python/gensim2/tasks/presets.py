@@ -16,7 +16,7 @@ DEFAULT_PRESET: PresetName = "paper"
 
 @dataclass(frozen=True)
 class Preset:
-    """Scale of a task's ranges, and further randomization.
+    """Preset of ``--randomization``: a scale for the task's ranges, and further randomization.
 
     Attributes:
         name: value of ``--randomization``.
@@ -39,13 +39,13 @@ _PRESETS: dict[str, Preset] = {
 
 
 def preset(name: object) -> Preset:
-    """Return the preset of that name.
+    """Return the preset with the given name.
 
     Raises:
-        InputError: there is no such preset.
+        InputError: no preset has this name.
     """
     if not isinstance(name, str) or name not in _PRESETS:
         raise InputError(
-            f"no randomization {name!r:.80}", field="randomization", remedy=f"one of {', '.join(PRESET_NAMES)}"
+            f"unknown randomization {name!r:.80}", field="randomization", remedy=f"one of {', '.join(PRESET_NAMES)}"
         )
     return _PRESETS[name]

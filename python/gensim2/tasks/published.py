@@ -1,4 +1,4 @@
-"""Success rates published by others: the paper (Table 4), and our measurements of its public release."""
+"""Success rates to compare with: from the paper (Table 4), and measured by us with the paper's released code."""
 
 from __future__ import annotations
 
@@ -86,12 +86,12 @@ MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-
 
 
 def paper_of(task: TaskSpec) -> tuple[float, float] | None:
-    """Return the paper's mean and deviation for a task, whatever its strategies; None if only the name matches."""
+    """Return mean and deviation of a task's success rate in the paper; None if only the task's name matches."""
     return PAPER.get(task.name) if _is_published(task) else None
 
 
 def released_of(task: TaskSpec) -> tuple[int, int] | None:
-    """Return successes and episodes of the original's release for a task; None as for :func:`paper_of`."""
+    """Return successes and episodes of a task, measured with the released code; None as for :func:`paper_of`."""
     return MEASURED.get(task.name) if _is_published(task) else None
 
 

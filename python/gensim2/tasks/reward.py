@@ -1,4 +1,4 @@
-"""Dense reward of an episode, computed from the criteria of a task's steps and goal, without a simulator."""
+"""Compute the dense reward of an episode from the criteria of the task's steps and goal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BELOW_GOAL = 0.99
 
 @dataclass(frozen=True)
 class Stage:
-    """Part of a task that is rewarded at one time.
+    """Stage of a task; one stage is rewarded at a time.
 
     Attributes:
         criteria: criteria that end the stage when all hold.
@@ -37,10 +37,10 @@ class Stage:
 
 
 def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
-    """Return a task's stages: one for each step with criteria, and one for the goal if it differs from the last step's.
+    """Return a task's stages: one for each step with criteria, and one for the goal unless the last has it.
 
-    A step without ``done`` belongs to the stage of the next step with it, which then starts with the first step's
-    object.
+    A step without ``done`` belongs to the stage of the next step with ``done``; the gripper then moves to the first
+    step's object.
     """
     found: list[Stage] = []
     first: str | None = None

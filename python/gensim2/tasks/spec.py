@@ -1,7 +1,7 @@
-"""Task specification: one frozen, validated value that serializes to YAML and JSON.
+"""Task specification: an immutable, validated value that can be converted to YAML and JSON.
 
-A task names its objects (roles) and its steps. A step is one actuation pose with its motions and its gripper command; a
-single-step task is the smallest case. The spec does not contain the strategies of its steps; it names files beside it
+A task has named objects and one or more steps. A step is one actuation pose with its motions and its gripper command.
+The spec contains only the names of the strategies of its steps; the strategies are in files
 (``strategies/<name>.yaml``).
 """
 
@@ -47,7 +47,7 @@ def _text(text: str) -> str:
 
 
 def _pair(value: Any) -> Any:
-    """Expand a number to the range from minus to plus that number."""
+    """Expand a number w to the range (-w, w); return a pair unchanged."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (-value, value)
     return tuple(value) if isinstance(value, list) else value  # Pydantic no longer parses this value as JSON
@@ -79,7 +79,7 @@ class Place(_Value):
     """Placement of an object before randomization.
 
     Attributes:
-        on: ``"table"``, or the name of the object that supports or contains this one.
+        on: ``"table"``, or the name of the object that supports or contains this object.
         at: x and y in the world, m; None: the default placement of the object on the table, or the middle of the
             supporting object.
         yaw: rotation from the default placement about the vertical, rad.
@@ -94,13 +94,13 @@ class Randomization(_Value):
     """Ranges of the initial scene; lengths in metres (the table ends at 0.65), angles in radians.
 
     The drawn yaw lies between 0 and ``yaw`` if the drawn y offset is positive, and between 0 and ``-yaw`` otherwise.
-    A positive ``yaw`` turns an object off to the side towards the robot, a negative one away from it.
+    A positive ``yaw`` turns an object at the side towards the robot, a negative ``yaw`` turns it away from the robot.
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
         yaw: maximum rotation about the vertical, rad. The drawn yaw has the sign of y times the sign of ``yaw``.
         openness_mean: mean openness at the start; None: default of the instance.
-        openness_spread: maximum deviation from the mean; the result is clipped to 0..1.
+        openness_spread: maximum deviation from the mean openness; the drawn openness is clipped to 0..1.
     """
 
     x: Offset = (-0.1, 0.1)
@@ -114,9 +114,9 @@ class ObjectSpec(_Value):
     """An object of a task.
 
     Attributes:
-        asset_class: name of the class; each rigid object is a class (``golf_ball``).
+        asset_class: name of the object class; each rigid object is a class of its own (``golf_ball``).
         instances: allowed instances of the class: values as in ``--instances``, or a mapping from ``real`` and
-            ``generated`` to such values. Callers select among them. None: all instances.
+            ``generated`` to such values. None: all instances. A run can restrict the instances further.
         place: placement before randomization.
         randomization: ranges of placement and openness.
     """
@@ -127,7 +127,7 @@ class ObjectSpec(_Value):
     randomization: Randomization = Randomization()
 
     def words(self, source: str) -> tuple[str, ...] | None:
-        """Return the allowed instances for a source (``"real"`` or ``"generated"``); None: all of the class."""
+        """Return the allowed instances for a source (``"real"`` or ``"generated"``); None allows all of the class."""
         return self.instances.get(source) if isinstance(self.instances, dict) else self.instances  # type: ignore[call-overload]
 
 
@@ -138,7 +138,7 @@ class Step(_Value):
         name: name, unique in the task.
         object: object to move, to grasp, or to approach with the tool.
         tool: ``"hand"``, or the grasped object, whose keypoints then replace the hand's.
-        strategies: names of the step's strategies in order of preference; ``designed`` is what designers write.
+        strategies: names of the step's strategies in order of preference; designers call their strategy ``designed``.
         done: criteria that must all hold at some time during the step for the verdict ``paper``. Without criteria the
             step counts as soon as it starts, like the paper's grasp and release.
     """
@@ -154,9 +154,8 @@ class Made(_Value):
     """Origin of a strategy.
 
     Attributes:
-        by: ``"search"``: found by a designer's search; ``"model"``: written by a language model; ``"hand"``: by a
-            person.
-        seen: objects used in its design, as in ``--instances``; all other objects are unseen.
+        by: ``"search"``: found by search; ``"model"``: written by a language model; ``"hand"``: written by a person.
+        seen: objects used to design the strategy, as in ``--instances``; all other objects are unseen.
     """
 
     by: Literal["search", "model", "hand"]
@@ -164,14 +163,14 @@ class Made(_Value):
 
 
 class Verified(_Value):
-    """Result of fresh episodes of a task and its strategies, on scenes that the design did not use.
+    """Result of a verification: episodes of a task with its strategies on scenes that were not used in the design.
 
     Attributes:
         episodes: number of episodes.
-        held: number of episodes with the verdict ``held``.
+        held: number of episodes that pass ``held``.
         interval: 95 % confidence interval of the success rate.
         seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
-        instances: split of the objects; no search used objects of ``"new"`` and ``"test"``.
+        instances: split of the objects; objects of ``"new"`` and ``"test"`` were not used in any search.
         objects: number of different objects by class.
     """
 
@@ -201,8 +200,8 @@ class Provenance(_Value):
     Attributes:
         origin: ``"paper"`` for tasks of the paper's tables, otherwise the name of the designer.
         strategies: origin of each strategy by name.
-        prompts: SHA-256 of the language model's prompts, in hexadecimal.
-        verification: result of fresh episodes.
+        prompts: hexadecimal SHA-256 of the prompts, if a language model designed the task.
+        verification: result of the task's verification.
     """
 
     origin: Annotated[str, Field(min_length=1, max_length=100)]
@@ -217,7 +216,7 @@ class TaskSpec(_Value):
     Attributes:
         name: name in CamelCase; the environment is ``GenSim2-<name>-v1``.
         description: everyday instruction, one phrase in lower case.
-        objects: objects by name, in the order of their placement.
+        objects: objects by name, in the order in which they are placed.
         steps: steps in order.
         goal: criteria that must all hold at the end; None: the ``done`` of the last step.
         max_episode_steps: steps of 1 / ``STEPS_A_SECOND`` s after which an episode is truncated.
@@ -235,7 +234,7 @@ class TaskSpec(_Value):
 
     @property
     def max_seconds(self) -> float:
-        """Time limit of an episode in seconds, whatever the robot's control rate."""
+        """Time limit of an episode in seconds, independent of the robot's control rate."""
         return self.max_episode_steps / STEPS_A_SECOND
 
     @model_validator(mode="after")
@@ -246,12 +245,12 @@ class TaskSpec(_Value):
         before: list[str] = [TABLE]
         for name, spec in self.objects.items():
             if spec.place.on not in before:
-                raise ValueError(f"objects.{name}.place.on: {spec.place.on!r} is not an object before it")
+                raise ValueError(f"objects.{name}.place.on: {spec.place.on!r} is not an object listed before it")
             before.append(name)
         if len({step.name for step in self.steps}) < len(self.steps):
             raise ValueError("two steps have the same name")
         if self.goal is None and not self.steps[-1].done:
-            raise ValueError("goal: must be given where the last step's done is empty")
+            raise ValueError("goal: is required because the last step's done is empty")
         for step in self.steps:
             for field, name in (("object", step.object), ("tool", step.tool)):
                 if name not in self.objects and not (field == "tool" and name == HAND):
@@ -273,7 +272,7 @@ class TaskSpec(_Value):
 
     @property
     def acted_on(self) -> frozenset[str]:
-        """Names of the objects that a step acts on, or that the hand holds during a step."""
+        """Names of the objects that a step acts on or that are grasped during a step."""
         return frozenset(name for step in self.steps for name in (step.object, step.tool) if name != HAND)
 
     @property

@@ -1,4 +1,4 @@
-"""Types for the strategies of a task as plain data, by name and by step."""
+"""Types for the strategies of a task as JSON data, by name and by step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ StepStrategies = Mapping[str, Strategies]
 
 
 def with_strategies(task: TaskSpec, ways: StepStrategies) -> TaskSpec:
-    """Return the task whose steps name these strategies; the provenance of other strategies is dropped."""
+    """Return a copy of the task whose steps name these strategies; provenance of other strategies is removed."""
     steps = tuple(step.model_copy(update={"strategies": tuple(ways[step.name])}) for step in task.steps)
     provenance = task.provenance
     if provenance is not None:

@@ -22,20 +22,20 @@ _PLACES = {
 
 
 def is_version_1(data: dict[str, Any]) -> bool:
-    """Return whether a task's fields are those of version 1."""
+    """Return whether the fields of a task are fields of schema version 1."""
     return "objects" not in data and (data.get("schema_version") == 1 or any(field in data for field in _OWN))
 
 
 def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
-    """Return the task with the fields of version 2; wrong values are kept, for the validation to report.
+    """Convert a task to the fields of version 2; invalid values are kept, so that the validation reports them.
 
     Raises:
-        InputError: a field of version 1 is missing, or the version is another.
+        InputError: a field of version 1 is missing, or ``schema_version`` is not 1.
     """
     given = dict(data)
     if given.pop("schema_version", 1) != 1:
         raise InputError(
-            "must be 1 where a task has asset_class and success",
+            "must be 1 for a task with the fields asset_class and success",
             file=file,
             field="schema_version",
             remedy="leave it out, or name the task's objects and steps",
@@ -45,7 +45,7 @@ def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
             raise InputError("field required", file=file, field=field)
     success = given.pop("success")
     if success == []:
-        raise InputError("must hold at least one criterion", file=file, field="success")
+        raise InputError("must contain at least one criterion", file=file, field="success")
     if isinstance(success, list):
         success = [{**entry, "object": ROLE} if isinstance(entry, dict) else entry for entry in success]
     role = {"class": given.pop("asset_class")}
@@ -56,7 +56,7 @@ def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
 
 
 def place_of(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """Return the location in version 1 of the field at ``location`` in version 2."""
+    """Convert the location of a field in version 2 to its location in version 1, for error messages."""
     for new, old in _PLACES.items():
         if location[: len(new)] == new:
             return old + location[len(new) :]

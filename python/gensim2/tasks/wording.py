@@ -36,7 +36,7 @@ def criterion_in_words(criterion: Criterion) -> str:
 
 
 def criteria_in_words(criteria: tuple[Criterion, ...]) -> str:
-    """Describe several criteria; empty for none."""
+    """Describe several criteria in words; empty without criteria."""
     return " and ".join(criterion_in_words(criterion) for criterion in criteria)
 
 

@@ -75,7 +75,7 @@ def test_a_verification_of_another_run_is_refused(tmp_path: Path) -> None:
     value = json.loads(path.read_text())
     value["held"] += 1
     path.write_text(json.dumps(value))
-    with pytest.raises(InputError, match="the counts are not those of the episodes"):
+    with pytest.raises(InputError, match="the counts do not match the episodes"):
         _verify(tmp_path)
 
 

@@ -11,6 +11,6 @@ library are read in a subprocess (docs/reliability.md lists the checks of each r
 | ``hdf5`` | groups and arrays of an HDF5 file |
 | ``geometry`` | XML and meshes of robots and objects |
 | ``archive`` | zip archives of tasks |
-| ``library`` | exceptions of libraries |
+| ``library`` | exceptions raised by third-party libraries |
 | ``process`` | memory, CPU time and crashes of a reader |
 """

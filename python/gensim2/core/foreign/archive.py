@@ -51,13 +51,13 @@ def open_archive(path: Path) -> zipfile.Path:
 
 
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
-    """Open a zip file with a limited number of members, all stored or deflated.
+    """Open a zip file that has at most ``max_members`` entries, each stored or deflated.
 
     ``zipfile`` creates an object for every directory entry, so entries are counted first. It limits the output of
     deflate only; for bzip2 and LZMA it would unpack a whole block of input.
 
     Raises:
-        BadZipFile: a limit is exceeded; names it.
+        BadZipFile: the file has too many entries or uses another compression; the message says which.
     """
     count, tail = 0, b""
     while block := stream.read(2**20):

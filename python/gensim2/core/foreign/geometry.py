@@ -32,7 +32,7 @@ def read_xml(file: Path) -> ET.Element:
 
 @contextlib.contextmanager
 def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
-    """Read a mesh file; errors inside the block, which should only use the scene, count as errors of the file.
+    """Yield the scene of a mesh file; exceptions in the block (which should only read the scene) count as file damage.
 
     Raises:
         InputError: the file is not a regular file, is too large, or is damaged.

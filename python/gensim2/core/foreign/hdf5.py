@@ -23,14 +23,14 @@ Array = npt.NDArray[Any]
 
 
 class ForeignHdf5Error(ValueError):
-    """Unexpected content of an HDF5 file; names what and where."""
+    """An HDF5 file has unexpected content; the message gives the path inside the file."""
 
 
 def group_in(parent: h5py.Group, name: str) -> h5py.Group:
-    """Return the group ``name`` in a group.
+    """Return the subgroup ``name`` of the group ``parent``.
 
     Raises:
-        ForeignHdf5Error: it is missing, or is a link.
+        ForeignHdf5Error: ``name`` is missing, is a link, or is not a group.
     """
     item = _member(parent, name)
     if not isinstance(item, h5py.Group):
@@ -57,15 +57,15 @@ def dataset_in(
     shape: tuple[int | None, ...] | None = None,
     max_bytes: int = MAX_ARRAY,
 ) -> h5py.Dataset:
-    """Return the dataset ``name`` in a group, of which parts may be read.
+    """Return the dataset ``name`` of the group ``parent`` unread, so that the caller can read only parts of it.
 
     Args:
         dtype: required data type; None: any numbers or booleans.
-        shape: required shape, None for any length of an axis.
+        shape: required shape; None as an axis's length allows any length.
         max_bytes: largest size in memory.
 
     Raises:
-        ForeignHdf5Error: it is missing, its data are in another file, or it has another type, shape or size.
+        ForeignHdf5Error: the dataset is missing, is stored in another file, or has a wrong type, shape or size.
     """
     item, path = _member(parent, name), _path(parent, name)
     if not isinstance(item, h5py.Dataset):
@@ -119,7 +119,7 @@ def _member(parent: h5py.Group, name: str) -> Any:
             raise ForeignHdf5Error(f"{_path(parent, name)} is a link")
         return parent[name]
     except (KeyError, OSError, RuntimeError) as error:
-        raise ForeignHdf5Error(f"{_path(parent, name)} is not there, or is damaged") from error
+        raise ForeignHdf5Error(f"{_path(parent, name)} is missing or damaged") from error
 
 
 def _path(parent: h5py.Group, name: str) -> str:

@@ -14,10 +14,10 @@ def read_by_library(file: Path, remedy: str, what: str = "cannot be read") -> It
     """Turn any exception of a library call into an error that names the file.
 
     Libraries document only some of their exceptions for damaged files, so every exception except MemoryError counts as
-    damage. Use it around blocks that only call a library.
+    damage. Put only calls of the library into the block.
 
     Raises:
-        InputError: the library failed; includes its message.
+        InputError: the library raised an exception; the message quotes the exception.
     """
     try:
         yield

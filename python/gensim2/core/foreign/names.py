@@ -27,16 +27,16 @@ def checked_name(text: str, *, file: Path | str | None = None, field: str | None
     """Return ``text`` if it is a valid name.
 
     Raises:
-        InputError: it is not.
+        InputError: ``text`` is not a valid name.
     """
     if not is_name(text):
-        raise InputError(f"{reprlib.repr(text)} is no name", file=file, field=field, remedy=f"use {RULE}")
+        raise InputError(f"{reprlib.repr(text)} is not a valid name", file=file, field=field, remedy=f"use {RULE}")
     return text
 
 
 def _validated(text: str) -> str:
     if not is_name(text):
-        raise ValueError(f"{reprlib.repr(text)} is no name: use {RULE}")
+        raise ValueError(f"{reprlib.repr(text)} is not a valid name: use {RULE}")
     return text
 
 

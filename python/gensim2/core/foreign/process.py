@@ -43,9 +43,9 @@ class Bounds:
     """Resource limits of a reader.
 
     Attributes:
-        memory: memory beyond its use at the start, bytes.
+        memory: memory that the reader may allocate after its start, bytes.
         cpu_s: CPU time, s.
-        file_size: limit on written files, the same as the caller's.
+        file_size: size limit of files that the reader writes, bytes; the caller's own limit.
     """
 
     memory: int
@@ -74,17 +74,17 @@ def isolated(
     progress: Progress,
     preload: tuple[str, ...] = (),
 ) -> Result:
-    """Return ``function(*arguments, progress)``, run in a subprocess that ends with it.
+    """Run ``function(*arguments, progress)`` in a new subprocess with limited resources and return the result.
 
     A script that calls this must do so below ``if __name__ == "__main__":``, as for all worker processes.
 
     Args:
-        function: function that can be pickled, as its arguments and its result; a ``GenSim2Error`` or ``OSError`` that
-            it raises is raised here.
-        source: file or folder that it reads, for errors.
+        function: function to run; the function, its arguments and its result must be picklable. A ``GenSim2Error`` or
+            ``OSError`` of the function is raised again in the caller.
+        source: file or folder that the function reads, for error messages.
         bounds: resource limits.
-        progress: progress listener, which gets the function's progress.
-        preload: modules that it needs.
+        progress: listener that receives the function's progress.
+        preload: modules that the function needs; worker processes import them before they start.
 
     Raises:
         InputError: the subprocess crashed or exceeded a limit.
@@ -117,7 +117,7 @@ def isolated(
 
 
 class _Told:
-    """Progress listener that sends everything to the waiting process."""
+    """Progress listener that sends the progress from the subprocess to the waiting caller."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection

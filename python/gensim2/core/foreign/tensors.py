@@ -23,7 +23,7 @@ MAX_HEADER = 4 * 2**20  # bytes; a thousand tensors need about 100,000
 
 
 class Shape(NamedTuple):
-    """Data type of a tensor, by safetensors' name, and its shape."""
+    """Data type (safetensors' name, for example ``F32``) and shape of a tensor."""
 
     dtype: str
     shape: tuple[int, ...]
@@ -61,7 +61,7 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
     except OSError as error:
         raise InputError(why(error), file=path, remedy=remedy) from error
     if header > MAX_HEADER:
-        raise InputError(f"has a header of {header} bytes", file=path, remedy=remedy)
+        raise InputError(f"has a header of {header} bytes, more than {MAX_HEADER}", file=path, remedy=remedy)
     found = {}
     with read_by_library(path, remedy, "is damaged"), safe_open(path, "pt") as file:
         for name in file.keys():  # noqa: SIM118 - not a mapping
@@ -72,13 +72,13 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
-    """Restrict new PyTorch weights in this thread to the given shapes, each as often as it occurs.
+    """Let this thread create PyTorch weights only as listed in ``shapes``, each shape at most as often as listed.
 
-    So a configuration that asks for more memory than its file has weights fails at the first excess weight, before the
-    tensor is filled.
+    A configuration that describes a larger model than its weights file then fails at the first excess weight, before
+    the memory is filled.
 
     Raises:
-        InputError: the module has another weight.
+        InputError: the module creates a weight that ``shapes`` does not list.
     """
     from torch.nn.modules import module
 
@@ -101,7 +101,7 @@ def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str
     """Check that a file has exactly the expected tensors.
 
     Raises:
-        InputError: names the first tensor that is missing, unknown or of another type or shape.
+        InputError: a tensor is missing, unknown, or of a wrong type or shape; the message names the first one.
     """
     for name, shape in expected.items():
         if found.get(name) != shape:
@@ -113,7 +113,7 @@ def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str
 
 
 def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[str, torch.Tensor]:
-    """Read the tensors in a file by name; check their shapes (:func:`read_shapes`) before.
+    """Return the tensors of a file by name; call :func:`read_shapes` and check the shapes first.
 
     Args:
         path: the file.
@@ -122,7 +122,7 @@ def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[s
         remedy: remedy for the error message.
 
     Raises:
-        InputError: the file cannot be read, has another digest, or has a number that is not finite.
+        InputError: the file cannot be read, has a wrong digest, or contains NaN or infinity.
     """
     from safetensors.torch import load
 

@@ -85,7 +85,7 @@ def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
 
 
 def why(error: OSError) -> str:
-    """Return the message of an error of :func:`read_regular`, to follow the file's name."""
+    """Return the reason why :func:`read_regular` failed, as text to print after the file's name."""
     if isinstance(error, NotRegularError | TooLargeError):
         return str(error)
     return f"cannot be read: {error.strerror or error}"
@@ -95,7 +95,7 @@ def refuse_special(found: os.stat_result) -> None:
     """Refuse anything but a regular file.
 
     Raises:
-        NotRegularError: says what it is.
+        NotRegularError: the path is a folder, pipe, socket or device; the message says which.
     """
     if not stat.S_ISREG(found.st_mode):
         kind = _KINDS.get(stat.S_IFMT(found.st_mode), "something else")
@@ -103,7 +103,7 @@ def refuse_special(found: os.stat_result) -> None:
 
 
 class Reference(NamedTuple):
-    """Where a file's name was found: a file of the folder, and the field in it."""
+    """Place that names a file: another file in the folder, and the field in that file."""
 
     file: str
     field: str
@@ -138,7 +138,7 @@ class ForeignTree:
             remedy = {NotRegularError: _PUT_A_FILE, TooLargeError: "make it smaller"}.get(type(error))
             raise self._error(why(error), name, named_by, remedy) from error
         except ValueError as error:
-            raise self._error("is no file name", repr(name), named_by) from error
+            raise self._error("is not a file name", repr(name), named_by) from error
 
     def inside(self, name: str, named_by: Reference | None = None) -> Path:
         """Return the path of ``name``, relative to the folder, after a check that it lies inside.
@@ -169,7 +169,7 @@ class ForeignTree:
 
         Args:
             to: an existing folder.
-            leave_out: name of folders that are not copied.
+            leave_out: subfolders with this name are not copied.
         """
         for name in self.sizes():
             if leave_out not in Path(name).parts:
@@ -181,14 +181,14 @@ class ForeignTree:
         """Return the relative paths of everything except folders, sorted; links are not followed.
 
         Raises:
-            InputError: there are too many, or a folder cannot be read.
+            InputError: the folder has too many files, or a folder cannot be read.
         """
         found: list[tuple[str, ...]] = []
         for path in self._walk(self.path / under):
             found.append(path.relative_to(self.path).parts)
             if len(found) > self.MAX_FILES:
                 raise self.ERROR(
-                    f"holds over {self.MAX_FILES} files", file=self.path, remedy="remove what is not its own"
+                    f"holds over {self.MAX_FILES} files", file=self.path, remedy="remove files that do not belong there"
                 )
         return [str(Path(*parts)) for parts in sorted(found)]
 
@@ -198,8 +198,8 @@ class ForeignTree:
         Libraries that open files themselves may read a folder that passed this check.
 
         Raises:
-            InputError: there is a link, a special file, too many files, a file that is too large, or too deeply nested
-                folders; names the first.
+            InputError: the folder contains a link, a special file, too many files, a file that is too large, or folders
+                nested too deeply; the message names the first problem.
         """
         found: dict[str, int] = {}
         waiting = [(self.path, "", 0)]
@@ -212,7 +212,7 @@ class ForeignTree:
                         status = entry.stat(follow_symlinks=False)
                         if stat.S_ISDIR(status.st_mode):
                             if depth >= MAX_DEPTH:
-                                raise self._error(f"has over {MAX_DEPTH} folders inside each other", name, None)
+                                raise self._error(f"is nested more than {MAX_DEPTH} folders deep", name, None)
                             waiting.append((folder / entry.name, f"{name}/", depth + 1))
                             continue
                         if not stat.S_ISREG(status.st_mode):
@@ -222,7 +222,7 @@ class ForeignTree:
                             raise self._error(f"is larger than {megabytes(MAX_FILE_BYTES)}", name, None)
                         found[name] = status.st_size
                         if len(found) > self.MAX_FILES:
-                            remedy = "remove what is not its own"
+                            remedy = "remove files that do not belong there"
                             raise self.ERROR(f"holds over {self.MAX_FILES} files", file=self.path, remedy=remedy)
             except OSError as error:
                 raise self.ERROR(f"cannot be read: {error.strerror or error}", file=folder) from error
@@ -232,7 +232,7 @@ class ForeignTree:
         """Refuse symbolic links that lead out of the folder, because writing through them would change other files.
 
         Raises:
-            InputError: names the first link.
+            InputError: a link leads out of the folder; the message names the first one.
         """
         for path in self._walk(self.path):
             if path.is_symlink() and not _inside(path, self.path):

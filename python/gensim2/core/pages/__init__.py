@@ -1,4 +1,4 @@
-"""HTML pages: packages have their own templates, and this one has the common layout and style."""
+"""Render HTML pages: this package has the common layout and style, and other packages add their own templates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 @cache
 def template(package: str, name: str) -> Template:
-    """Return a template in ``templates/`` of a package; it may use ``base.html.j2`` and ``parts.html.j2``.
+    """Return a template from a package's ``templates/``; it may use the shared ``base.html.j2`` and ``parts.html.j2``.
 
     Every page is one file that loads nothing except files beside it.
     """

@@ -1,4 +1,4 @@
-"""Run jobs in other processes; jobs of lost processes run again, and jobs may finish in any order."""
+"""Run jobs in worker processes; a job whose process dies runs again, and jobs may finish in any order."""
 
 from gensim2.core.processes.execution import Execution, ExecutionArguments
 from gensim2.core.processes.executor import (

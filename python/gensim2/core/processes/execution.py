@@ -1,4 +1,4 @@
-"""Settings of how jobs are executed."""
+"""Settings for running jobs: number of workers, time limit, Ray cluster."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ExecutionArguments(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Execution:
-    """How jobs are executed; values are checked at construction.
+    """Checked settings for running jobs.
 
     Attributes:
         workers, ray, time_limit, jobs_per_worker: see :class:`ExecutionArguments`.

@@ -85,7 +85,7 @@ class Outcome(Generic[Result]):
 
 
 HOPELESS = 3
-"""Number of jobs that could not be run, without one that could, after which the remaining jobs are given up."""
+"""If this many jobs fail in all attempts before any job finishes, the remaining jobs are not tried."""
 
 
 class Tries:
@@ -94,10 +94,10 @@ class Tries:
     Args:
         jobs: jobs of the call.
         on_failure: callback for each failed attempt, even if a later one succeeds.
-        ran: whether a job of an earlier call could be run.
+        ran: whether any job finished in an earlier call.
 
     Attributes:
-        ran: whether a job could be run, in this call or before.
+        ran: whether any job has finished, in this call or an earlier one.
     """
 
     def __init__(
@@ -129,11 +129,11 @@ class Tries:
             return None
 
     def number(self, job: Job) -> int:
-        """Return the number of the job's present attempt, from 1."""
+        """Return the number of the current attempt of ``job``, counted from 1."""
         return len(self._failures.get(job.index, ())) + 1
 
     def over(self, job: Job, found: Outcome[Any] | Failure) -> list[Outcome[Any]]:
-        """Process the outcome of an attempt and return the outcomes of jobs that are now finished."""
+        """Record the outcome of an attempt, and return the outcomes of all jobs that it finishes."""
         if isinstance(found, Failure):
             return self._failed(found, job)
         self.ran = True

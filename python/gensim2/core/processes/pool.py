@@ -1,8 +1,8 @@
 """Worker processes on this machine that share nothing.
 
 Each simulator needs its own process, because SAPIEN runs one environment per process on the CPU. Workers are forked
-from a server that has imported all modules but executed nothing. They start as clean as spawned processes, but in a
-tenth of a second instead of eight, so that a worker can be replaced at little cost.
+from a server that has imported all modules but executed nothing. Forked workers have no state of the parent, like
+spawned processes, but start in 0.1 s instead of 8 s, so that replacing a worker costs little.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ START_LIMIT = 300.0
 
 
 class Worker:
-    """One worker process and its present job; the process starts with its first job."""
+    """One worker process and its current job; the process is started for the first job."""
 
     def __init__(self, time_limit: float, jobs: int, prepare: Callable[[], object] | None = None) -> None:
         self._time_limit, self._jobs, self._prepare = time_limit, jobs, prepare
@@ -67,18 +67,18 @@ class Worker:
         return self._since + (self._time_limit if self._ready else START_LIMIT)
 
     def send(self, job: Job, function: Callable[..., Any], *, fresh: bool) -> None:
-        """Start a job; with ``fresh`` in a new process."""
+        """Start a job; ``fresh`` starts a new process for the job."""
         payload = pickle.dumps((function, job.arguments))  # fails in the caller instead of in a worker
         if fresh or self._served >= self._jobs or self._process is None or not self._process.is_alive():
             self.stop()
             self._start()
         self._job, self._since = job, time.monotonic()
-        # If the worker has just died, its connection ends, which counts as a failure of this job.
+        # If the worker has just died, sending fails, and ``receive`` reports the failed attempt.
         with contextlib.suppress(OSError):
             self.connection.send_bytes(payload)
 
     def receive(self, number: int) -> Outcome[Any] | Failure | None:
-        """Return the outcome of attempt ``number``, or None if the worker only reports that it is ready.
+        """Return the outcome of attempt ``number``, or None if the worker's message only says that the worker is ready.
 
         Raises:
             WorkerStartError: the process ended before its first job.
@@ -98,7 +98,7 @@ class Worker:
         return found
 
     def give_up(self, number: int, reason: str | None = None) -> Failure:
-        """End the process and return the failure; the default reason is that the job took too long."""
+        """Kill the process and return the failure of attempt ``number``; the default reason is a timeout."""
         assert self._job is not None
         index = self._job.index
         too_long = f"took longer than {self._time_limit:g} s" if self._ready else f"did not start in {START_LIMIT:g} s"
@@ -141,11 +141,11 @@ class Worker:
 def start_process(
     target: Callable[..., None], arguments: tuple[Any, ...], *, duplex: bool = True
 ) -> tuple[BaseProcess, Connection]:
-    """Start a worker process; return it and our end of the connection, which closes when the process dies.
+    """Start a worker process; return it and the parent's end of the connection, which closes when the process dies.
 
     Args:
-        target: body of the process, called with its end of the connection and ``arguments``.
-        duplex: whether we also send.
+        target: function that the process runs, called with the process's end of the connection and ``arguments``.
+        duplex: whether the parent also sends.
 
     Raises:
         WorkerStartError: the process cannot be started.
@@ -167,7 +167,7 @@ def start_process(
             raise
         finally:
             theirs.close()  # so that the worker's death ends the connection
-    raise AssertionError("a last try returns or raises")
+    raise AssertionError("unreachable: the last attempt returns or raises")
 
 
 def preload_modules(modules: Sequence[str]) -> None:

@@ -62,7 +62,7 @@ def check_address(address: str) -> None:
 
 
 class _Environment:
-    """Body of an actor, which imports modules, prepares the environment, and runs jobs."""
+    """Ray actor that imports modules, prepares its environment, and runs jobs."""
 
     def __init__(self, path: Sequence[str], modules: Sequence[str], prepare: bytes) -> None:
         sys.path.extend(folder for folder in path if folder not in sys.path)  # jobs are functions by name
@@ -127,7 +127,7 @@ def _keep_alive(connection: socket.socket) -> None:
 
 
 class _Place:
-    """One actor and its present job."""
+    """One actor and its current job."""
 
     def __init__(self, actor: Any) -> None:
         self.actor = actor
@@ -145,7 +145,8 @@ class _Place:
 class RayPool(Executor):
     """Executor on Ray.
 
-    In addition to the running actors one more waits to be placed, up to ``workers``, so that Ray uses new nodes.
+    While there are fewer than ``workers`` actors, one extra actor is always requested; Ray starts it on the next node
+    that joins.
 
     Args:
         address: ``"local"`` for a new cluster on this machine, ``"auto"`` or ``HOST:PORT`` for an existing one.
@@ -217,7 +218,7 @@ class RayPool(Executor):
                 self._end(place)
 
     def _grow(self) -> None:
-        """Keep one actor for each initial CPU, and one more that waits for a new CPU."""
+        """Request actors: one for each initial CPU, and one extra that Ray starts when a CPU becomes free."""
         waits = any(not place.is_ready for place in self._places)
         wanted = max(self._first, len(self._places) + (not waits))
         while len(self._places) < min(wanted, self._most):
@@ -261,7 +262,7 @@ class RayPool(Executor):
             self._failed_starts += 1
             if self._failed_starts >= TRIES * self._first:
                 words = " ".join(str(error).split())
-                raise WorkerStartError(f"actors of the Ray cluster end before their first job: {words}") from error
+                raise WorkerStartError(f"actors of the Ray cluster die before their first job: {words}") from error
 
     def _received(self, place: _Place, job: Job, number: int) -> Outcome[Any] | Failure:
         """Return the outcome of an actor's job; a failure ends the actor."""
@@ -314,5 +315,5 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment variables that may affect a job's result, and limits to one thread."""
+    """Return environment variables for workers: those that may affect a job's result, and limits to one thread."""
     return {**{name: value for name, value in os.environ.items() if name.startswith("GENSIM2_")}, **SINGLE_THREADED}

@@ -28,7 +28,7 @@ def arrow_modules() -> tuple[ModuleType, ModuleType]:
 
 
 def column_type(arrow: ModuleType, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Any:
-    """Return the Arrow type of a column: numbers, or nested lists of numbers."""
+    """Return the Arrow type of a column of arrays of ``shape``: a number type, or nested lists of numbers."""
     found = arrow.from_numpy_dtype(dtype)
     for _ in shape if shape != (1,) else ():
         found = arrow.list_(found)
@@ -51,7 +51,7 @@ def to_array(column: Any, shape: tuple[int, ...]) -> Array:
     """Convert a column of nested lists to one array, without creating Python objects for the numbers.
 
     Raises:
-        ValueError: a number is missing, or a list has another length than the others.
+        ValueError: a number is missing, or a list has a wrong length.
     """
     found = column.combine_chunks()
     for size in shape if shape != (1,) else ():

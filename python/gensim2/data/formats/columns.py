@@ -71,7 +71,7 @@ def camera_array(camera: str, what: str) -> str:
 
 
 def column_of(array: str) -> str | None:
-    """Return the column of a camera's array; None if it has no column.
+    """Return the column name of a camera's array; None if the array is not exported.
 
     Raises:
         InputError: the camera's name is invalid.
@@ -84,11 +84,11 @@ def column_of(array: str) -> str | None:
 
 
 def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False) -> dict[str, npt.NDArray[Any]]:
-    """Return the columns of an observation file's arrays, without proprioception.
+    """Convert the arrays of an observation file, except proprioception, to columns.
 
     Args:
         arrays: arrays by name; ``pointcloud/xyz`` in m.
-        known: the cloud consists of keypoints and becomes ``environment_state``.
+        known: whether the point cloud consists of keypoints; such a cloud becomes ``environment_state``.
     """
     found: dict[str, npt.NDArray[Any]] = {}
     if (points := arrays.get(XYZ)) is not None:
@@ -102,7 +102,7 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
 
 def array_of(column: str) -> str | None:
-    """Return the camera array of a column; None for other columns."""
+    """Return the name of the camera array behind a column; None for a column without a camera."""
     for what, prefix in _PREFIXES.items():
         if column.startswith(prefix):
             return camera_array(column.removeprefix(prefix), what)
@@ -124,7 +124,7 @@ def column_in_lerobot(name: str) -> str | None:
 
 
 def current(camera: str) -> str:
-    """Return a camera's present name; old exports have ``cameras/left`` for ``left``."""
+    """Return a camera's current name; old exports call the camera ``left`` ``cameras/left``."""
     return camera.removeprefix(f"{_CAMERAS}/")
 
 

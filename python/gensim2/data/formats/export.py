@@ -1,8 +1,7 @@
 """Export a data set to other formats.
 
 An export to LeRobot or zarr has the data that policies learn from. Its folder ``gensim2/`` has the original episodes,
-which are a hundred times smaller than point clouds. With them the data can be rendered with other cameras, replayed,
-and imported again.
+which are a hundred times smaller than point clouds and allow rendering with other cameras, replay, and import.
 """
 
 from __future__ import annotations
@@ -57,8 +56,8 @@ def export(
             ``"zarr"``: zarr in the layout of Diffusion Policy.
         selection: filter of the episodes.
         observations: include rendered point clouds and images.
-        assets: present folder of the data set's objects, for ManiSkill and for selections by clearance; None: the
-            recorded folder.
+        assets: current folder of the object library, needed for ManiSkill and for selections by clearance; None: the
+            folder recorded in the data set.
 
     Raises:
         InputError: an argument or a file cannot be used.
@@ -88,7 +87,7 @@ def export(
 
 
 def check_apart(path: Path, out: Path, what: str) -> None:
-    """Refuse an output folder that is the input folder or lies in it.
+    """Check that the output folder is not the input folder or inside the input folder.
 
     Raises:
         InputError: the output folder is not outside the input folder.
@@ -130,7 +129,7 @@ def _frames(
             seen.add(observation is not None)
             if len(seen) > 1:
                 remedy = "finish `gensim2 render` with --resume, or export with --no-observations"
-                raise InputError("some episodes have observations, others none", file=store.folder, remedy=remedy)
+                raise InputError("only some of the episodes have observations", file=store.folder, remedy=remedy)
             if observation is not None:
                 table.add(store.name, row.index, observation)
             if observation is None:
@@ -153,7 +152,7 @@ def _export_zarr(episodes: Iterator[Frames], out: Path) -> None:
 
 
 def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
-    """Copy the selected episodes as a data set of their own."""
+    """Copy the selected episodes into a new data set."""
     for store, rows in chosen:
         folder = TaskStore(out / store.name)
         (folder.folder / "episodes").mkdir(parents=True)
@@ -167,6 +166,6 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """Return the record of the selected episodes, marked as incomplete because episodes may be missing."""
+    """Return the record for ``dataset.json``, marked incomplete because episodes were left out."""
     tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
     return dataset.record.model_copy(update={"tasks": tasks, "complete": False})

@@ -1,4 +1,4 @@
-"""An episode as frames: observation and action at each control step. All frame formats store these."""
+"""Convert an episode to frames, each an observation and an action, which the frame-based export formats store."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EPISODE_COLUMNS = ("state", "action", "reward", "success", "done")
 
 @dataclass(frozen=True)
 class Frames:
-    """T frames of one episode; frame t has the observation on which action t was taken.
+    """T frames of one episode; frame t has the observation before action t.
 
     Attributes:
         sentence: instruction of the task.
@@ -51,10 +51,10 @@ def frames_of(
 
     Args:
         observation: (T + 1, ...) arrays of the episode's observation file; the last row has no action and is dropped.
-        known: whether the cloud consists of keypoints; it then becomes ``environment_state``.
+        known: whether the point cloud consists of keypoints; such a cloud becomes ``environment_state``.
 
     Raises:
-        InputError: the episode is of another robot, or its observations have another number of steps.
+        InputError: the episode was recorded with another robot, or its observations have a wrong number of steps.
     """
     steps = recording.steps
     states = recording.env_states.get("articulations", {}).get(profile.agent)
@@ -62,7 +62,7 @@ def frames_of(
     if states is None or states.shape[1] != FIRST_JOINT + 2 * joints:
         raise InputError(f"holds no states of the robot {profile.name}", field=f"articulations.{profile.agent}")
     if recording.actions.shape[1] != len(profile.arm_joints) + 1:
-        raise InputError(f"has {recording.actions.shape[1]} numbers, not those of {profile.name}", field="actions")
+        raise InputError(f"has {recording.actions.shape[1]} numbers, which do not fit {profile.name}", field="actions")
     own: dict[str, list[Array]] = {name: [] for name in PROPRIOCEPTION}
     for step in range(steps):
         positions, velocities = np.split(states[step, FIRST_JOINT : FIRST_JOINT + 2 * joints], 2)

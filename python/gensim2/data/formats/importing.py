@@ -4,7 +4,7 @@ A ManiSkill export has all data in its trajectories. A LeRobot or zarr export ha
 beside them; an import takes the episodes and checks that the frames agree with them.
 
 An export may be untrusted. Its files are listed and compared with its manifest before any of them is parsed, in a
-process with limited memory. The number of imported episodes is counted by reading the new data set.
+process with limited memory. The number of imported episodes is then counted from the new data set.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROG
     Args:
         path: folder of the export.
         out: new or empty folder of the data set.
-        of: format of the export.
+        of: format of the export: ``"maniskill"``, ``"lerobot"`` or ``"zarr"``.
 
     Raises:
-        InputError: a folder or a file in it cannot be used, or the frames differ from the episodes.
+        InputError: a folder or file cannot be used, or the frames do not match the episodes.
         WriteError: the disk is full, or the folder cannot be written to.
         MissingExtraError: the format's library is not installed.
     """
@@ -121,7 +121,7 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """Return the name of the first difference, or None; of clouds and images only the number of frames is compared."""
+    """Return what differs first, or None; compare clouds and images only by their number of frames."""
     if ours.sentence != theirs.sentence:
         return "the sentence"
     for name in EPISODE_COLUMNS:

@@ -51,7 +51,7 @@ INDICES = {
 
 @dataclass(frozen=True)
 class Totals:
-    """Running sums for elementwise statistics of any number of frames."""
+    """Running sums from which elementwise statistics of any number of frames follow."""
 
     count: int
     low: Array
@@ -61,7 +61,7 @@ class Totals:
 
     @staticmethod
     def of(values: Array, picture: bool) -> Totals:
-        """Return the sums of frames (T, ...); of images by channel, scaled to 0 to 1, as in LeRobot."""
+        """Return the sums over frames (T, ...); images are scaled to 0..1 and summed by channel, as in LeRobot."""
         found = np.asarray(values, dtype=np.float64)
         if picture:
             found = found.reshape(-1, found.shape[-1]) / 255.0
@@ -91,18 +91,18 @@ class Totals:
 
 
 def thinned(pictures: Array) -> Array:
-    """Return a subset of an episode's images for its statistics."""
+    """Return the subset of an episode's images that its statistics are computed from."""
     return np.asarray(pictures)[:: max(1, len(pictures) // 20)]
 
 
 @dataclass(frozen=True)
 class Feature:
-    """One column other than the indices.
+    """A data column of a LeRobot data set; index columns are not features.
 
     Attributes:
         dtype: NumPy data type; ``"video"`` for images, which are stored as one mp4 for each camera.
         shape: shape of one frame.
-        names: names of the numbers or axes.
+        names: names of the vector's elements, or of the image's axes.
     """
 
     dtype: str
@@ -111,7 +111,7 @@ class Feature:
 
     @property
     def is_video(self) -> bool:
-        """Whether frames are images, (H, W, 3) uint8."""
+        """Whether the feature is an image, (H, W, 3) uint8."""
         return self.dtype == "video"
 
 
@@ -157,7 +157,7 @@ class LeRobotWriter:
 
         Args:
             task: instruction of the task.
-            frames: (T, *shape) of every feature.
+            frames: array (T, *shape) of every feature, by name.
 
         Raises:
             InputError: a feature is missing or has another shape.
@@ -201,7 +201,7 @@ class LeRobotWriter:
         self._frames += length
 
     def finish(self) -> None:
-        """Write the files that depend on all episodes; the data set is readable afterwards."""
+        """Write the files that summarize all episodes, which make the data set readable."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -228,12 +228,12 @@ class LeRobotWriter:
         lengths = set()
         for name, feature in self._features.items():
             if name not in frames:
-                raise InputError("an episode lacks it", field=name)
+                raise InputError("is missing in an episode", field=name)
             if frames[name].shape[1:] != feature.shape:
                 raise InputError(f"has the shape {frames[name].shape[1:]}, not {feature.shape}", field=name)
             lengths.add(len(frames[name]))
         if len(lengths) != 1 or not min(lengths):
-            raise InputError(f"features have {sorted(lengths)} frames", field="frames")
+            raise InputError(f"all features must have the same number of frames, not {sorted(lengths)}", field="frames")
         return lengths.pop()
 
     def _write(self, columns: Mapping[str, Array]) -> None:
@@ -269,7 +269,7 @@ class LeRobotWriter:
         }
 
     def _task_table(self) -> Any:
-        """Return the table of tasks, with the metadata by which pandas recognizes the instructions as its index."""
+        """Return the table of tasks; its metadata lets pandas use the instructions as the index."""
         table = self._arrow.table({"task_index": list(self._tasks.values()), INDEX_NAME: list(self._tasks)})
         columns = [
             {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}

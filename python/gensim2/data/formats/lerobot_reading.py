@@ -47,9 +47,9 @@ class _Info(BaseModel):
 
 
 def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
-    """Yield instruction and columns of each episode of a LeRobot data set, by index and without images.
+    """Yield the instruction and the columns (except images) of each episode of a LeRobot data set, ordered by index.
 
-    Scalar columns are (T,), all others (T, *shape).
+    Scalar columns have shape (T,), all others (T, *shape).
 
     Raises:
         InputError: the folder is not a LeRobot v3.0 data set, or is damaged.
@@ -97,7 +97,7 @@ def _read_info(tree: ForeignTree) -> _Info:
 
 
 def _sentences(parquet: Any, path: Path) -> dict[int, str]:
-    with read_by_library(path, REMEDY, "is no list of tasks that can be read"):
+    with read_by_library(path, REMEDY, "is not a readable list of tasks"):
         file = parquet.ParquetFile(path)
         if file.metadata.num_rows > MAX_TASKS:
             raise InputError(f"has more than {MAX_TASKS} tasks", file=path, remedy=REMEDY)

@@ -1,7 +1,8 @@
-"""``gensim2.json`` of an export: size and digest of every file, to detect changes.
+"""Read and write ``gensim2.json``, the manifest of an export: size and digest of every file, to detect changes.
 
-The manifest is checked before any other file is parsed. The card, ``README.md``, may be edited; unlisted files are not
-read. Exports of older versions of gensim2 have no manifest; their clouds, images and depth are not checked.
+The manifest is checked before any other file is parsed. Changes of the card, ``README.md``, are allowed; files that the
+manifest does not list are not read. Exports of older versions of gensim2 have no manifest; their clouds, images and
+depth are not checked.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class Manifest(_Record):
     Attributes:
         format: format of the export.
         episodes: number of episodes.
-        files: files by path, with slashes.
+        files: record of each file, by its path with forward slashes.
     """
 
     schema_version: Literal[1] = MANIFEST_SCHEMA
@@ -65,7 +66,7 @@ def write_manifest(out: Path, kind: Format, episodes: int) -> None:
     """Write the manifest of a finished export.
 
     Raises:
-        WriteError: it cannot be written.
+        WriteError: the manifest cannot be written.
     """
     files = {
         name: {"size": size, "sha256": _digest(out / name)} for name, size in sorted(ForeignTree(out).sizes().items())
@@ -77,10 +78,10 @@ def write_manifest(out: Path, kind: Format, episodes: int) -> None:
 
 
 def check_format(path: Path, sizes: Mapping[str, int], kind: Format) -> None:
-    """Check that a manifest, if there is one, states the format ``kind``.
+    """Check that the export's manifest, if it exists, states the format ``kind``.
 
     Args:
-        sizes: sizes of the export's files (:meth:`~gensim2.core.foreign.tree.ForeignTree.sizes`).
+        sizes: size of each file in the export (:meth:`~gensim2.core.foreign.tree.ForeignTree.sizes`).
 
     Raises:
         InputError: the export has another format.
@@ -92,10 +93,10 @@ def check_format(path: Path, sizes: Mapping[str, int], kind: Format) -> None:
 
 
 def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
-    """Compare an export with its manifest and return the manifest; None if there is none.
+    """Compare an export with its manifest and return the manifest; None if the export has no manifest.
 
     Args:
-        sizes: sizes of the export's files (:meth:`~gensim2.core.foreign.tree.ForeignTree.sizes`).
+        sizes: size of each file in the export (:meth:`~gensim2.core.foreign.tree.ForeignTree.sizes`).
 
     Raises:
         InputError: a file is missing or was changed.
@@ -105,7 +106,7 @@ def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
         return None
     for name, record in manifest.files.items():
         if name not in sizes:
-            raise InputError("lists a file that is not there", file=path / MANIFEST, field=name, remedy=REMEDY)
+            raise InputError("lists a file that does not exist", file=path / MANIFEST, field=name, remedy=REMEDY)
         if sizes[name] != record.size or _digest(path / name) != record.sha256:
             raise InputError("was changed since it was exported", file=path / name, remedy=REMEDY)
     return manifest

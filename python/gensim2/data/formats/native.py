@@ -1,4 +1,4 @@
-"""Original episodes in an export: copy and check an untrusted data set."""
+"""Copy and check the original episodes in an export, which may be untrusted."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def copy_native(source: Path, out: Path) -> None:
 
 
 def read_back(dataset: DataSet, progress: Progress) -> Iterator[Read]:
-    """Read every episode of a copied data set, all of which must be successful, and yield it.
+    """Yield every episode of a copied data set, and check that each is valid and successful.
 
     Raises:
         InputError: a task, strategy, row or episode is missing or invalid, or an episode failed.
@@ -65,7 +65,7 @@ def read_back(dataset: DataSet, progress: Progress) -> Iterator[Read]:
         store = dataset.task(name)
         spec = store.spec()
         if spec.name != name:
-            raise InputError(f"is {spec.name!r} in the folder {name!r}", file=store.folder / TASK_FILE, field="name")
+            raise InputError(f"is {spec.name!r}, must be {name!r}", file=store.folder / TASK_FILE, field="name")
         load_strategies_beside(store.folder, spec)
         progress.start(f"read back {name}")
         for row in store.rows():

@@ -1,11 +1,11 @@
-"""Write a zarr folder in the layout of Diffusion Policy and DP3: frames of all episodes in sequence.
+"""Write a zarr folder in the layout of Diffusion Policy and DP3: the frames of all episodes concatenated.
 
     data/<key>          (frames, ...), one array per key: state, action, point_cloud, ...
     meta/episode_ends   (episodes,) int64: number of frames up to the end of each episode
     meta/task           (episodes,) int64: index into the group's attribute ``tasks``, the instructions
 
-The files have zarr format 2, which both major versions of the library read. One episode is in memory at a time. The
-module ``zarr_reading`` reads such folders.
+The files use zarr format 2, which both versions 2 and 3 of the zarr library read. One episode is in memory at a time.
+The module ``zarr_reading`` reads such folders.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class ZarrWriter:
             InputError: a key is missing, new or invalid, or has another shape.
         """
         if self._arrays and frames.keys() != self._arrays.keys():
-            raise InputError(f"has {sorted(frames)}, not {sorted(self._arrays)}", field="frames")
+            raise InputError(f"has the keys {sorted(frames)}, not {sorted(self._arrays)}", field="frames")
         for key, values in frames.items():
             if key not in self._arrays:
                 self._arrays[key] = self._created(checked_name(key, field="frames"), values)
@@ -97,7 +97,7 @@ class ZarrWriter:
 
 
 def _finish_writing() -> None:
-    """Wait for zarr's pending chunks after one failed; they would recreate a folder that is removed now."""
+    """Wait for zarr's pending writes after one failed; otherwise they would recreate the folder after its removal."""
     from zarr.core.sync import sync
 
     async def others() -> None:

@@ -1,4 +1,4 @@
-"""Metadata of an export's observations: spec, cameras, and meaning of segmentation ids."""
+"""Write the metadata of exported observations: spec, cameras, and the meaning of segmentation ids."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SPEC = ("modalities", "cameras", "cloud")
 
 
 class SeenTable:
-    """Collects ``observations.json`` from the episodes of an export in order.
+    """Collects the contents of ``observations.json`` from the episodes of an export in order.
 
     ``observations.json`` has ``spec``; ``cameras`` with ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4), or
     for cameras on the robot ``T_link_camera`` and ``link``; ``tables`` with object and link by segmentation id; and
@@ -33,7 +33,7 @@ class SeenTable:
         """Add an episode.
 
         Raises:
-            InputError: it was rendered with other settings than the episodes before.
+            InputError: the episode was rendered with other settings than earlier episodes.
         """
         description, arrays = observation.description, observation.arrays
         spec = {name: description.get(name) for name in _SPEC}
@@ -57,7 +57,7 @@ class SeenTable:
         self._episodes.append({"task": task, "index": index, "table": self._tables.index(ids) if ids else None})
 
     def write(self, folder: Path) -> None:
-        """Write the file if there are observations."""
+        """Write ``observations.json`` unless no episode has observations."""
         if self._spec is None:
             return
         found = {"spec": self._spec, "cameras": self._cameras, "tables": self._tables, "episodes": self._episodes}

@@ -17,8 +17,8 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
     """Write episodes as a LeRobot data set, without depth and segmentation, which LeRobot cannot store.
 
     Args:
-        episodes: at least one, all with the same columns.
-        out: folder.
+        episodes: frames of each episode; at least one episode, all with the same columns.
+        out: new or empty output folder.
 
     Raises:
         InputError: episodes have different columns.
@@ -47,7 +47,7 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
 
 
 def lerobot_frames(root: Path) -> Iterator[Frames]:
-    """Yield the episodes of a LeRobot data set with our column names, without images.
+    """Yield the episodes of a LeRobot data set under gensim2's column names, without images.
 
     Raises:
         InputError: the folder is not a LeRobot data set of this version.

@@ -1,4 +1,4 @@
-"""Import ManiSkill trajectories of :func:`~gensim2.data.trajectory.write_trajectory`."""
+"""Import ManiSkill trajectories that :func:`~gensim2.data.trajectory.write_trajectory` wrote."""
 
 from __future__ import annotations
 
@@ -71,13 +71,13 @@ class _Trajectory(BaseModel):
 
 
 def take_apart(tree: ForeignTree, sizes: Mapping[str, int], out: Path, progress: Progress) -> None:
-    """Write the data set of exported trajectories into a folder.
+    """Convert exported trajectories back to a data set in the folder ``out``.
 
     Args:
         sizes: sizes of the export's files.
 
     Raises:
-        InputError: a file cannot be used; names file and episode.
+        InputError: a file cannot be used; the message names the file and the episode.
     """
     names = [name.split("/")[0] for name in sizes if name.count("/") == 1 and name.endswith(f"/{JSON_NAME}")]
     if not names:
@@ -103,13 +103,13 @@ def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) 
     if len(origin.indices) != len(document.episodes):
         raise InputError("differs in length from episodes", file=file, field="gensim2.indices", remedy=REMEDY)
     if any(later <= earlier for earlier, later in zip(origin.indices, origin.indices[1:], strict=False)):
-        raise InputError("must rise from episode to episode", file=file, field="gensim2.indices", remedy=REMEDY)
+        raise InputError("must increase from episode to episode", file=file, field="gensim2.indices", remedy=REMEDY)
     spec = parse_task(origin.task, str(file))
     if spec.name != name:
-        raise InputError(f"is {spec.name!r} in the folder {name!r}", file=file, field="gensim2.task.name")
+        raise InputError(f"is {spec.name!r}, must be {name!r}", file=file, field="gensim2.task.name")
     if set(origin.strategies) != set(strategies_of(spec)):
         other = sorted(set(origin.strategies) ^ set(strategies_of(spec)))[0]
-        raise InputError(f"are not those of the task: {other!r}", file=file, field="gensim2.strategies", remedy=REMEDY)
+        raise InputError(f"do not match the task: {other!r}", file=file, field="gensim2.strategies", remedy=REMEDY)
 
 
 def _write_task(document: _Trajectory, store: TaskStore, tree: ForeignTree, progress: Progress) -> None:

@@ -1,6 +1,6 @@
-"""Read zarr folders of :mod:`~gensim2.data.formats.replay_zarr`, which may be untrusted.
+"""Read untrusted zarr folders in the layout of :mod:`~gensim2.data.formats.replay_zarr`.
 
-Each array's description is checked first: the zarr library itself would accept pickled objects and 1e12 rows.
+Each array's metadata is checked first, because the zarr library would accept pickled objects and 1e12 rows.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
     """Yield the episodes of a zarr folder, including images and depth.
 
     Raises:
-        InputError: the folder is not such a data set, or is damaged.
+        InputError: the folder is not a zarr export of gensim2, or is damaged.
         MissingExtraError: zarr is not installed.
     """
     zarr_module()
@@ -88,7 +88,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
 
 
 def array_names(tree: ForeignTree) -> dict[str, str]:
-    """Return the path of each column's array, with present names for the nested folders of old exports."""
+    """Return the path of each column's array by current column name; old exports have nested folders."""
     found: dict[str, str] = {}
     for name in tree.sizes():
         parts = name.split("/")
@@ -115,7 +115,7 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """Open an array and check its number of frames and the size of its episodes."""
+    """Open an array and check its number of frames and the size of its longest episode."""
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:
         wrong = f"has {shown(found.shape)}, not the {frames} frames of meta/episode_ends"

@@ -1,6 +1,4 @@
-"""Language models as designers: they answer prompts with tasks and solver configs, which are validated and never
-executed.
-"""
+"""Use language models as designers: they answer prompts with tasks and solver configs as data, never executed as code."""
 
 from typing import TYPE_CHECKING
 
@@ -26,5 +24,5 @@ __all__ = [
     "model_options",
 ]
 
-# Lazy imports: a report can read recorded answers without the packages that contact a model.
+# Import lazily, so that a report can read recorded answers without the packages that contact a model.
 __getattr__ = lazy_names(__name__)

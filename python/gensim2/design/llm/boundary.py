@@ -1,4 +1,4 @@
-"""Read replies of an endpoint within one deadline, of bounded size, without keys or lone surrogates.
+"""Read replies of an endpoint with limits on time and size, and remove API keys and lone surrogates from them.
 
 An endpoint may be broken or untrusted. Answers, refusals, headers and protocol errors therefore pass through
 :class:`Boundary` before they are stored, printed or raised.
@@ -35,7 +35,7 @@ class Secret:
     """API key that prints as ``***``.
 
     Args:
-        value: the key as it is sent.
+        value: the key as sent to the endpoint.
     """
 
     def __init__(self, value: str) -> None:
@@ -50,7 +50,7 @@ class Secret:
         return bool(self._value)
 
     def reveal(self) -> str:
-        """Return the key itself; for the client only."""
+        """Return the key in clear text; only the client may call this."""
         return self._value
 
     @property
@@ -60,11 +60,11 @@ class Secret:
 
     @property
     def is_secret(self) -> bool:
-        """Return whether the key must be hidden; a placeholder may appear in any text."""
+        """Return whether the key must be hidden; a placeholder such as ``"EMPTY"`` need not be."""
         return len(self._value) >= SHORTEST and self._value.lower() not in DUMMIES
 
     def hidden_in(self, text: str) -> str:
-        """Replace the key in ``text`` by ``***``, in any case, also percent-encoded or with JSON escapes."""
+        """Replace the key in ``text`` by ``***``, in upper or lower case, also percent-encoded or JSON-escaped."""
         return self._spelled.sub(HIDDEN, text) if self.is_secret else text
 
     @cached_property
@@ -114,7 +114,7 @@ class Boundary:
         return whole if self._secret is None else self._secret.hidden_in(whole)
 
     def value(self, value: Any, depth: int = 0) -> Any:
-        """Return plain data with clean text; numbers that are not finite or exceed 64 bits become None.
+        """Return JSON data with cleaned texts; numbers that are not finite or exceed 64 bits become None.
 
         Raises:
             ValueError: the data is nested too deeply.
@@ -132,7 +132,7 @@ class Boundary:
         return value if not isinstance(value, int) or -LARGEST <= value < LARGEST else None
 
     def body(self, data: bytes) -> tuple[str, bytes]:
-        """Return content type and cleaned bytes of a reply: as JSON if it parses, else as text."""
+        """Return the content type and the cleaned bytes of a reply: JSON if the reply parses as JSON, else text."""
         try:
             return "application/json", json.dumps(self.value(json.loads(data))).encode()
         except (ValueError, RecursionError):
@@ -140,20 +140,20 @@ class Boundary:
 
 
 def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
-    """Return an ``httpx`` client that cleans replies and waits at most ``timeout`` seconds for a whole reply.
+    """Return an ``httpx`` client that cleans replies and waits at most ``timeout`` seconds for a complete reply.
 
     The client follows no redirects because the target may be untrusted.
 
     Args:
         httpx: the ``httpx`` module, which comes with an optional extra.
-        boundary: cleans replies and errors.
-        timeout: seconds for one reply, from the lookup of the host's address to the last byte.
+        boundary: cleaner of replies and error messages.
+        timeout: maximum seconds for one reply, from the DNS lookup to the last byte.
     """
     secure = httpx.create_ssl_context()
 
     class Guarded(httpx.Client):  # type: ignore[misc]
         def send(self, request: Any, **_: Any) -> Any:
-            # Each attempt has its own client, so that closing it ends only this attempt's connection.
+            # Create a client for each attempt, so that closing the client ends only this attempt's connection.
             line = httpx.Client(timeout=timeout, verify=secure, follow_redirects=False)
 
             def whole() -> tuple[int, Any, bytes]:
@@ -178,7 +178,7 @@ def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
             kept = {name: boundary.text(headers[name]) for name in HEADERS if name in headers}
             return httpx.Response(status, headers={**kept, "content-type": kind}, content=body, request=request)
 
-    # A small compressed reply could unpack to an unbounded size.
+    # Forbid compression, because a small compressed reply could unpack to any size.
     return Guarded(timeout=timeout, headers={"Accept-Encoding": "identity"}, follow_redirects=False)
 
 
@@ -203,7 +203,7 @@ def _within(seconds: float, act: Callable[[], _T]) -> _T:
 
 
 def _read(httpx: Any, response: Any) -> bytes:
-    """Return the first ``MAX_BYTES`` of a body."""
+    """Return the body of a response, cut off after ``MAX_BYTES``."""
     coding = response.headers.get("content-encoding", "identity").strip().lower()
     if coding not in ("", "identity"):
         raise httpx.DecodingError("the answer is compressed, though it was asked not to be")

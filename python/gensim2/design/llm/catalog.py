@@ -1,4 +1,4 @@
-"""Collect the robot, objects and tasks that prompts describe and that answers may name."""
+"""Collect the robot, the object classes and the tasks that prompts describe and answers may refer to."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Catalog:
     """Robot, objects and tasks of the prompts.
 
     Attributes:
-        settings: facts about the robot.
+        settings: summary of the robot.
         articulated, rigid: affordance by class name; unreadable classes are left out.
         known: existing tasks.
     """
@@ -36,7 +36,7 @@ class Catalog:
 
     @staticmethod
     def of(brief: Brief, articulated_only: bool = False) -> Catalog:
-        """Collect the catalog of a brief; each class takes a moment to load."""
+        """Collect the catalog from a brief; loading the classes takes time."""
         found: dict[str, Affordance] = {}
         for name in brief.classes:
             try:
@@ -53,7 +53,7 @@ class Catalog:
         )
 
     def about(self, *classes: str) -> Catalog:
-        """Return the catalog restricted to these classes."""
+        """Return the catalog restricted to the given classes."""
         return Catalog(
             self.settings,
             {name: each for name, each in self.articulated.items() if name in classes},
@@ -71,13 +71,13 @@ class Catalog:
         }
 
     def unknown(self, name: object) -> str:
-        """Return a message that a class is unknown, with similar names."""
+        """Return the message that a class is unknown, with similar names as suggestions."""
         near = difflib.get_close_matches(str(name), [*self.articulated, *self.rigid], n=3)
         return f"there is no object {str(name)[:80]!r}" + (f"; did you mean {', '.join(near)}?" if near else "")
 
 
 def name_of(kebab: object, problems: list[str], known: Sequence[TaskSpec], field: str = "task-name") -> str:
-    """Convert a lower-case hyphenated name to CamelCase; faults are appended to ``problems``."""
+    """Convert a lower-case hyphenated task name to CamelCase; append any faults to ``problems``."""
     text = str(kebab).strip().lower().replace("_", "-").replace(" ", "-")
     if not isinstance(kebab, str) or not _KEBAB.match(text) or len(text) > LONGEST_NAME:
         problems.append(f'"{field}" must be lower-case words joined by hyphens, at most {LONGEST_NAME} characters')
@@ -89,7 +89,7 @@ def name_of(kebab: object, problems: list[str], known: Sequence[TaskSpec], field
 
 
 def sentence_of(text: object, problems: list[str], field: str = "task-description") -> str:
-    """Return a sentence in lower-case English letters; faults are appended to ``problems``."""
+    """Return the text as a sentence in lower-case English letters; append any faults to ``problems``."""
     if not isinstance(text, str) or not text.strip():
         problems.append(f'"{field}" must be a sentence')
         return ""
@@ -102,6 +102,6 @@ def sentence_of(text: object, problems: list[str], field: str = "task-descriptio
 
 
 def role_of(thing: Affordance) -> str:
-    """Return the name of an object in tasks, made from its noun."""
+    """Return the name for an object in tasks, made from the noun of its class."""
     role = re.sub(r"[^a-z0-9]+", "_", thing.noun.lower()).strip("_")[:50]
     return f"the_{role}" if role in (HAND, TABLE) or not role[:1].isalpha() else role

@@ -1,7 +1,7 @@
 """Client for endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
 
-The ``openai`` library handles back-off and Retry-After. Replies pass through ``boundary``. This client also drops
-request fields that an endpoint does not support, and translates errors for the user.
+The ``openai`` library retries with back-off and obeys Retry-After; ``boundary`` cleans replies. This client drops
+request fields that an endpoint does not support, and explains errors to the user.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OPTIONAL = ("response_format", "temperature", "max_tokens")
 
 
 class Client:
-    """Sends questions to one model.
+    """Client that sends prompts to a model and returns its answers.
 
     Args:
         options: endpoint, model and request settings.
@@ -108,7 +108,7 @@ class Client:
         """Return the model's answer to a question.
 
         Raises:
-            ModelError: no attempt was answered.
+            ModelError: all attempts failed.
             InputError: the endpoint refuses the key, the model or the question.
         """
         messages = [_message(message) for message in question.messages]
@@ -148,7 +148,7 @@ class Client:
             finish, usage = choice.finish_reason, raw.parse().usage
             refusal = getattr(choice.message, "refusal", None)
         except (ValueError, TypeError, AttributeError, IndexError, RecursionError):
-            # The reply is no chat completion, or is truncated.
+            # The reply is truncated or not a chat completion.
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
         except self._openai.APIResponseValidationError:
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
@@ -204,13 +204,13 @@ class Client:
 
 
 def _complaint(error: Exception) -> str:
-    """Return the message of an error, with the response body in which servers other than OpenAI's explain it."""
+    """Return the message of an error and the response body, in which servers other than OpenAI's explain the error."""
     said, body = str(error), getattr(error, "body", None)
     return f"{said} - {body}" if body and " - " not in said else said
 
 
 def estimated_tokens(question: ModelQuestion) -> int:
-    """Estimate the number of tokens of a question."""
+    """Estimate the number of tokens of a prompt."""
     characters = sum(len(message.text) for message in question.messages)
     pictures = sum(len(message.pictures) for message in question.messages)
     return characters // CHARACTERS_A_TOKEN + PICTURE_TOKENS * pictures + 1

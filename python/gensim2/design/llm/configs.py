@@ -1,4 +1,4 @@
-"""Validate the solver configs that a model wrote, in parts and as a whole, without executing them."""
+"""Validate solver configs that a model wrote: single constraints and complete configs. They are data, not code."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
 
 
 def problems_of_constraints(data: Any) -> list[str]:
-    """Return the faults of a constraint list, apart from keypoint names."""
+    """Return the faults of a constraint list; keypoint names are not checked."""
     if not isinstance(data, list) or not data:
         return [f'"{CONSTRAINTS}" must be a list of constraints']
     if len(data) > MAX_CONSTRAINTS:
@@ -47,7 +47,7 @@ def problems_of_constraints(data: Any) -> list[str]:
 
 
 def problems_of_config(config: Mapping[str, Any]) -> list[str]:
-    """Return the faults of a config, apart from keypoint names."""
+    """Return the faults of a solver config; keypoint names are not checked."""
     unknown = [name for name in config if name not in ALLOWED]
     if unknown:
         return [
@@ -59,14 +59,14 @@ def problems_of_config(config: Mapping[str, Any]) -> list[str]:
 
 
 def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a config without redundant fields and without null values."""
+    """Return a solver config without redundant fields and null values."""
     return {name: value for name, value in data.items() if name not in DROPPED and value is not None}
 
 
 def problems_of_names(
     task: TaskSpec, step: Step, config: Mapping[str, Any], things: Mapping[str, Affordance], profile: RobotProfile
 ) -> list[str]:
-    """Return the keypoint names in a config that the tool and objects do not have.
+    """Return a fault for each keypoint name in a solver config that the tool or object does not have.
 
     Args:
         task: task of the step.
@@ -89,7 +89,7 @@ def problems_of_names(
 
 
 def _until(task: TaskSpec, step: Step) -> tuple[Step, ...]:
-    """Return the step, preceded by the step that grasps its tool."""
+    """Return the step that grasps the tool of ``step``, if any, and ``step``."""
     before = [each for each in task.steps if each.object == step.tool and each.name != step.name]
     return (*before[:1], step)
 

@@ -1,4 +1,4 @@
-"""Ask a model and repeat a question until its answer can be used; the faults of each answer are sent back."""
+"""Ask a model, send back the faults of its answer, and repeat until the answer is valid or the rounds are used up."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Record(BaseModel):
 
 
 class TurnRecord(_Record):
-    """A question and its answer.
+    """Record of one prompt and its answer.
 
     Attributes:
         answer: digest of the question; ``answers/<first 32 digits>.json`` stores both.
@@ -44,14 +44,14 @@ class TurnRecord(_Record):
 
 
 class ConversationRecord(_Record):
-    """A question with all its rounds of answers.
+    """Record of a conversation: one question and all rounds of answers and corrections.
 
     Attributes:
         stage: name of the prompt.
         subject: name of the task; empty if no task resulted.
-        about: part of the task.
-        outcome: whether the answer was used, dropped or refused.
-        reason: why the answer was dropped or refused; empty if it was used.
+        about: part of the task that the question is about.
+        outcome: whether the answer was used, dropped (no valid answer) or refused.
+        reason: why the answer was dropped or refused; empty if the answer was used.
         turns: questions and answers in order.
     """
 
@@ -71,7 +71,7 @@ class LogRecord(_Record):
 
 
 class ConversationLog:
-    """Conversations of a run; the file is rewritten after each. Threads may share the log."""
+    """All conversations of a run; the file is rewritten after each conversation. Threads may share the log."""
 
     def __init__(self) -> None:
         self._path: Path | None = None
@@ -90,13 +90,13 @@ class ConversationLog:
         self._write()
 
     def add(self, record: ConversationRecord) -> None:
-        """Add a conversation; it replaces an earlier one that begins with the same question."""
+        """Add a conversation, in place of an earlier conversation that begins with the same question."""
         with self._lock:
             self._found[_key(record)] = record
             self._write()
 
     def settle(self, record: ConversationRecord, subject: str, outcome: Outcome, reason: str = "") -> None:
-        """Record the outcome of a valid answer."""
+        """Record what became of a valid answer."""
         self.add(record.model_copy(update={"subject": subject, "outcome": outcome, "reason": reason}))
 
     @property
@@ -110,7 +110,7 @@ class ConversationLog:
 
 
 def read_log(folder: Path) -> LogRecord:
-    """Read the conversations of a run; empty if no question was asked.
+    """Read the conversations of a run; empty if the run asked no model.
 
     Raises:
         InputError: the file is damaged.
@@ -135,10 +135,10 @@ T = TypeVar("T")
 
 
 class Wrong(GenSim2Error):
-    """An answer is readable but cannot be used.
+    """An answer was parsed, but its content is invalid.
 
     Args:
-        problems: faults, in words for the model.
+        problems: faults of the answer, as sentences that are sent to the model.
     """
 
     def __init__(self, problems: Sequence[str]) -> None:
@@ -147,22 +147,23 @@ class Wrong(GenSim2Error):
 
 
 class Dropped(GenSim2Error):
-    """No round gave a usable answer to a question."""
+    """A question was dropped, because no round gave a valid answer."""
 
 
 @dataclass(frozen=True)
 class Ask(Generic[T]):
-    """Question of a stage.
+    """Question to a model in one stage of a design.
 
     Attributes:
         stage: name of the prompt.
         subject: name of the task; empty if there is none yet.
-        about: part of the task; distinguishes questions of one stage.
+        about: part of the task, which distinguishes questions of the same stage.
         prompt: text of the question.
         schema: JSON schema of the answer.
-        read: converts the data of an answer to a value; raises Wrong or InputError if it cannot.
+        read: function that converts the data of an answer to a value; raises Wrong or InputError if the data is
+            invalid.
         pictures: pictures sent with the prompt.
-        sample: number that distinguishes repetitions of a question.
+        sample: number that distinguishes repetitions of the same question.
         prose: pass the raw answer to ``read``, as the field ``text``.
     """
 
@@ -201,10 +202,10 @@ class Conversations:
         self.log.open(folder / MODEL_FOLDER)
 
     def ask(self, ask: Ask[T]) -> tuple[T, ConversationRecord]:
-        """Return the value of a usable answer, and the record of the conversation with outcome ``"used"``.
+        """Return the value of a valid answer, and the record of its conversation with the outcome ``"used"``.
 
         Raises:
-            Dropped: no answer could be used; the record says why.
+            Dropped: no answer was valid; the record says why.
             BudgetSpent: the question might cost more than the remaining budget.
             ModelError: the endpoint gives no answer.
         """

@@ -1,4 +1,4 @@
-"""A designer that asks a language model stage by stage, as in the paper; simulation tests its strategies."""
+"""Designer that queries a language model in the stages of the paper; its strategies are then tested in simulation."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ GRASPS: Strategies = {
 
 
 class LLMDesigner:
-    """Designer that asks a language model.
+    """Designer that queries a language model.
 
     Args:
         model: language model.
         prompts: prompt templates.
-        asking: mode, targets and number of trials.
+        asking: what to ask for: mode, target task or object, and number of configs.
         robot_name: robot whose keypoints configs are checked against.
         views: renders scenes for the model; None: no pictures of scenes.
     """
@@ -71,7 +71,7 @@ class LLMDesigner:
 
     @property
     def notes(self) -> Sequence[str]:
-        """Why the proposals ended, and the number of dropped and refused questions."""
+        """Notes for the report: why the proposals ended, and how many questions were dropped or refused."""
         dropped = sum(each.outcome == "dropped" for each in self.talk.log.conversations)
         refused = sum(each.outcome == "refused" for each in self.talk.log.conversations)
         counts = []
@@ -86,7 +86,7 @@ class LLMDesigner:
         self.talk.open(folder)
 
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
-        """Yield the model's proposals until it gives no more usable ones."""
+        """Yield the model's proposals until the model gives no more valid ones."""
         self.talk.seed = seed
         refused: list[str] = []
         failures = 0
@@ -110,8 +110,7 @@ class LLMDesigner:
                     return
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Ask for configs of each step that has no known or rule-based strategy; trial n of each step forms candidate
-        n.
+        """Ask for configs of the steps without a known or rule-based strategy; config n of each forms candidate n.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -172,7 +171,7 @@ class LLMDesigner:
         return children
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
-        """Return one proposal; None if the model's own reflection rejects it."""
+        """Return one proposal; None if the model, asked for a reflection, rejects the proposal."""
         catalog = Catalog.of(brief, articulated_only=self.asking.mode == "explore")
         catalog = replace(
             catalog, known=tuple({task.name: task for task in (*catalog.known, *self._proposed)}.values())
@@ -206,13 +205,13 @@ class LLMDesigner:
         return self._as_code(found.task, brief) if self.asking.code else found.task
 
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
-        """Return the task as described by code that the model writes for it."""
+        """Return the task that the model's code for ``task`` describes."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
         found, _ = self.talk.ask(code_stage.code(self.prompts, task, references))
         names = {step.name: step.strategies for step in task.steps}
         steps = tuple(step.model_copy(update={"strategies": names[step.name]}) for step in found.steps)
-        # If the code gives no place for an object, the original place is kept.
+        # If the code gives no placement for an object, keep the original placement.
         placed = dict(zip(found.objects, task.objects.values(), strict=True))
         objects = {
             name: placed[name] if thing == ObjectSpec(asset_class=thing.asset_class) else thing
@@ -221,7 +220,7 @@ class LLMDesigner:
         return found.model_copy(update={"steps": steps, "objects": objects, "provenance": task.provenance})
 
     def _fixed(self, task: TaskSpec, step: Step) -> Strategies | None:
-        """Return the strategies of a step that needs no question; None for any other step."""
+        """Return the strategies of a step that are known or rule-based; None if the model must be asked."""
         known = self._skills.get(task.name, {}).get(step.name)
         if known is not None:
             return known
@@ -231,7 +230,7 @@ class LLMDesigner:
         return StepToSolve(task, step, brief.of(task), brief.settings.tool_keypoints, self._profile)
 
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
-        """Return the step to improve: the one that failed, else the last one that the model wrote."""
+        """Return the step to improve: the step that failed, or else the last step with configs by the model."""
         own = [step for step in task.steps if self._fixed(task, step) is None]
         blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
         return next(blamed, own[-1] if own else None)
@@ -245,7 +244,7 @@ class LLMDesigner:
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
-    """Return the candidate that fails latest in the task, among those that tie with the first."""
+    """Return the candidate whose failures occur at the latest step, among the candidates that tie with the first."""
     order = [step.name for step in task.steps]
 
     def reached(result: CandidateResult) -> int:
@@ -257,5 +256,5 @@ def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateRe
 
 
 def _in_turn(name: str, configs: Sequence[Config]) -> Strategies:
-    """Name configs as strategies of a step in order of preference, the first ``name``."""
+    """Return the configs as named strategies in order of preference; the first is called ``name``."""
     return {name if n == 0 else f"{name}_{n + 1}": config for n, config in enumerate(configs[:MAX_IN_TURN])}

@@ -61,7 +61,7 @@ def mappings(text: str) -> list[Data]:
 
 
 def _pieces(text: str) -> Iterator[str]:
-    """Yield the parts of a text that may be data: fenced blocks, else text in braces, else lines with fields."""
+    """Yield the parts of a text that may be data: code blocks, or else text in braces, or else field lines."""
     fenced = [match.group(1) for match in _FENCE.finditer(text)]
     if fenced:
         for block in fenced:
@@ -93,7 +93,7 @@ def _from_first_field(text: str) -> str:
 
 
 def _braced(text: str) -> Iterator[str]:
-    """Yield the outermost ``{...}`` regions; the last may be unterminated."""
+    """Yield the outermost ``{...}`` regions of a text; the last region may lack its closing brace."""
     depth, start, quoted, escaped = 0, 0, "", False
     for index, character in enumerate(text):
         if quoted:
@@ -117,9 +117,7 @@ def _braced(text: str) -> Iterator[str]:
 
 
 def _read(piece: str) -> Data:
-    """Parse one mapping as YAML (which includes JSON); if that fails and it looks like JSON, repair it with
-    json-repair.
-    """
+    """Parse one mapping as YAML (which includes JSON); repair text that resembles JSON with json-repair."""
     stripped = piece.strip("\n")
     looks_like_json = stripped.lstrip().startswith(("{", "["))
     listed = stripped.lstrip().startswith(("- ", "["))
@@ -165,7 +163,7 @@ def _check_depth(value: Any, depth: int = 0) -> None:
 
 
 def _check_characters(value: Any) -> None:
-    """Refuse lone surrogates, which JSON escapes can create; :func:`parse_yaml` does the same."""
+    """Refuse lone surrogates, which JSON escapes can create; :func:`parse_yaml` refuses them, too."""
     if isinstance(value, str) and whole_characters(value) != value:
         raise InputError("the answer contains half a character (a lone surrogate)")
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Answers of a language model, from the run's records, the shared cache or the endpoint."""
+"""Get answers of a language model from the run's records, from a cache shared by runs, or from the endpoint."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gensim2.design.llm.store import NO_ANSWER, AnswerStore, ModelRecord
 
 
 class LanguageModel:
-    """Answers questions from the run's store, else from the cache shared by all runs, else from the model.
+    """Source of answers: first the run's records, then the cache shared by all runs, then the model's endpoint.
 
     Args:
         options: model and request settings.
-        prompts: digest of the prompts, for the record.
-        asking: requested designs, for the record.
+        prompts: digest of the prompt templates, for the record.
+        asking: settings of the requested designs, for the record.
         cache: folder of answers shared by all runs, or None.
-        replay: folder of a run's answers to use instead of a model; None: the model is asked.
+        replay: folder with recorded answers to use instead of the endpoint; None: query the endpoint.
 
     Raises:
         MissingExtraError: the ``openai`` library is not installed.
@@ -48,7 +48,7 @@ class LanguageModel:
         """Store answers in ``folder``, and reuse those of earlier calls of the run.
 
         Raises:
-            InputError: the earlier call used another model or other settings.
+            InputError: an earlier call of the run used another model or other settings.
         """
         self._store = AnswerStore(folder, self._store.cache)
         self._store.write_model(self._record)
@@ -70,7 +70,7 @@ class LanguageModel:
         Raises:
             BudgetSpent: the question might cost more than the remaining budget.
             ModelError: the endpoint gives no answer.
-            InputError: the endpoint refuses the question, or the replayed record lacks it.
+            InputError: the endpoint refuses the question, or the replayed record has no answer to it.
         """
         digest = self.digest(question)
         if self._client is None:

@@ -1,4 +1,4 @@
-"""Options of a language model from a config file or the command line; the key is not among them."""
+"""Options of a language model from a config file or the command line; the API key comes from the environment."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Price = Annotated[float, Field(ge=0, le=1e6)]
 
 
 class ModelOptions(BaseModel):
-    """A model behind an endpoint that speaks the OpenAI protocol, and request settings.
+    """A model at an endpoint that speaks the OpenAI protocol, and the request settings.
 
     Attributes:
         model: model name at the endpoint.
-        base_url: address of the endpoint; None: ``OPENAI_BASE_URL``, else OpenAI's own.
+        base_url: address of the endpoint; None: ``$OPENAI_BASE_URL`` or, if unset, OpenAI's address.
         key_variable: environment variable that holds the API key; self-hosted endpoints need none.
         temperature: sampling temperature; None: default of the endpoint.
         max_tokens: maximum length of an answer, tokens.
-        timeout: seconds for one attempt, from the first byte sent to the last received.
+        timeout: maximum seconds for one attempt, from the first byte sent to the last byte received.
         retries: number of retries after a failure of the endpoint or the network.
         concurrency: maximum number of concurrent requests.
         price_in, price_out: USD per million tokens of questions and of answers; None: unknown.
@@ -68,10 +68,10 @@ class ModelOptions(BaseModel):
 
     @property
     def address(self) -> str | None:
-        """Return the endpoint's address, by default ``OPENAI_BASE_URL``; None: OpenAI's own.
+        """Return the endpoint's address, by default ``$OPENAI_BASE_URL``; None means OpenAI's address.
 
         Raises:
-            InputError: the variable does not hold exactly one address.
+            InputError: the variable does not contain exactly one address.
         """
         found = self.base_url or os.environ.get("OPENAI_BASE_URL") or None
         problem = problem_of_address(found) if found is not None else None
@@ -80,14 +80,14 @@ class ModelOptions(BaseModel):
         return found
 
     def priced(self, tokens_in: int, tokens_out: int) -> float | None:
-        """Return the price of these tokens in USD; None if the prices are unknown."""
+        """Return the cost of these tokens in USD; None if the prices are unknown."""
         if self.price_in is None or self.price_out is None:
             return None
         return (tokens_in * self.price_in + tokens_out * self.price_out) / 1e6
 
 
 def problem_of_address(address: str) -> str | None:
-    """Return the fault of an endpoint's address, or None; the message never repeats credentials in the address."""
+    """Return what is wrong with an endpoint's address, or None; the text never contains its credentials."""
     try:
         parts = urlsplit(address)
         _ = parts.port  # Raises ValueError if the port is invalid.
@@ -105,10 +105,10 @@ def model_options(config: Path | None = None, **given: Any) -> ModelOptions:
 
     Args:
         config: YAML file with fields of :class:`ModelOptions`, or None.
-        **given: fields; None stands for not given.
+        **given: fields that override the file; None: not given.
 
     Raises:
-        InputError: a field is unknown, missing or out of range; names file and field.
+        InputError: a field is unknown, missing or out of range; the message names file and field.
     """
     fields: Mapping[str, Any] = read_yaml(config) if config is not None else {}
     try:

@@ -1,4 +1,4 @@
-"""Questions to a language model and its answers."""
+"""Questions to a language model, its answers, and their cost."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class BudgetSpent(GenSim2Error):
 
 @dataclass(frozen=True)
 class Account:
-    """Totals over answers.
+    """Totals over a number of answers.
 
     Attributes:
         answers: number of answers.
-        asked: number of answers that the model gave in this call, not read from a record.
+        asked: number of answers that the endpoint gave in this call; all others were read from a record.
         retries: number of failed attempts.
-        tokens_in, tokens_out: tokens of questions and of answers.
-        counted: whether the endpoint counted all tokens.
-        cost: USD; None if the prices are unknown.
+        tokens_in, tokens_out: number of tokens in questions and in answers.
+        counted: whether the endpoint reported all token counts; otherwise some are estimates.
+        cost: total cost in USD; None if the prices are unknown.
     """
 
     answers: int = 0
@@ -38,7 +38,7 @@ class Account:
     cost: float | None = 0.0
 
     def plus(self, answer: ModelAnswer, *, asked: bool) -> Account:
-        """Return the totals with one more answer."""
+        """Return the totals including one more answer."""
         cost = None if self.cost is None or answer.cost is None else self.cost + answer.cost
         return Account(
             self.answers + 1,
@@ -56,7 +56,7 @@ class Account:
 
 
 class Ledger:
-    """Counts the cost of answers. Threads may share it.
+    """Counts the cost of answers and enforces a budget. Threads may share one ledger.
 
     Args:
         budget: maximum USD; None: no limit.
@@ -88,7 +88,7 @@ class Ledger:
             self._reserved -= max_cost or 0.0
 
     def add(self, answer: ModelAnswer, *, asked: bool) -> None:
-        """Count an answer; ``asked``: the model gave it in this call."""
+        """Count an answer; ``asked`` says that the endpoint gave the answer in this call."""
         with self._lock:
             self.account = self.account.plus(answer, asked=asked)
 
@@ -104,11 +104,11 @@ class Message:
 
 @dataclass(frozen=True)
 class ModelQuestion:
-    """A conversation that waits for the model's answer.
+    """Question to the model: a conversation whose last message needs an answer.
 
     Attributes:
         stage: name of the prompt.
-        subject: task or class in question, for readers.
+        subject: task or class that the question is about, for readers of the record.
         messages: messages so far.
         schema: JSON schema of the answer, for endpoints that support one.
         sample: numbers that distinguish repetitions of a question: the run's seed, the number of the proposal, the
@@ -122,20 +122,18 @@ class ModelQuestion:
     sample: tuple[int, ...] = ()
 
     def digest(self, model: str, temperature: float | None, max_tokens: int) -> str:
-        """Return the hex digest of the question to a model; equal questions have equal digests."""
+        """Return the hex digest of the question and the model's settings, under which the answer is stored."""
         said = [[m.role, m.text, [picture.of for picture in m.pictures]] for m in self.messages]
         content = [model, temperature, max_tokens, self.stage, list(self.sample), said]
         return hashlib.sha256(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")).hexdigest()
 
     def shared_digest(self, endpoint: str, structured: str, digest: str) -> str:
-        """Return the hex digest of everything that determines the answer, including the endpoint; ``digest`` is the
-        question's.
-        """
+        """Return the hex digest of all that determines the answer: question (``digest``), endpoint and schema."""
         content = [endpoint, structured, self.schema, digest]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def followed_by(self, answer: str, reply: str, round: int) -> ModelQuestion:
-        """Return the question after an answer and a reply; ``round`` makes its digest unique."""
+        """Return the question with ``answer`` and ``reply`` appended; ``round`` makes its digest unique."""
         said = (Message("assistant", answer), Message("user", reply))
         return replace(self, messages=(*self.messages, *said), sample=(*self.sample, round))
 
@@ -146,11 +144,11 @@ class ModelAnswer:
 
     Attributes:
         text: text of the answer; empty if the reply is unreadable.
-        problem: fault of the reply as a message (such as truncation); None: no fault.
+        problem: what is wrong with the reply (for example truncation); None: nothing.
         tokens_in, tokens_out: tokens of question and answer.
-        counted: whether the endpoint counted the tokens; else they are estimated from the text's length.
+        counted: whether the endpoint reported the number of tokens; otherwise it is estimated from the text's length.
         retries: number of failed attempts before the answer.
-        cost: USD; None if the prices are unknown.
+        cost: total cost in USD; None if the prices are unknown.
     """
 
     text: str

@@ -1,4 +1,4 @@
-"""Ask a model for the configs of a step in the solver's two stages, with pictures on request."""
+"""Ask a model for solver configs of a step in two stages (constraints, then motions), optionally with pictures."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the
 
 
 class Views(Protocol):
-    """Renders scenes for a model, with the frames of robot and object and the object's keypoints."""
+    """Renders scenes for a model, with the frames of the robot and the object and the object's keypoints."""
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
-        """Return a picture of the initial scene, marked for ``step``."""
+        """Return a picture of the initial scene, with frames and the keypoints of the object of ``step``."""
         ...
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
@@ -52,9 +52,10 @@ class Asking:
         target_task: name of the task to propose; None: any.
         target_object: class that each task must use; None: any.
         trials: number of configs of a step requested at once.
-        max_rounds: maximum number of answers to a question, and of rounds of better configs after simulation.
-        visual: send pictures.
-        code: also ask for each task as code.
+        max_rounds: maximum number of answers to a question, and of rounds in which configs are improved after
+            simulation.
+        visual: whether to send pictures.
+        code: whether to ask also for each task as code.
     """
 
     mode: Mode = "explore"
@@ -82,11 +83,11 @@ class Asking:
 
 
 class Solutions:
-    """Asks for the configs of steps.
+    """Asks a model for solver configs of steps.
 
     Args:
         talk: conversations with the model.
-        asking: mode, targets and number of trials.
+        asking: what to ask for: mode, target task or object, and number of configs.
         views: renders scenes; None: no pictures of scenes.
     """
 
@@ -94,7 +95,7 @@ class Solutions:
         self.talk, self.asking, self.views = talk, asking, views
 
     def configs(self, job: StepToSolve, brief: Brief, fixed: Mapping[str, Strategies]) -> list[Config]:
-        """Return the configs of one step, from both stages of the solver."""
+        """Ask for the configs of one step, in both stages, and return them."""
         sight = self._sight(job)
         found, _ = self.talk.ask(solving.constraints(self.talk.prompts, job, brief.known, sight))
         sight = self._with_actuation(job, found, fixed, sight)
@@ -122,7 +123,7 @@ class Solutions:
     def _with_actuation(
         self, job: StepToSolve, constraint_list: list[Any], fixed: Mapping[str, Strategies], sight: CaptionedPictures
     ) -> CaptionedPictures:
-        """Add a picture of the actuation pose that the constraints of stage 1 give."""
+        """Add a picture of the arm at the actuation pose that satisfies the constraints of stage 1."""
         if not self.asking.visual or self.views is None:
             return sight
         fingers = "closed" if job.held is None else "release"
@@ -141,7 +142,7 @@ class Solutions:
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """Return the best configs of a step so far, with their results."""
+    """Return the best configs of a step so far, with their results in words."""
     name = step.strategies[0]
     found: list[solving.Tried] = []
     for result in results:
@@ -157,7 +158,7 @@ def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tri
 
 
 def in_words(config: Config) -> str:
-    """Return one phrase that describes a config."""
+    """Return one phrase that describes a solver config."""
     points = [each["target_keypoint_name"] for each in config["constraint_list"] if "target_keypoint_name" in each]
     motions = [
         " ".join(f"{part:g}" if isinstance(part, int | float) else str(part) for part in motion)

@@ -1,4 +1,4 @@
-"""Build task specs from a model's answers, with the paper's names of goals."""
+"""Build task specs from a model's answers, which name goals as the paper does."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def roles_of(articulated: Affordance, rigid: Affordance | None) -> tuple[str, st
 
 
 def criterion(kind: str, articulated: str, rigid: str | None) -> Criterion:
-    """Return a criterion of one of the paper's types, for objects of these names."""
+    """Return the success criterion of one of the paper's types for the named objects."""
     if kind == "articulated_open":
         return ArticulatedOpen(object=articulated)
     if kind == "articulated_closed":

@@ -1,4 +1,4 @@
-"""Store a run's answers by the digest of their question, to resume or replay the run.
+"""Store the answers of a run, each under the digest of its question, to resume or replay the run.
 
 DIR/model.json                 the model and its settings
 DIR/answers/<digest>.json      a question, its answer and their cost
@@ -39,8 +39,8 @@ class ModelRecord(_Record):
     Attributes:
         model, temperature, max_tokens, price_in, price_out, budget: as in :class:`ModelOptions`.
         prompts: digest of the prompts.
-        asking: requested designs, as plain data.
-        endpoint: address of the endpoint; None: a replay, or a record of an earlier version.
+        asking: settings of the requested designs, as JSON data.
+        endpoint: address of the endpoint; None in a replay and in records of earlier versions.
     """
 
     schema_version: Literal[1] = 1
@@ -59,7 +59,7 @@ class ModelRecord(_Record):
         """Return the options of a replay.
 
         Raises:
-            InputError: a field is invalid; names the field.
+            InputError: a field is invalid; the message names the field.
         """
         shared = ModelRecord.model_fields.keys() & ModelOptions.model_fields.keys()
         return model_options(**{name: getattr(self, name) for name in shared})
@@ -73,7 +73,7 @@ class ModelRecord(_Record):
 
 
 class AnswerRecord(_Record):
-    """Content of ``answers/<digest>.json``; ``spent`` is the reason for a missing answer once the budget was spent."""
+    """Content of ``answers/<digest>.json``; if the budget was spent, ``spent`` says why there is no answer."""
 
     schema_version: Literal[1] = 1
     stage: str
@@ -101,13 +101,13 @@ class AnswerRecord(_Record):
 
 
 class AnswerStore:
-    """Folder of a run's answers, by the digest of their question. Threads and processes may share it.
+    """Folder with the answers of a run, one file for each question. Threads and processes may share the folder.
 
     Each file is written atomically.
 
     Args:
-        path: folder, such as ``OUT/model``; None: answers are kept in the cache alone.
-        cache: folder of the answers of all runs, or None.
+        path: folder, such as ``OUT/model``; None: store answers only in the cache.
+        cache: folder with the answers of all runs; None: no cache.
     """
 
     def __init__(self, path: Path | None, cache: Path | None = None) -> None:
@@ -149,13 +149,13 @@ class AnswerStore:
         """Copy the answers of another run's folder.
 
         Raises:
-            InputError: an answer there is damaged.
+            InputError: an answer in ``source`` is damaged.
         """
         for path in sorted((source / ANSWERS).glob("*.json")):
             write_json(self._file(path.stem), read_record(path, AnswerRecord, _REMEDY).model_dump())
 
     def record(self, digest: str, shared: str | None = None) -> AnswerRecord | None:
-        """Return the record of a question; None if it was never asked.
+        """Return the stored record of a question; None if no answer is stored.
 
         Args:
             digest: digest of the question.
@@ -186,9 +186,9 @@ class AnswerStore:
         Args:
             digest: digest of the question.
             question: the question.
-            answer: the answer; ``NO_ANSWER`` if the budget was spent.
-            shared: key of the cache; None: the answer is for this run alone.
-            spent: reason for a missing answer; a replay ends there, too.
+            answer: the answer; ``NO_ANSWER`` if the budget was spent before the question was asked.
+            shared: digest of question and endpoint, the key of the cache; None: do not cache the answer.
+            spent: reason why the budget prevented an answer; a replay then ends at the same question.
         """
         said = [
             {"role": m.role, "text": m.text, **({"pictures": [p.of for p in m.pictures]} if m.pictures else {})}
@@ -209,7 +209,7 @@ class AnswerStore:
 
 
 def recorded_answers(folder: Path) -> Path:
-    """Return the folder of a run's answers, given the run folder or that folder itself."""
+    """Return the folder with a run's answers; ``folder`` is the run folder or already the folder with the answers."""
     inside = folder / MODEL_FOLDER
     return inside if (inside / MODEL_JSON).exists() else folder
 

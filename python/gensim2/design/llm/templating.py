@@ -1,6 +1,6 @@
 """Load and fill in the prompt templates (jinja2 files in ``prompts/``) and the bank of example tasks.
 
-Files of the same names in the user's own folder replace those of the package.
+A file in the user's folder replaces the package's file of the same name.
 """
 
 from __future__ import annotations
@@ -68,10 +68,11 @@ class Prompts:
     """Prompt templates of all stages.
 
     Args:
-        folder: folder whose files replace those of the package, or None.
+        folder: the user's folder, whose files replace files of the package; None: no folder.
 
     Raises:
-        InputError: the folder does not exist, or a file in it is unreadable or not named like a prompt.
+        InputError: the folder does not exist, or contains a file that is unreadable or does not have the name of a
+            prompt.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -92,7 +93,7 @@ class Prompts:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all texts."""
+        """Digest of all templates and example tasks."""
         return hashlib.sha256(json.dumps(self._texts, sort_keys=True).encode()).hexdigest()[:16]
 
     @cached_property
@@ -101,10 +102,10 @@ class Prompts:
         return parse_yaml(self._texts[BANK].encode(), BANK)
 
     def text(self, prompt: str, /, **values: Any) -> str:
-        """Return a prompt with its values filled in.
+        """Fill in a prompt template and return the prompt.
 
         Raises:
-            InputError: a template of the user's own folder cannot be filled in.
+            InputError: a template from the user's folder cannot be filled in.
         """
         try:
             template: Template = self._environment.get_template(prompt + SUFFIX)
@@ -115,7 +116,7 @@ class Prompts:
 
 
 def quoted(text: str) -> str:
-    """Quote a text from an object's files on one line, so that its content cannot end the quotation."""
+    """Quote a text from an object's files on one line, with escapes, so that the text cannot end the quotation."""
     line = " ".join(text.split())
     line = line if len(line) <= LONGEST_QUOTE else f"{line[:LONGEST_QUOTE]} ..."
     return json.dumps(line, ensure_ascii=True).replace("`", "'").replace("<", "(").replace(">", ")")
@@ -136,7 +137,7 @@ def _texts(folder: Traversable) -> dict[str, str]:
 
 def _own(folder: Path, known: set[str]) -> dict[str, str]:
     if not folder.is_dir():
-        raise InputError("is no folder", file=folder, field="prompts")
+        raise InputError("is not a folder", file=folder, field="prompts")
     found: dict[str, str] = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.name == "README.md":

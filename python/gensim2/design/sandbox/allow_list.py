@@ -71,7 +71,7 @@ CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
 
 class Refused(Exception):
-    """A construct is not allowed."""
+    """A program contains a construct that is not allowed."""
 
     def __init__(self, node: ast.AST | None, words: str) -> None:
         super().__init__(words)
@@ -86,12 +86,12 @@ def checked(
 
     Args:
         source: the program.
-        offered: names that it may import.
-        methods: methods of ``self`` that it may call.
+        offered: names that the program may import.
+        methods: methods of ``self`` that the program may call.
 
     Returns:
-        The syntax tree, and at most ten pairs of a line and a sentence; an empty list means that the program is
-        allowed.
+        The syntax tree, and up to ten forbidden constructs, each a pair of line number and sentence; none if the
+        program is allowed.
 
     Raises:
         SyntaxError: the program is not Python, or too long or nested too deeply for the parser.
@@ -116,18 +116,18 @@ def checked(
 
 
 def at_line(words: str, line: int | None) -> SyntaxError:
-    """Return a syntax error at a line."""
+    """Return a SyntaxError with a message and a line number."""
     return SyntaxError(words, (None, line, None, None))
 
 
 def longest_line(source: str) -> int | None:
-    """Return the number of the longest line; None if every line is short."""
+    """Return the number of the longest line if it is too long, else None."""
     lengths = [len(line) for line in source.split("\n")]
     return lengths.index(max(lengths)) + 1 if max(lengths) > LONG_LINE else None
 
 
 class Reader:
-    """Checks the syntax tree of one program."""
+    """Checks each node of a program's syntax tree."""
 
     def __init__(self, offered: Collection[str], methods: Collection[str]) -> None:
         self.offered, self.methods = offered, methods
@@ -150,10 +150,10 @@ class Reader:
         return sorted(set(self.found))[:MAX_PROBLEMS]
 
     def listed(self, tree: ast.Module) -> tuple[list[ast.AST], dict[ast.AST, ast.AST]]:
-        """Return all nodes in the order of the program, and the parent of each, without recursion.
+        """Return all nodes in program order, each with its parent; avoid recursion, which deep nesting could exhaust.
 
         Raises:
-            Refused: there are too many nodes, or they are nested too deeply.
+            Refused: the program has too many nodes, or they are nested too deeply.
         """
         nodes: list[ast.AST] = []
         parents: dict[ast.AST, ast.AST] = {}
@@ -295,7 +295,7 @@ class Reader:
 
 
 def number(node: ast.AST) -> int | float:
-    """Evaluate arithmetic on numbers only, since multiplied texts and lists could fill the memory.
+    """Evaluate arithmetic on numbers only, because multiplied texts and lists could fill the memory.
 
     Raises:
         Refused: an operand is not a number, or a result is out of bounds.
@@ -328,7 +328,7 @@ def _computed(node: ast.UnaryOp | ast.BinOp) -> int | float:
 
 
 def check_number(node: ast.AST, number: int | float) -> None:
-    """Refuse a number that JSON cannot hold or that no task can use."""
+    """Refuse a number that JSON cannot store or that is too large for any task."""
     if isinstance(number, float):
         if not math.isfinite(number):
             raise Refused(node, NOT_FINITE)

@@ -20,12 +20,12 @@ LONGEST_PROBLEM = 600
 
 
 class TaskCodeError(InputError):
-    """Generated task code cannot be used; the message can be sent back to its author.
+    """Generated task code cannot be used; the message can be sent back to the model that wrote the code.
 
     Attributes:
-        kind: ``"syntax"``: the program is not Python; ``"refused"``: it uses a forbidden construct; ``"failed"``: a
-            call or a name is wrong; ``"invalid"``: it describes no valid task.
-        problems: one sentence each, with the line if known.
+        kind: ``"syntax"``: the program is not Python; ``"refused"``: the program uses a forbidden construct;
+            ``"failed"``: a call or a name is wrong; ``"invalid"``: the described task is not valid.
+        problems: one sentence for each fault, with the line if known.
     """
 
     def __init__(self, kind: Kind, problems: Sequence[str]) -> None:
@@ -40,7 +40,7 @@ def run_task_code(source: str) -> TaskSpec:
         source: the program: one class derived from ``Task`` (docs/reference/sandbox.md).
 
     Raises:
-        TaskCodeError: the program cannot be used; names the lines.
+        TaskCodeError: the program cannot be used; the message names the lines.
 
     Example:
         >>> from gensim2.tasks import load_task
@@ -68,11 +68,11 @@ def interpret(tree: ast.Module) -> dict[str, Any]:
     """Return the fields of the task that a syntax tree describes.
 
     Args:
-        tree: program accepted by the allow-list. In any program, only assignments, calls of the language's functions
-            and constants are evaluated.
+        tree: syntax tree that passed the allow-list. Only assignments, calls of the language's functions, and constants
+            are ever evaluated.
 
     Raises:
-        Refused: a node does not belong to the language.
+        Refused: the tree has a node that is not in the language.
         TaskCodeError: a call or a name is wrong.
     """
     names: dict[str, Any] = {}
@@ -151,7 +151,7 @@ def _value(node: ast.AST, names: Mapping[str, Any]) -> Any:
 
 
 def _called(node: ast.Call, names: Mapping[str, Any]) -> Any:
-    """Call a function of the language; a program can reach no other callable."""
+    """Call a function of the task language; programs cannot call anything else."""
     function = _value(node.func, names)
     given = [_value(argument, names) for argument in node.args]
     named = {str(keyword.arg): _value(keyword.value, names) for keyword in node.keywords}

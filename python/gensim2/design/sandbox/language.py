@@ -26,7 +26,7 @@ MAX_DEPTH = 50
 
 
 class Fields:
-    """Fields of a value by name; an omitted field keeps its default.
+    """A value in the task language, with its fields by name; omitted fields keep their defaults.
 
     Args:
         kind: name of the function that creates the value, for messages.
@@ -43,7 +43,7 @@ class Fields:
 
 
 class Object(Fields):
-    """Object of an asset class; its name is the attribute of the task to which it is assigned."""
+    """Object of an asset class; the attribute of the task that it is assigned to becomes its name."""
 
     def __init__(self, *values: Any, **named: Any) -> None:
         super().__init__("Object", ("asset_class", "instances", "place", "randomization"), values, named)
@@ -61,13 +61,13 @@ def _randomization(*values: Any, **named: Any) -> Fields:
 
 
 class Task:
-    """Task under construction: the value of ``self``.
+    """Task under construction; the value of ``self`` in task code.
 
     Args:
         members: attributes of the class.
 
     Attributes:
-        own: attributes assigned to ``self``.
+        own: attributes that the program assigned to ``self``.
     """
 
     def __init__(self, members: Mapping[str, Any] | None = None) -> None:
@@ -107,7 +107,7 @@ class Task:
         """Add an actuation pose with its motions.
 
         Args:
-            name: unique in the task.
+            name: name of the step, unique in the task.
             object: the object that the step acts on.
             tool: "hand", or the grasped object whose keypoints replace those of the hand.
             strategies: names of alternative strategies; default: one with the name of the step.
@@ -128,10 +128,11 @@ class Task:
 
         Args:
             name: name of the class.
-            docstring: docstring of the class; the description unless the class has that attribute.
+            docstring: docstring of the class, used as the task's description unless the class has the attribute
+                ``description``.
 
         Raises:
-            ValueError: a value cannot be written as plain data.
+            ValueError: a value cannot be converted to JSON data.
         """
         given = {**self._members, **self.own}
         objects = {key: value for key, value in self.own.items() if isinstance(value, Object)}
@@ -156,7 +157,7 @@ def listed(value: Any) -> list[Any]:
 
 
 def arguments(function: str, names: Sequence[str], values: Iterable[Any], named: Mapping[str, Any]) -> dict[str, Any]:
-    """Bind arguments to names as Python does, and drop those that are None.
+    """Bind arguments to names as Python does, and drop arguments that are None.
 
     Raises:
         TypeError: an argument is unknown or given twice.
@@ -176,7 +177,7 @@ def arguments(function: str, names: Sequence[str], values: Iterable[Any], named:
 
 
 def _criterion(kind: str, names: tuple[str, ...]) -> Callable[..., dict[str, Any]]:
-    """Return the function that creates a criterion of one type."""
+    """Return the task language's function that creates a criterion of type ``kind``."""
 
     def make(*values: Any, **named: Any) -> dict[str, Any]:
         return {"type": kind, **arguments(kind, names, values, named)}
@@ -208,16 +209,17 @@ def _object(value: Object) -> dict[str, Any]:
 
 
 class _Plain:
-    """Converts values to plain data of bounded size: an object to its name, a value with fields to its fields."""
+    """Converts values to JSON data of limited size: an object to its name, a value with fields to a dictionary."""
 
     def __init__(self) -> None:
         self._size = 0
 
     def of(self, value: Any, depth: int = 0) -> Any:
-        """Return plain data.
+        """Return ``value`` as JSON data.
 
         Raises:
-            ValueError: the value is too large or too deep, contains an object without a name, or is not plain data.
+            ValueError: the value is too large or nested too deeply, contains an object without a name, or has an
+                unknown type.
         """
         self._size += 1 + (len(value) if isinstance(value, str) else 0)
         if self._size > MAX_SIZE:

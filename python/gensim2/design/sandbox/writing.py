@@ -1,4 +1,4 @@
-"""Write a stored task as task code, as an example for a language model."""
+"""Convert a stored task to task code, which serves as an example for a language model."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _reference(value: Any, task: TaskSpec) -> str:
 
 
 def _literal(value: Any) -> str:
-    """Return the code of a value, with texts in double quotes."""
+    """Return the source code of a value, with texts in double quotes."""
     if isinstance(value, str):
         return '"' + repr(f"'{value}")[2:-1] + '"'
     if isinstance(value, dict):

@@ -1,1 +1,1 @@
-"""Procedurally generated objects: each class draws a blueprint, which becomes a model."""
+"""Procedurally generated objects: a class draws a random blueprint (geometry and joint), which becomes a model."""

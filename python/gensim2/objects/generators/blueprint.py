@@ -1,7 +1,7 @@
 """Blueprint of an instance of a generated class, in the object's model frame.
 
 The model frame follows PartNet-Mobility: origin near the middle of the body, x to the right seen from the front, y up,
-z out of the front. All geometry is given at joint value zero.
+z out of the front. All geometry is described at joint value zero.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class Blueprint:
         body: fixed parts.
         moving: parts that the joint moves.
         joint_type: ``"revolute"`` or ``"prismatic"``.
-        joint_origin: a point on the axis, metres.
-        joint_axis: direction of the axis; opening is positive.
+        joint_origin: (3,) a point on the joint axis, metres.
+        joint_axis: (3,) direction of the joint axis; positive values open the joint.
         limits: lower and upper joint value in rad or m, at openness 0 and 1.
         keypoints: (position in metres, description) by name. A keypoint whose name contains ``base`` belongs to the
             body, any other to the moving link.
@@ -40,7 +40,7 @@ class Blueprint:
 
     @property
     def object_axis(self) -> Literal["x", "y", "z"]:
-        """Axis of the model frame along which the joint turns or slides; "rotate" motions turn about it."""
+        """Axis of the model frame closest to the joint axis; "rotate" motions turn about this axis."""
         axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
         return axes[int(np.argmax(np.abs(self.joint_axis)))]
 
@@ -51,11 +51,11 @@ class ObjectClass:
 
     Attributes:
         name: folder name of the class in the GenSim2 release.
-        count: number of built-in instances.
-        joint_type: joint type of its objects.
-        build: draws an instance.
-        others: draw instances of other designs. Built-in instances never use them, so that their geometry stays fixed;
-            instances with higher numbers are divided equally between all designs.
+        count: number of built-in (listed) instances.
+        joint_type: joint type of the class's objects.
+        build: function that draws the blueprint of a random instance.
+        others: functions that draw instances of other designs. Built-in instances use ``build`` only, so that their
+            geometry never changes; all further instances are divided equally between the designs.
     """
 
     name: str

@@ -61,7 +61,7 @@ def _geometry(solids: list[Solid], T: Array) -> LinkGeometry:
 
 
 def from_blueprint(asset_class: str, number: int, drawn: Blueprint, content_hash: str, license: str) -> Model:
-    """Convert a blueprint, given in the model frame, to a model."""
+    """Convert a blueprint to a model of an object."""
     origin = np.asarray(drawn.joint_origin, float)
     axis = np.asarray(drawn.joint_axis, float) / np.linalg.norm(drawn.joint_axis)
     T_link_model = pose(-origin)

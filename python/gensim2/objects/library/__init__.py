@@ -1,1 +1,1 @@
-"""Object libraries: readers of the release's folder layout, the cache of prepared objects, export and import."""
+"""Object libraries: readers for the GenSim2 release's folder layout, a cache of prepared objects, export and import."""

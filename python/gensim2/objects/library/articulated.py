@@ -37,9 +37,7 @@ class ArticulatedShelf(Shelf):
 
 
 class GeneratedShelf(ArticulatedShelf):
-    """Generated articulated objects; ids are numbers up to 10^6, of which ``instances`` lists only the built-in
-    ones.
-    """
+    """Generated articulated objects; ids are numbers up to 10^6, but ``instances`` lists only the built-in ones."""
 
     source: Source = "generated"
     license = GENERATED_LICENSE
@@ -68,7 +66,7 @@ class GeneratedShelf(ArticulatedShelf):
         """Draw ``count`` different numbers up to 10^6, excluding the built-in instances."""
         first = len(self.instances(asset_class))
         if not 0 <= count <= LARGEST_NUMBER + 1 - first:
-            raise InputError(f"cannot draw {count} of {LARGEST_NUMBER + 1 - first}", field="random")
+            raise InputError(f"cannot draw {count} different objects of {LARGEST_NUMBER + 1 - first}", field="random")
         drawn = rng(seed, f"sample/{asset_class}").choice(LARGEST_NUMBER + 1 - first, count, replace=False)
         return tuple(str(first + int(number)) for number in sorted(drawn))
 
@@ -138,7 +136,7 @@ class FolderShelf(ArticulatedShelf):
 
 
 def _prepare(model: Model, folder: Path) -> ArticulatedObject:
-    # Imported here because listing objects does not need a mesh library.
+    # Import late: listing objects does not need a mesh library.
     from gensim2.objects.library.prepare import prepare
 
     return prepare(model, folder)

@@ -1,6 +1,4 @@
-"""Cache of prepared objects on disk, with one folder for each object. Folders are complete or absent, and all processes
-of the user share them.
-"""
+"""Cache of prepared objects on disk, shared by all processes of the user; each object's folder is complete or absent."""
 
 from __future__ import annotations
 
@@ -50,7 +48,7 @@ DAMAGE = (
 )
 
 
-# Modules that prepare every object; each source adds its own modules.
+# Modules that take part in preparing any object; each kind of source adds further modules.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
     "gensim2.core.foreign.tree",
@@ -68,13 +66,13 @@ _Model = TypeVar("_Model", ArticulatedObject, RigidObject)
 
 
 def file_name(word: str) -> str:
-    """Return a word as part of a file name: its first 40 characters, with ``_`` for any but ``A-Za-z0-9_.-``."""
+    """Return the first 40 characters of a word, with ``_`` for all except ``A-Za-z0-9_.-``, for use in a file name."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", word)[:40]
 
 
 @cache
 def source_digest(*modules: str) -> str:
-    """Return the digest of the source files of modules, so that objects prepared by other code are not reused."""
+    """Return a digest of the modules' source code, so that objects prepared by other code are not reused."""
     digest = hashlib.sha256()
     top = Path(gensim2.__file__).parents[1]
     for module in modules:
@@ -86,7 +84,7 @@ def source_digest(*modules: str) -> str:
 def cached_hulls(
     key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
 ) -> tuple[list[Array], dict[str, int]]:
-    """Return hulls, each (N, 3), and counts about them from the cache; ``make`` creates missing or damaged ones.
+    """Return hulls, each (N, 3), and statistics of them from the cache; ``make`` computes them if missing or damaged.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -108,7 +106,7 @@ def cached_hulls(
 
 
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
-    """Read what ``cached_hulls`` wrote; None if the file is missing or fails its ZIP checksum."""
+    """Read a file of ``cached_hulls``; None if the file is missing or its ZIP checksum is wrong."""
     try:
         stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_OBJECT))
         with zipfile.ZipFile(stream) as archive:
@@ -128,12 +126,12 @@ def join_hulls(hulls: Sequence[Array]) -> dict[str, Any]:
 
 
 def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
-    """Undo ``join_hulls``."""
+    """Return the list of hulls that ``join_hulls`` stored in two arrays."""
     return np.split(points, np.cumsum(sizes)[:-1]) if len(sizes) else []
 
 
 def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> ArticulatedObject:
-    """Return the cached object under ``key``; ``make(folder)`` creates a missing or damaged one.
+    """Return the cached object under ``key``; if missing or damaged, ``make(folder)`` creates the object first.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -147,11 +145,11 @@ def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> Articulated
 
 
 def folder_once(key: str, make: Callable[[Path], None]) -> Path:
-    """Return an object's folder in the cache; ``make(folder)`` creates a missing or damaged one.
+    """Return an object's folder in the cache; if missing or damaged, ``make(folder)`` creates its content first.
 
     ``make`` fills a temporary folder, which is then renamed: if two processes race, both get a complete folder. The
-    file ``MANIFEST`` holds a digest of every file; a folder with a wrong digest is discarded. Files of other programs
-    beside these folders are left alone.
+    file ``MANIFEST`` holds a digest of every file; a folder with a wrong digest is discarded. Other files in the cache
+    folder are not touched.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -205,12 +203,12 @@ def _unwritable(folder: Path, reason: str) -> InputError:
 
 
 def write_model(file: Path, model: ArticulatedObject | RigidObject) -> None:
-    """Write an object's values as JSON."""
+    """Write the data of a prepared object as JSON."""
     file.write_bytes(TypeAdapter(type(model)).dump_json(model, indent=1) + b"\n")
 
 
 def read_model(file: Path, kind: type[_Model]) -> _Model:
-    """Read an object that :func:`write_model` wrote.
+    """Read the data of an object that :func:`write_model` wrote.
 
     Raises:
         AssetError: the file is damaged.

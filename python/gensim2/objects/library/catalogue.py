@@ -29,11 +29,11 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
     Args:
         asset_class: name of the class.
         name: name of the split.
-        listed: ids that a library has of the class.
+        listed: ids of the class in the library.
 
     Returns:
-        None if the class has no such split. All of ``listed`` if the library lacks ids of the split, since it is then
-        no copy of the release, for which the splits are defined.
+        The ids of the split; None if the class has no such split. All of ``listed`` if the library lacks some ids,
+        because splits are defined only for complete copies of the GenSim2 release.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:
@@ -66,7 +66,7 @@ YCB = "ycb"
 
 
 class Library:
-    """A set of object classes with their instances. Pickled libraries are opened anew by worker processes.
+    """A set of object classes with their instances. A library that is sent to a worker process is opened again there.
 
     The name of a rigid object is its class, and its only instance is ``"0"``.
 
@@ -76,7 +76,7 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Combine ``shelves``, which must not share a class; ``stand_in`` supplies classes that they lack."""
+        """Combine sources, which must not share a class; ``stand_in`` is the source of classes that all lack."""
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
@@ -105,19 +105,19 @@ class Library:
         return tuple(sorted(name for name, shelf in self._shelves.items() if kind in (None, shelf.kind)))
 
     def own_classes(self, kind: Kind | None = None) -> tuple[str, ...]:
-        """Return the sorted class names, without those that stand in for classes missing in a folder."""
+        """Return the sorted names of the library's own classes, without generated substitutes for missing ones."""
         return tuple(name for name in self.classes(kind) if name in self._own)
 
     def kind(self, asset_class: str) -> Kind:
-        """Return ``"articulated"`` or ``"rigid"``. Raises InputError if the class is unknown."""
+        """Return ``"articulated"`` or ``"rigid"``. Raises InputError for an unknown class."""
         return self._shelf(asset_class).kind
 
     def source(self, asset_class: str) -> Source:
-        """Return ``"generated"`` or ``"real"``. Raises InputError if the class is unknown."""
+        """Return ``"generated"`` or ``"real"``. Raises InputError for an unknown class."""
         return self._shelf(asset_class).source
 
     def license_of(self, asset_class: str) -> str:
-        """Return the licence terms of a class. Raises InputError if the class is unknown."""
+        """Return the licence terms of a class. Raises InputError for an unknown class."""
         return self._shelf(asset_class).license
 
     def joint_type(self, asset_class: str) -> str | None:
@@ -129,7 +129,7 @@ class Library:
         return self._shelf(asset_class).joint_type(asset_class)
 
     def describe(self, asset_class: str) -> str:
-        """Return one phrase about a class. Raises InputError if the class is unknown."""
+        """Return one phrase that describes a class. Raises InputError for an unknown class."""
         return self._shelf(asset_class).describe(asset_class)
 
     def instances(self, asset_class: str) -> tuple[str, ...]:
@@ -146,11 +146,11 @@ class Library:
         Args:
             asset_class: name of the class.
             instance_id: id of the instance.
-            hulls: method by which real meshes become collision parts.
+            hulls: method that converts real meshes to convex collision parts.
 
         Raises:
             InputError: class or instance is unknown.
-            AssetError: the object cannot be used; gives the reason.
+            AssetError: the object cannot be used; the message gives the reason.
         """
         self._check(asset_class, instance_id)
         key = (asset_class, instance_id, hulls)
@@ -169,7 +169,7 @@ class Library:
         return cast(RigidObject, self.load(asset_class, ONLY_ID))
 
     def check_kind(self, asset_class: str, kind: Kind) -> None:
-        """Check that a class is of this kind, without loading an object.
+        """Check that a class has the given kind (articulated or rigid), without loading an object.
 
         Raises:
             InputError: the class is unknown or of the other kind.
@@ -194,11 +194,11 @@ class Library:
         Args:
             asset_class: name of the class.
             which: ``"train"``, ``"test"`` or ``"all"``.
-            tenth: which tenth is the test split, 0 to 9, in a seeded order. Tenths are rounded up; if the number of
-                instances is no multiple of ten, the last tenths reuse instances from the start of the order.
+            tenth: number, 0 to 9, of the tenth of the instances (in a seeded order) that is the test split. Tenths are
+                rounded up, so the last tenths may reuse instances from the start of the order.
 
         Raises:
-            InputError: the class is too small for a test split, or split or tenth is unknown.
+            InputError: the class is too small for a test split, or the split or tenth does not exist.
         """
         ids = self.instances(asset_class)
         if which == "all":
@@ -225,9 +225,9 @@ class Library:
 
         Args:
             asset_class: name of the class. For a rigid class, any value except an unknown id selects its only object.
-            which: ``train``, ``test``, ``train-1`` to ``train-9`` and ``test-1`` to ``test-9`` (another tenth as test
-                split), ``all``, ``new`` (generated instances beyond the listed ones), ``random`` (one instance by the
-                seed), a split of the release (:mod:`~gensim2.objects.library.catalogue`) or an id.
+            which: ``train``, ``test``, ``train-1`` to ``train-9`` and ``test-1`` to ``test-9`` (splits with another
+                tenth as test set), ``all``, ``new`` (generated instances beyond the listed ones), ``random`` (one
+                instance by the seed), a split of the release (:mod:`~gensim2.objects.library.catalogue`) or an id.
             seed: seed of ``random``.
 
         Raises:
@@ -251,7 +251,7 @@ class Library:
         return (which,)
 
     def sample(self, asset_class: str, count: int, seed: int = 0) -> tuple[str, ...]:
-        """Draw ``count`` different ids by the seed; all ids if the class has no more.
+        """Draw ``count`` different random ids; return all ids if the class has fewer.
 
         For generated articulated classes the ids are numbers up to 10^6 that ``instances`` does not list.
 
@@ -277,7 +277,7 @@ class ClassListing:
 def listing(library: Library) -> tuple[ClassListing, ...]:
     """Return one row for each class of a library, articulated classes first.
 
-    If the project does not know a class, one object is loaded to find its joint type.
+    For a class unknown to gensim2, one object is loaded to find the joint type.
 
     Example:
         ```python
@@ -313,8 +313,8 @@ def open_library(where: Path | str | None = None) -> Library:
     Args:
         where: ``"builtin"`` for the generated library, ``"ycb"`` for ManiSkill's download of the YCB objects, or a
             folder: the GenSim2 release, its ``articulated_objs`` or ``rigidbody_objs/models``, or a folder in
-            ManiSkill's layout. If a folder lacks a rigid object, the generated one of that name is used. None:
-            ``$GENSIM2_ASSETS``, else the generated library.
+            ManiSkill's layout. A rigid object that the folder lacks is replaced by the generated object of the same
+            name. None: ``$GENSIM2_ASSETS``, else the generated library.
 
     Returns:
         The library; objects are read on first use.
@@ -336,7 +336,7 @@ def open_library(where: Path | str | None = None) -> Library:
         raise InputError(f"cannot read: {error.strerror}", file=where, field=field) from error
     if not any(shelf.classes() for shelf in shelves):
         raise InputError(
-            "no objects in it",
+            "contains no objects",
             file=folder,
             remedy="give a folder with <class>/<id>/mobility.urdf or <name>/collision.obj, or its parent",
         )

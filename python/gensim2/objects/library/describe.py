@@ -1,4 +1,4 @@
-"""Describe an object as plain data."""
+"""Describe an object as JSON data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gensim2.objects.types import ArticulatedObject, ObjectModel, RigidObject
 
 
 def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[str, Any]:
-    """Return a description of an object in metres, kg, rad, and the units of ``MovingJoint``.
+    """Return a description of an object in metres, kg and rad; the joint's values have the units of ``MovingJoint``.
 
     ``size`` (3,) is the bounding box in the root frame, with the joint closed. ``split`` is the paper's split
     (``"none"`` for an unlisted instance). ``joint`` is None for a rigid object. Only articulated objects have

@@ -1,8 +1,8 @@
 """Export an object as a folder in the layout of the GenSim2 release, which other tools can load.
 
 The folder ``<class>/<id>`` holds ``mobility.urdf``, ``info.json`` and ``textured_objs/``. Lengths are in metres
-(``scale`` is 1). Each collision element is one convex mesh, and ``collision`` in ``info.json`` says so, so that a
-reader need not decompose it. Inertials and limits are filled in.
+(``scale`` is 1). Each collision element is one convex mesh; ``"collision": "convex"`` in ``info.json`` tells readers
+not to decompose it. Inertials and limits are filled in.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def export(instance: ArticulatedObject, library: Path, replace: bool = False) ->
 
 
 def write_folder(target: Path, write: Callable[[Path], object], replace: bool) -> Path:
-    """Let ``write(folder)`` fill a temporary folder that then becomes ``target``.
+    """Call ``write(folder)`` with a temporary folder, and rename the folder to ``target``.
 
     Raises:
         InputError: ``target`` exists and may not be replaced, or cannot be written to.
@@ -101,7 +101,7 @@ def _write(instance: ArticulatedObject, folder: Path) -> None:
 
 
 def info(instance: ArticulatedObject) -> dict[str, Any]:
-    """Return the ``info.json`` of an instance."""
+    """Return the content of ``info.json`` for an instance."""
     T_object_link = np.asarray(np.linalg.inv(instance.T_link_object), float)
     return {
         "keypoints": {

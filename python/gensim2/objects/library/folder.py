@@ -18,7 +18,7 @@ from gensim2.objects.types import AssetError, MissingFileError
 
 @dataclass(frozen=True)
 class ObjectFolder(ForeignTree):
-    """Folder of one object. The folder itself may be a link, but nothing in it may lead outside."""
+    """Folder of one object. The folder itself may be a link, but links in it must not lead outside."""
 
     ERROR = AssetError
     MISSING = MissingFileError
@@ -29,7 +29,7 @@ class ObjectFolder(ForeignTree):
 
         Raises:
             MissingFileError: the file does not exist.
-            AssetError: the file is not JSON, repeats a field, or holds something other than an object.
+            AssetError: the file is not a JSON object, or repeats a field.
         """
         content, file = self.read(name, MAX_OBJECT_JSON), self.path / name
         try:
@@ -43,14 +43,14 @@ class ObjectFolder(ForeignTree):
         return value
 
     def fingerprint(self) -> str:
-        """Return the hex digest of names and contents of all regular files; other entries count by name only.
+        """Return the hex digest of the names and contents of all regular files, and the names of all other entries.
 
         Raises:
-            AssetError: there are too many files, they are too large, or one cannot be read.
+            AssetError: the files are too many or too large, or a file cannot be read.
         """
         digest, names = hashlib.sha256(), self.names()
         if sum((self.path / name).lstat().st_size for name in names) > MAX_OBJECT:
-            remedy = "remove what is not its own"
+            remedy = "remove files that do not belong there"
             raise AssetError(f"holds over {megabytes(MAX_OBJECT)}", file=self.path, remedy=remedy)
         for name in names:
             digest.update(os.fsencode(name))

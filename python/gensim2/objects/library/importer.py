@@ -1,19 +1,19 @@
 """Convert a URDF or a PartNet-Mobility folder to an object of a library: one movable joint, real size, keypoints.
 
-A PartNet-Mobility folder holds ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``. The model
-has any number of joints, no physical size (its bounding box has a diagonal of 2) and no keypoints. The import applies
+A PartNet-Mobility folder contains ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``. Its model
+may have many joints, has no real size (the bounding box has a diagonal of 2 units) and no keypoints. The import applies
 these rules:
 
-- One joint stays movable: the requested one, else the only one, else the only one of the class's known type.
+- One joint stays movable: the requested joint, else the only joint, else the only joint of the class's known type.
 - Every other joint is fixed at zero, or at the limit closest to zero.
 - A continuous joint gets the range from 0 to 90 degrees.
 - A joint that rests at its upper limit and opens downwards is reversed, so that openness 0 is the resting position.
-- With scale ``auto``, the longest side equals that of the generated objects of the class, or 0.3 m for other classes.
+- With scale ``auto``, the longest side is as long as in generated objects of the class, or 0.3 m for other classes.
 - The head keypoint is the middle of the meshes named "handle". Without such meshes it is the middle of the part
   farthest from the axis (revolute), or of the end that leads the motion (prismatic; the other end for classes that are
   pushed: ``..._move``, ``..._push``). The tail keypoint is the middle of the part nearest to the axis, or of the other
-  end. Both are moved to the nearest point of the surface. On the released objects the proposed head is 12 mm from the
-  annotated one in the median, and within 5 cm for 85 %.
+  end. Both are moved to the nearest point of the surface. On the released objects the median distance from the proposed
+  to the annotated head is 12 mm; 85 % are within 5 cm.
 
 Everything but the joint is written to ``info.json``, where the user can edit it.
 """
@@ -82,7 +82,7 @@ class Imported:
         joint: name of the movable joint.
         fixed: names of the joints that were fixed.
         scale: scale of lengths.
-        notes: rules that were applied.
+        notes: rules that were applied, one sentence each.
     """
 
     folder: Path
@@ -92,7 +92,7 @@ class Imported:
     notes: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return a dictionary for JSON."""
         return {
             "folder": str(self.folder),
             "joint": self.joint,
@@ -123,21 +123,21 @@ def import_object(
         asset_class: class of the object.
         name: id of the object.
         joint: name of the joint that stays movable.
-        scale: metres a unit of the model.
+        scale: length in metres of one unit of the model, or ``"auto"`` (see the rules above).
         up: axis of the model's root frame that points up. With ``"y"`` the front faces z, with ``"z"`` it faces -x.
         keypoints: (3,) by name, in units of the model: in the root frame if the name contains ``base``, otherwise in
             the frame of the moving link. They replace the proposed keypoints of the same name; ``head`` stands for
             ``articulated_object_head``, and so on.
-        license: terms of the model, in its maker's words.
-        replace: take the place of an object that is there already, edited or not.
+        license: licence terms of the model.
+        replace: replace an existing object, even if the user edited its files.
 
     Raises:
-        InputError: the source cannot be read; the joint is unknown, or several could be meant; a name is no folder
-            name; a keypoint is not three numbers; or the object is there already.
+        InputError: the source cannot be read; the joint is unknown or ambiguous; a name is not a valid folder name; a
+            keypoint is not three numbers; or the object exists already.
     """
     for field, word in (("class", asset_class), ("name", name)):
         if not is_name(word):
-            raise InputError(f"{reprlib.repr(word)} cannot name a folder", field=field, remedy=RULE)
+            raise InputError(f"{reprlib.repr(word)} is not a valid folder name", field=field, remedy=RULE)
     if scale != "auto" and not (math.isfinite(scale) and scale > 0):
         raise InputError(f"must be a positive number, is {scale}", field="scale")
     if not (license.strip() and license.isprintable() and len(license) <= LONGEST_TEXT):
@@ -167,7 +167,7 @@ def _full_name(keypoint: str) -> str:
 def _checked(name: str, values: Sequence[float]) -> Array:
     field = f"keypoint {reprlib.repr(name)}"
     if not is_name(name):
-        raise InputError("cannot name a keypoint", field=field, remedy=RULE)
+        raise InputError("is not a valid name of a keypoint", field=field, remedy=RULE)
     try:
         found = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -178,12 +178,12 @@ def _checked(name: str, values: Sequence[float]) -> Array:
 
 
 class _Source:
-    """A model with all its joints but one fixed, unscaled.
+    """A model in its original units, in which all joints except one are fixed.
 
     Args:
         source: URDF file, or a folder with ``mobility.urdf``.
         asset_class: class of the object.
-        joint: name of the joint that stays movable; None: the only candidate.
+        joint: name of the joint that stays movable; None: the only joint that can be meant.
         up: axis of the root frame that points up.
     """
 
@@ -249,7 +249,7 @@ class _Source:
         movable = {j.name: j for j in joints if j.type in MOVABLE}
         listed = "; ".join(f"{j.name} ({', '.join([j.type, *self._meaning(j.child)])})" for j in movable.values())
         if not movable:
-            raise AssetError("no movable joint", file=self.file, field="joint")
+            raise AssetError("has no movable joint", file=self.file, field="joint")
         if name is not None:
             if name not in movable:
                 raise AssetError(
@@ -266,7 +266,7 @@ class _Source:
             )
             return fitting[0]
         raise AssetError(
-            f"{len(movable)} movable joints",
+            f"has {len(movable)} movable joints",
             file=self.file,
             field="joint",
             remedy=f"choose with --joint one of {listed}",
@@ -331,7 +331,7 @@ class _Source:
                 copy.write_bytes(self.folder.read(name, MAX_OBJECT))
 
     def scale(self) -> float:
-        """Return the scale at which the closed object is as long as the generated objects of its class."""
+        """Return the scale at which the closed object is as long as generated objects of its class."""
         T = self._T_root_parent @ self.joint.T
         body = [m.vertices for m in self.geometry["body"]]
         points = np.concatenate([*body, *(transform(T, m.vertices) for m in self.geometry["moving"])])
@@ -399,7 +399,7 @@ def _editable(content: bytes, file: Path) -> ET.Element:
 
 
 def _turn(root: ET.Element, written: Urdf) -> None:
-    """Put a model whose y axis points up on a new root link whose z axis does."""
+    """Attach a model whose y axis points up to a new root link whose z axis points up."""
     names = {str(each.get("name")) for each in root.iter() if each.get("name") is not None}
     link, joint = (next(name for name in (base, f"{base}_of_import") if name not in names) for base in ("up", "turn"))
     hanging = {each.child for each in written.joints}
@@ -446,7 +446,7 @@ def on_surface(point: Array, meshes: list[Mesh]) -> Array:
 
 
 def usual_size(asset_class: str) -> float:
-    """Return the median longest side in metres of three closed generated objects of a class, else ``OTHER_SIZE``."""
+    """Return the longest side in metres (median of three closed generated objects of the class), or ``OTHER_SIZE``."""
     if asset_class not in object_classes():
         return OTHER_SIZE
     sides = []
@@ -459,7 +459,7 @@ def usual_size(asset_class: str) -> float:
 
 
 def _semantics(folder: ObjectFolder) -> dict[str, str]:
-    """Return each link's meaning from lines such as ``link_0 hinge rotation_lid``; empty without the file."""
+    """Return the meaning of each link from ``semantics.txt``, with lines such as ``link_0 hinge rotation_lid``."""
     try:
         text = folder.read("semantics.txt", MAX_OBJECT_JSON).decode(errors="replace")
     except MissingFileError:

@@ -38,7 +38,7 @@ class Info:
         scale: length in metres of one unit.
         joint_range: lower and upper joint value in rad or m.
         convex: whether every collision mesh is already convex.
-        unknown: names of unknown fields.
+        unknown: names of unknown fields in the file.
     """
 
     file: Path
@@ -63,7 +63,7 @@ def read_info(folder: ObjectFolder) -> Info:
     if not isinstance(points, dict) or not points:
         raise AssetError("no keypoints", file=file, field="keypoints", remedy="name at least one point")
     if len(points) > MAX_KEYPOINTS:
-        raise AssetError(f"{len(points)} keypoints, at most {MAX_KEYPOINTS}", file=file, field="keypoints")
+        raise AssetError(f"has {len(points)} keypoints, more than {MAX_KEYPOINTS}", file=file, field="keypoints")
     keypoints = {
         plain_name(name, file, "keypoints"): numbers(point, 3, file, f"keypoints.{name}")
         for name, point in points.items()
@@ -86,7 +86,7 @@ def numbers(value: Any, count: int, file: Path, name: str) -> Array:
     """Convert a JSON list of finite numbers to an array (``count``,).
 
     Raises:
-        AssetError: the value is no such list, or a number exceeds ``LARGEST_VALUE``.
+        AssetError: the value is not a list of ``count`` finite numbers, or a number exceeds ``LARGEST_VALUE``.
     """
     wanted = {2: "two finite numbers", 3: "three finite numbers"}[count]
     if not isinstance(value, list) or len(value) != count or not all(is_number(v) for v in value):
@@ -95,7 +95,7 @@ def numbers(value: Any, count: int, file: Path, name: str) -> Array:
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a JSON value is a number of plausible size."""
+    """Return whether a JSON value is a finite number of at most ``LARGEST_VALUE``."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST_VALUE <= value <= LARGEST_VALUE
 
 
@@ -103,7 +103,7 @@ def _descriptions(value: Any, file: Path) -> dict[str, str]:
     if value is None:
         return {}
     if not isinstance(value, dict):
-        raise AssetError("not a phrase for each keypoint", file=file, field="keypoint_descriptions")
+        raise AssetError("must be a mapping from keypoint names to phrases", file=file, field="keypoint_descriptions")
     found = {name: _text(text, file, f"keypoint_descriptions.{name[:40]}") for name, text in value.items()}
     return {name: text for name, text in found.items() if text}
 
@@ -112,7 +112,7 @@ def _text(value: Any, file: Path, name: str) -> str | None:
     if value is None:
         return None
     if not isinstance(value, str):
-        raise AssetError(f"{reprlib.repr(value)} is no text", file=file, field=name)
+        raise AssetError(f"{reprlib.repr(value)} is not text", file=file, field=name)
     text = " ".join(value.split())
     if not text.isprintable() or len(text) > LONGEST_TEXT:
         remedy = f"up to {LONGEST_TEXT} printable characters"
@@ -125,7 +125,7 @@ def _scale(value: Any, file: Path) -> float | None:
         return None
     if not is_number(value) or not value >= SMALLEST_SCALE:
         remedy = f"metres a unit, {SMALLEST_SCALE:g} to {LARGEST_VALUE:g}"
-        raise AssetError("not a positive number in range", file=file, field="scale", remedy=remedy)
+        raise AssetError("must be a positive number of plausible size", file=file, field="scale", remedy=remedy)
     return float(value)
 
 
@@ -145,7 +145,7 @@ def _range(value: Any, file: Path) -> tuple[float, float]:
     low, high = (float(v) for v in numbers(value, 2, file, "joint_position_range"))
     if not high - low >= NARROWEST:
         remedy = f"lower and upper, at least {NARROWEST:g} rad or m apart"
-        raise AssetError("not an increasing range", file=file, field="joint_position_range", remedy=remedy)
+        raise AssetError("must be two increasing numbers", file=file, field="joint_position_range", remedy=remedy)
     return low, high
 
 
@@ -169,8 +169,7 @@ def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
 
 
 def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
-    """Return the contact point (3,) derived from the moving link's hulls (link frame, unit joint axis through the
-    origin).
+    """Derive the contact point (3,) from the hulls of the moving link, in its frame; the joint axis passes the origin.
 
     For a revolute joint this is the middle of the part farthest from the axis, for a prismatic one the middle of the
     end that leads the motion.
@@ -192,7 +191,7 @@ def read_keypoints(
     hulls: Sequence[Array],
     warnings: list[str],
 ) -> dict[str, Keypoint]:
-    """Return the keypoints of ``info.json`` in metres, on ``link``, or on the root if the name contains ``base``.
+    """Return the keypoints of ``info.json`` in metres, fixed to ``link``, or to the root if the name contains ``base``.
 
     Args:
         info: content of ``info.json``.
@@ -201,7 +200,7 @@ def read_keypoints(
         link, kind, axis, hulls: moving link, joint type, unit joint axis and collision hulls in the link's frame.
         warnings: list to which a line is appended for each keypoint that is derived by a rule.
     """
-    # Imported here because naming objects does not need SciPy.
+    # Import late: naming objects does not need SciPy.
     from scipy.spatial import cKDTree
 
     from gensim2.objects.meshwork.convexes import surface_samples

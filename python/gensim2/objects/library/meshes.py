@@ -24,7 +24,7 @@ DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
 
 
 class ObjFile(NamedTuple):
-    """Meshes of an OBJ file, one for each material, and whether each material file that it names exists."""
+    """Meshes of an OBJ file, one for each material, and whether each material file named in it exists."""
 
     meshes: list[Mesh]
     materials: dict[str, bool]
@@ -72,7 +72,7 @@ def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None)
 
     Raises:
         AssetError: the file, or a material file that it names, cannot be read.
-        ValueError: the file is not OBJ, holds no triangle, or has vertices that are not numbers.
+        ValueError: the file is not OBJ, contains no triangle, or has vertices that are not finite numbers.
     """
     vertices, groups, libraries = gensim2_kpam.read_obj(folder.read(name, MAX_OBJ, named_by))
     looks: dict[str, Look] = {}
@@ -90,13 +90,13 @@ def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None)
 
 def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], looks: dict[str, Look]) -> list[Mesh]:
     if not groups:
-        raise ValueError("has no triangle")
+        raise ValueError("contains no triangle")
     if len(groups) > MAX_LOOKS:
-        raise ValueError(f"{len(groups)} materials, at most {MAX_LOOKS}")
+        raise ValueError(f"has {len(groups)} materials, more than {MAX_LOOKS}")
     if not np.isfinite(points).all():
-        raise ValueError("a vertex is not finite")
+        raise ValueError("has a vertex that is not finite")
     if np.abs(points).max() > FARTHEST_VERTEX:
-        raise ValueError(f"a vertex is beyond {FARTHEST_VERTEX:g}")
+        raise ValueError(f"has a vertex coordinate beyond {FARTHEST_VERTEX:g}")
     meshes = []
     for name, faces in groups:
         used, renumbered = np.unique(faces, return_inverse=True)
@@ -105,9 +105,9 @@ def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], 
 
 
 def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
-    """Write meshes as an OBJ file with an MTL file beside it, one material for each appearance.
+    """Write meshes as an OBJ file and an MTL file in the same folder, with one material for each appearance.
 
-    MTL has no roughness, so the specular share encodes it, as in :func:`read_materials`.
+    MTL has no roughness, so the specular colour encodes it, as :func:`read_materials` expects.
     """
     looks = list(dict.fromkeys(mesh.look for mesh in meshes))
     lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1
@@ -136,7 +136,7 @@ LISTED = 8  # maximum number of names in a warning
 
 
 class MeshReader:
-    """Reads the mesh files of one instance once each, and records unreadable ones."""
+    """Reads each mesh file of an object only once, and records unreadable files."""
 
     def __init__(self, folder: ObjectFolder) -> None:
         self._folder, self._read = folder, {}  # type: tuple[ObjectFolder, dict[str, list[Mesh]]]
@@ -146,11 +146,11 @@ class MeshReader:
         self._materials: dict[str, bool] = {}
 
     def get(self, element: ShapeElement, scale: float, T: Array) -> list[Mesh]:
-        """Return the scaled meshes of an element in the target frame of ``T`` (unscaled pose of its link).
+        """Return the scaled meshes of an element, in the frame in which ``T`` (4, 4) is the unscaled pose of its link.
 
         Raises:
-            AssetError: the file is not named like an OBJ file, is no regular file inside the folder, or the triangles
-                are too many.
+            AssetError: the file has no ``.obj`` suffix or is not a regular file inside the folder, or the object has
+                too many triangles.
         """
         place, shape = T @ element.T, element.shape
         if isinstance(shape, Primitive):
@@ -175,7 +175,7 @@ class MeshReader:
     def _meshes(self, name: str, field: str) -> list[Mesh]:
         if not name.lower().endswith(".obj"):
             raise AssetError(
-                f"{reprlib.repr(name)} is no .obj file",
+                f"{reprlib.repr(name)} is not an .obj file",
                 file=self._folder.path / URDF,
                 field=field,
                 remedy="convert meshes to Wavefront OBJ",
@@ -197,7 +197,7 @@ class MeshReader:
         return [*self._read, *self._materials]
 
     def warnings(self) -> list[str]:
-        """Return one line for each kind of file that could not be read."""
+        """Return one warning for each kind of file (mesh, material) that could not be read."""
         broken = [f"{name} ({why})" for name, why in self._broken.items()]
         kinds = {"mesh files missing": self._missing, "mesh files unreadable": broken}
         kinds["material files missing"] = [name for name, there in self._materials.items() if not there]
@@ -205,6 +205,6 @@ class MeshReader:
 
 
 def listed(names: Sequence[str], max_count: int = LISTED) -> str:
-    """Join the first names, and add the number of remaining ones."""
+    """Join the first ``max_count`` names, and add the number of remaining names."""
     more = f" and {len(names) - max_count} more" if len(names) > max_count else ""
     return ", ".join(names[:max_count]) + more

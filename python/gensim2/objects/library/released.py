@@ -2,11 +2,11 @@
 
 The reader repairs irregular files by these rules, and records each repair in the instance's warnings:
 
-- Links joined by fixed joints are merged into two: the body, in the root frame, and the moving link.
+- Links connected by fixed joints are merged, so that two remain: the body (root frame) and the moving link.
 - A missing or unreadable mesh file is left out and counted; a missing material file is counted.
-- A collision file with a single slanted triangle has no hull, and PhysX drops it; it becomes a plate and is counted.
-- ``joint_position_range`` replaces the limits. The URDF's prismatic limits are scaled, this range is not.
-- A missing ``scale`` is replaced by the median of the class.
+- A collision file with a single slanted triangle, which PhysX would ignore, becomes a thin plate and is counted.
+- ``joint_position_range`` replaces the joint limits and is not scaled; prismatic limits from the URDF are scaled.
+- A missing ``scale`` is replaced by the median scale of the class.
 - If all keypoints have colour names, the one nearest to the moving link becomes ``articulated_object_head``; if none
   lies within 3 cm, that keypoint is derived from the moving link's geometry.
 - A missing ``axis`` is replaced by the axis of the object frame closest to the joint axis.
@@ -68,7 +68,7 @@ READER_MODULES = (
 
 
 def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
-    """Return the scale from ``info.json``, else the median over the class's other objects."""
+    """Return the scale from ``info.json``; if missing, the median scale of the other objects of the class."""
     if info.scale is not None:
         return info.scale
     others = []
@@ -117,7 +117,7 @@ def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str,
 
 
 def _engines_drop(meshes: list[Mesh]) -> bool:
-    """Return whether PhysX would ignore the meshes of a collision file.
+    """Return whether PhysX would ignore a collision file.
 
     PhysX ignores meshes with fewer than four distinct vertices, unless they are flat along an axis; it replaces flat
     meshes by a box.
@@ -129,8 +129,8 @@ def _engines_drop(meshes: list[Mesh]) -> bool:
 
 
 def license_of(folder: ObjectFolder) -> str:
-    """Return the licence terms in an instance's ``info.json``, or PartNet-Mobility's if ``meta.json`` marks it as such
-    a model of a released class. Faulty files are reported when the object is loaded.
+    """Return the licence terms of an instance from ``info.json``, or PartNet-Mobility's if ``meta.json`` marks such a
+    model of a released class. Faulty files are ignored here; loading the object reports them.
     """
     try:
         stated = read_info(folder).license
@@ -146,7 +146,7 @@ def _declared_hulls(meshes: list[Mesh], info: Info) -> list[Array]:
         try:
             hulls.append(mesh.vertices[ConvexHull(mesh.vertices).vertices])
         except (QhullError, ValueError) as error:
-            raise AssetError("a collision piece has no volume", file=info.file, field="collision") from error
+            raise AssetError("a collision part has no volume", file=info.file, field="collision") from error
     return hulls
 
 
@@ -160,11 +160,11 @@ def read_model(
         asset_class: class of the instance.
         content_hash: hex digest of the instance's files.
         expected_type: usual joint type of the class; a different type causes a warning.
-        rule: method by which meshes become collision parts. Mass, placement and keypoints always follow the default
-            method.
+        rule: method that converts meshes to convex collision parts. Mass, placement and keypoints always use the
+            default method.
 
     Raises:
-        AssetError: the instance cannot be used; names the file and the field.
+        AssetError: the instance cannot be used; the message names the file and the field.
     """
     folder = ObjectFolder(path)
     warnings: list[str] = []
@@ -177,7 +177,7 @@ def read_model(
     axis = unit_axis(joint, urdf.file)
     if joint.child == ROOT_LINK:
         raise AssetError(
-            "a moving link cannot have this name", file=urdf.file, field=f"link {ROOT_LINK}", remedy="rename"
+            "a moving link must have another name", file=urdf.file, field=f"link {ROOT_LINK}", remedy="rename"
         )
     kind: Literal["revolute", "prismatic"] = "revolute" if joint.type == "revolute" else "prismatic"
     if expected_type and expected_type != kind:
@@ -281,7 +281,7 @@ def _read_geometry(
 
 
 def within(what: str, value: float, file: Path, field: str) -> None:
-    """Refuse a value farther from the origin than ``FARTHEST``.
+    """Check that ``value`` lies within ``FARTHEST`` of the origin.
 
     Raises:
         AssetError: the value is too large.

@@ -55,7 +55,7 @@ class GeneratedRigidShelf(RigidShelf):
         return CLASSES[asset_class].description
 
     def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
-        # Imported here because naming objects does not need a mesh library.
+        # Import late: naming objects does not need a mesh library.
         from gensim2.objects.library.rigid_prepare import RigidModel, prepare
 
         digest, rule = source_digest(*_MODULES), CLASSES[asset_class]
@@ -113,7 +113,7 @@ class FolderRigidShelf(RigidShelf):
             point: (info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
             for point, at in info.keypoints.items()
         }
-        # A scale outside this range shows that the file's unit is not metres; the true size is then unknown.
+        # A scale outside this range means that the file's unit is not metres, so that the true size is unknown.
         mass = known_mass(asset_class, info.scale) if NATURAL[0] <= info.scale <= NATURAL[1] else None
         terms = info.license or _usual_license(asset_class)
         return load_from_meshes(
@@ -171,7 +171,7 @@ class YcbShelf(RigidShelf):
 
 
 def _usual_license(name: str) -> str:
-    """Return the licence of a model that states none: that of the YCB set for its objects."""
+    """Return the licence of a model that states none: the YCB licence for objects of the YCB set."""
     return YCB_LICENSE if name in CLASSES else UNSTATED
 
 

@@ -1,4 +1,4 @@
-"""Prepare a rigid object from its parts: mass, resting pose and grasp."""
+"""Prepare a rigid object: compute mass, resting pose and grasp from its convex parts."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ FINGER = 0.018
 
 
 def steadiness(points: Array, center: Array) -> float:
-    """Return the tilt in rad that tips over a body with vertices (N, 3) and centre of mass (3,) standing on its lowest
-    vertices.
+    """Return the tilt in rad at which a body that stands on its lowest vertices tips over.
 
-    The tilt is negative if the body falls over by itself.
+    ``points`` (N, 3) are its vertices, ``center`` (3,) is the centre of mass. The result is negative if the body falls
+    over by itself.
     """
     low = float(points[:, 2].min())
     foot = points[points[:, 2] < low + FOOT][:, :2]
@@ -69,7 +69,7 @@ def steadiness(points: Array, center: Array) -> float:
 
 
 def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
-    """Return the pose in which an object rests on the table: upright if stable, else the most probable one.
+    """Return the pose in which an object rests on the table: upright if stable, else the most probable stable pose.
 
     trimesh computes the statically stable poses of the convex hull and their probabilities.
     """
@@ -86,7 +86,7 @@ def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
 
 
 def _least_turn(R: Array) -> Array:
-    """Return the rotation with the same side down that is closest to upright."""
+    """Return the rotation closest to upright among all that have the same side down as ``R``."""
     down = R[2]  # world up in the object frame
     axis = np.cross(down, [0, 0, 1])
     angle = float(np.arccos(np.clip(down[2], -1, 1)))
@@ -96,10 +96,10 @@ def _least_turn(R: Array) -> Array:
 
 
 def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip:
-    """Return the best grasp by two parallel fingers from above, over directions, heights and parts.
+    """Return the best grasp with two parallel fingers from above, over all directions, heights and parts.
 
     The best grasp is narrow, at the height of the centre of mass (round objects slip out of higher grasps) and close to
-    it. The width is the extent of the material within half of ``FINGER`` from the fingers' plane.
+    it. Its width is the extent of the material within half of ``FINGER`` of the plane of the fingers.
     """
     R = resting.rotation
     placed = [hull @ R.T + resting.position for hull in hulls]
@@ -126,7 +126,7 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
 
 
 def _slice(hull: Array, height: float) -> Array | None:
-    """Return the vertices (N, 2) of a hull's section, including half a finger's width above and below."""
+    """Return the vertices (N, 2) of the section of a hull by a slab around ``height``, as thick as half a finger."""
     near = hull[np.abs(hull[:, 2] - height) < FINGER / 4]
     above, below = hull[hull[:, 2] >= height], hull[hull[:, 2] < height]
     if not (len(above) and len(below)):
@@ -164,8 +164,8 @@ class RigidModel:
         hulls: convex parts, each (N, 3) metres in the object frame.
         meshes: visual meshes, same frame.
         keypoints: (position (3,) in metres, same frame; description) by name.
-        mass: kg; None: ``density`` (kg/m³) times the hulls' volume. The hulls always determine the shape of the
-            inertia.
+        mass: kg; None: ``density`` (kg/m³) times the volume of the hulls. The inertia is always computed from the
+            hulls.
     """
 
     asset_class: str
@@ -182,7 +182,7 @@ class RigidModel:
 
 
 def prepare(key: str, model: RigidModel) -> RigidObject:
-    """Return the prepared object from the cache under ``key``, or prepare it."""
+    """Return the prepared object from the cache under ``key``; prepare the object if it is missing."""
 
     def make(folder: Path) -> None:
         hulls = list(model.hulls)
@@ -243,7 +243,7 @@ def load_from_meshes(
     code: str,
     rule: Hulls = "default",
 ) -> RigidObject:
-    """Prepare a real object; a connected piece becomes its convex hull if that fills no cavity, else it is decomposed.
+    """Prepare a real object; connected pieces become their convex hulls, and pieces with cavities are decomposed.
 
     Args:
         name: class of the object.
@@ -255,7 +255,7 @@ def load_from_meshes(
         density: kg/m³, or None.
         license: licence terms of the data.
         code: digest of the code that prepares the object.
-        rule: ``"original"`` decomposes nothing.
+        rule: method that converts meshes to convex parts; ``"original"`` replaces each piece by its hull.
 
     Raises:
         AssetError: the object cannot be used; gives the reason.
@@ -316,7 +316,7 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
 
 
 def _hulls(pieces: list[tuple[Array, Any]], rule: Hulls) -> tuple[list[Array], dict[str, int]]:
-    """Return each piece's hull, unless the hull adds much volume: the files are already convex decompositions."""
+    """Return the hull of each piece; decompose only pieces with cavities, as most files are decomposed already."""
     if rule == "original":
         whole, flat = piece_hulls(pieces)
         return whole, {"dropped": flat}

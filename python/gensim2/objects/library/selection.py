@@ -29,10 +29,10 @@ def select(
         library: object library.
         words: selections: ``CLASS`` (all its instances), or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``new``,
             ``all`` or ``random``.
-        every: also select all of the library's own objects, or all of one ``kind``. Without ``words`` and ``drawn``
-            this is the default.
-        drawn: number of additional random objects of each (named) class: new numbers for generated classes, else any of
-            the folder's.
+        every: also select all objects of the library itself (of ``kind``). Default if neither ``words`` nor ``drawn``
+            is given.
+        drawn: number of additional random objects of each class (in ``words``, or all): unlisted numbers of generated
+            classes, any objects of folders.
         seed: seed of ``random`` and ``drawn``.
         kind: restrict the selection to this kind; None: both.
 
@@ -45,7 +45,7 @@ def select(
     for word in words:
         asset_class, slash, which = word.partition("/")
         if slash and not which:
-            raise InputError(f"no instance in {word!r}", field="object", remedy="write CLASS or CLASS/ID")
+            raise InputError(f"{word!r} names no instance", field="object", remedy="write CLASS or CLASS/ID")
         if kind is not None:
             library.check_kind(asset_class, kind)
         for instance_id in library.choose(asset_class, which or "all", seed):
@@ -72,11 +72,11 @@ def words_of_objects(
 ) -> dict[str, Sequence[str]]:
     """Resolve ``--instances`` for each object of a task.
 
-    Sets (``all``, ``train``, ``test``, ``new``) apply to every object. Ids apply to one object (:func:`object_of_ids`),
-    and the others may be any instance.
+    Sets (``all``, ``train``, ``test``, ``new``) apply to every object. Ids apply to one object (:func:`object_of_ids`);
+    the other objects may be any instance.
 
     Args:
-        instances: lists the ids of a class.
+        instances: function that lists the ids of a class.
         classes: class of each object, by name.
         words: values of ``--instances``.
     """
@@ -87,17 +87,17 @@ def words_of_objects(
 
 
 def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[str, str]) -> str:
-    """Return the name of the object that ids refer to: the first whose class has several instances, else the first."""
+    """Return the name of the object that ids refer to: the first whose class has several instances, or the first."""
     return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 
 
 def taken_instances(
     choose: Callable[[str, str], Sequence[str]], asset_class: str, asked: Sequence[str], own: Sequence[str] | None
 ) -> tuple[str, ...]:
-    """Return the ids of a class that the values select, restricted to those that the task accepts.
+    """Return the ids that the user's values select, restricted to the ids that the task accepts.
 
     Args:
-        choose: returns the ids for a class and one value.
+        choose: function that returns the ids for a class and one value.
         asset_class: name of the class.
         asked: values given by the user.
         own: values given by the task; None: the task accepts all.
@@ -121,7 +121,7 @@ def taken_instances(
 def wanted_classes(
     libraries: Sequence[Library], classes: Sequence[str] | None
 ) -> list[tuple[Library, tuple[str, ...]]]:
-    """Return each library with those of its classes that are named, or with all its own if ``classes`` is None.
+    """Return for each library its classes among ``classes``; if None, all of the library's own classes.
 
     Raises:
         InputError: no library has a class of this name.

@@ -15,7 +15,7 @@ class Shelf(ABC):
     Attributes:
         kind: kind of the objects.
         source: ``"generated"`` or ``"real"``.
-        license: licence terms of their data.
+        license: licence terms of the objects' data.
     """
 
     kind: Kind
@@ -52,7 +52,7 @@ class Shelf(ABC):
         """Return the usual joint type of a class, ``"revolute"`` or ``"prismatic"``; None for a rigid one."""
 
     def holds(self, asset_class: str, instance_id: str) -> bool:
-        """Return whether the source has this instance, listed or not."""
+        """Return whether the source has this instance, even if ``instances`` does not list it."""
         return instance_id in self.instances(asset_class)
 
     def remedy(self, asset_class: str, instance_id: str) -> str:
@@ -63,7 +63,7 @@ class Shelf(ABC):
         """Return the ids of a fixed number of objects beyond those that ``instances`` lists.
 
         Raises:
-            InputError: there are none.
+            InputError: the class has no further objects.
         """
         raise InputError(
             f"{asset_class} is {self.source}: there are no instances beyond the listed ones",
@@ -72,7 +72,7 @@ class Shelf(ABC):
         )
 
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
-        """Draw ``count`` different ids by the seed; all ids if the class has no more."""
+        """Draw ``count`` different random ids; return all ids if the class has fewer."""
         ids = self.instances(asset_class)
         order = rng(seed, f"sample/{asset_class}").permutation(len(ids))[:count]
         return tuple(ids[i] for i in sorted(order))
@@ -87,7 +87,7 @@ class RigidShelf(Shelf):
         return (ONLY_ID,)
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Return the only id."""
+        """Return the class's only id."""
         return (ONLY_ID,)
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> RigidObject:

@@ -1,6 +1,6 @@
-"""Read URDF files with ``gensim2_kpam.read_urdf``, unscaled, for objects and for links to display.
+"""Read URDF files with ``gensim2_kpam.read_urdf``, without scaling: objects, and robot links to display.
 
-Files whose links form no tree, or with implausible numbers, are refused here.
+Files are refused if their links do not form a tree or their numbers are implausible.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Primitive:
     size: tuple[float, ...]
 
     def mesh(self, sphere_detail: int = SPHERE_DETAIL) -> trimesh.Trimesh:
-        """Return the surface, centred at the origin."""
+        """Return the surface of the shape, centred at the origin."""
         from trimesh import creation
 
         if self.kind == "box":
@@ -64,7 +64,7 @@ class ShapeElement:
     Attributes:
         shape: a mesh file, relative to the URDF's folder, or a primitive.
         field: the URDF element, for error messages.
-        T: (4, 4) pose in its link, unscaled.
+        T: (4, 4) pose in the frame of the element's link, unscaled.
         scale: (3,) scale of a mesh file's vertices.
         label: name of the element, if any.
         rgba: (4,) colour of the material, if any.
@@ -80,7 +80,7 @@ class ShapeElement:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint; ``T`` (4, 4) and ``axis`` (3,), which may be zero, are unscaled; ``limits`` in units or rad."""
+    """A joint: unscaled pose ``T`` (4, 4), ``axis`` (3,), which may be zero, and ``limits`` in file units or rad."""
 
     name: str
     type: str
@@ -132,20 +132,20 @@ def parse_urdf(content: bytes, file: Path) -> Urdf:
     children = {joint.child for joint in joints.values()}
     roots = [name for name in links if name not in children]
     if len(roots) != 1:
-        raise AssetError(f"{len(roots)} root links, one is needed", file=file, field="link")
+        raise AssetError(f"has {len(roots)} root links instead of one", file=file, field="link")
     materials = {name: np.array(rgba) for name, rgba in written["materials"]}
     return Urdf(file, links, tuple(joints.values()), materials)
 
 
 def plain_name(name: str | None, file: Path, field: str) -> str:
-    """Check that a name can appear in other files, as a file name and on the terminal, and return it.
+    """Return ``name`` after checking that it can appear in files, in file names and on the terminal.
 
     Raises:
         AssetError: the name is missing or too long, or contains a slash or unprintable characters.
     """
     if not name or len(name) > LONGEST_LINK_NAME or not name.isprintable() or "/" in name or name in (".", ".."):
         raise AssetError(
-            f"{reprlib.repr(name or '')} is no name",
+            f"{reprlib.repr(name or '')} is not a valid name",
             file=file,
             field=field,
             remedy=f"1 to {LONGEST_LINK_NAME} printable characters, no slash",
@@ -244,16 +244,14 @@ def shape_elements(urdf: Urdf, link: str, kind: str) -> list[ShapeElement]:
 
 
 def _mesh_file(paths: Sequence[str], folder: Path) -> str:
-    """Return the first of a mesh's candidate paths that exists, else the first."""
+    """Return the first existing path among a mesh's candidate paths; if none exists, the first path."""
     if len(paths) == 1:
         return paths[0]
     return next((path for path in paths if (folder / path).is_file()), paths[0])
 
 
 def _color(urdf: Urdf, element: Mapping[str, Any], is_mesh: bool) -> Array | None:
-    """Return the colour of an element's material; a primitive may refer to a material of the robot, a mesh has its
-    own.
-    """
+    """Return the colour of an element's material; only primitives may refer to materials defined for the whole robot."""
     if element["rgba"] is not None:
         return np.array(element["rgba"])
     return None if is_mesh else urdf.materials.get(element["material"])
@@ -280,12 +278,13 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
     """Return the only movable joint.
 
     Raises:
-        AssetError: there are none or several, it is neither revolute nor prismatic, or it mimics another.
+        AssetError: the model has no movable joint or several, or the joint is neither revolute nor prismatic, or mimics
+            another.
     """
     movable = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(movable) != 1:
         raise AssetError(
-            f"{len(movable)} movable joints, one is needed",
+            f"has {len(movable)} movable joints instead of one",
             file=urdf.file,
             field="joint",
             remedy="fix all joints but one",
@@ -314,7 +313,7 @@ def unit_axis(joint: UrdfJoint, file: Path) -> Array:
 
 
 def fixed_frames(urdf: Urdf, movable: UrdfJoint) -> dict[str, dict[str, Array]]:
-    """Return the unscaled pose of each link, grouped into body (in the root frame) and moving link (in its frame).
+    """Return the unscaled poses of the body's links (in the root frame) and the moving part's links (in its frame).
 
     Raises:
         AssetError: the links form no tree.

@@ -1,1 +1,1 @@
-"""Mesh processing: convex decomposition, overlap of two links, and free space."""
+"""Mesh processing: convex decomposition, overlap of two links, and free space around meshes."""

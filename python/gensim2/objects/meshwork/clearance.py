@@ -1,9 +1,9 @@
-"""Convex decomposition of two links that keeps their parts from colliding with each other.
+"""Decompose the two links of an object into convex hulls that do not collide with each other.
 
 A convex hull may fill some space that its mesh leaves free. If the other link moves through that space, the two links
-would collide. First, such space is penalized while pieces are decomposed and merged. Then, hull parts that still reach
-into the other link are cut off by planes, if that removes almost none of the hull's own surface. Nothing is cut where
-the meshes themselves overlap.
+would collide. Therefore hulls that fill such space are penalized while pieces are decomposed and merged. Then planes
+cut off hull parts that still reach into the other link, if the cut removes almost none of the mesh's surface. Nothing
+is cut where the meshes themselves overlap.
 """
 
 from __future__ import annotations
@@ -46,9 +46,7 @@ MAX_POINTS = 400  # on either side in the search for a separating plane
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the moving link: its frame (4, 4) in the root frame at joint value zero, and unit axis (3,) in its own
-    frame.
-    """
+    """Joint motion: the moving link's frame (4, 4) in the root frame at joint value zero, and the unit axis in it."""
 
     T_root_link: Array
     axis: Array
@@ -62,7 +60,7 @@ class Motion:
         return np.asarray(self.T_root_link @ (pose(axis=self.axis, angle=q) if self.revolute else pose(q * self.axis)))
 
     def off_hinge(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Return which of (N, 3) points in the root frame lie outside the hinge region."""
+        """Return a mask of the points (N, 3), in the root frame, that lie outside the hinge region."""
         if not self.revolute:
             return np.ones(len(points), bool)
         axis = self.T_root_link[:3, :3] @ self.axis
@@ -72,9 +70,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class PairHulls:
-    """Hulls, each (N, 3), of the body in the root frame and of the moving link in its own, with the number of omitted
-    pieces.
-    """
+    """Convex hulls (N, 3) of the body (root frame) and the moving link (its frame), and the number of omitted pieces."""
 
     body: list[Array]
     moving: list[Array]
@@ -114,14 +110,14 @@ def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 
 
 def _needed(space: VoidSpace, points: Array) -> Array:
-    """Return the points (N, 3) in or on the other link at which this link's mesh leaves space, thinned to a grid."""
+    """Return points (N, 3) of the other link that lie in free space of this link, at most one in each grid cell."""
     points = points[in_box(points, space.low, space.high)]
     points = points[_first_in_cells(points, SPACING)]
     return points[space.is_free_finely(points, FINE)]
 
 
 def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
-    """Return the indices, ascending, of the first of (N, 3) points in each cell of a grid."""
+    """Return the ascending indices of one of the points (N, 3), the first, in each cell of a grid."""
     if not len(points):
         return np.zeros(0, np.int64)
     index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
@@ -131,7 +127,7 @@ def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
 
 
 def _surface(pieces: Pieces) -> Array:
-    """Return points (N, 3) on all triangles, vertices included, ``SPACING`` apart."""
+    """Return sample points (N, 3) on all triangles, including vertices, ``SPACING`` apart."""
     found = []
     for vertices, faces in pieces:
         triangles = vertices[faces]
@@ -144,7 +140,7 @@ def _surface(pieces: Pieces) -> Array:
 
 
 class _Parts:
-    """Hulls of one link, each with the surface samples that it must cover."""
+    """Hulls of one link, each with the samples of the mesh surface that the hull must cover."""
 
     def __init__(self, hulls: Sequence[Array], surface: Array) -> None:
         self.hulls = list(hulls)
@@ -160,8 +156,8 @@ class _Parts:
         Args:
             others: hulls of the other link, in its frame.
             poses: (4, 4) of the other link in this link's frame, at each joint value.
-            counts: returns which of (N, 3) points in this link's frame lie outside the hinge region, for the index of a
-                pose.
+            counts: function of points (N, 3) in this link's frame and the index of a pose that returns a mask of the
+                points outside the hinge region.
         """
         samples = [surface_samples(hull) for hull in others.hulls]
         placed = [[transform(T, points) for points in samples] for T in poses]
@@ -188,7 +184,7 @@ class _Parts:
 
 
 def _near(points: Array, block: ConvexBlock) -> npt.NDArray[np.bool_]:
-    """Return which of (N, 3) points lie in a hull or within 0.5 mm of it."""
+    """Return a mask of the points (N, 3) that lie in a hull or within 0.5 mm of the hull."""
     margin = 0.0005
     around = np.flatnonzero(in_box(points, block.low - margin, block.high + margin))
     found = np.zeros(len(points), bool)
@@ -204,8 +200,7 @@ def _intruders(
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """Return the points (N, 3) in this link's frame that lie in ``hull`` and in the other link; empty if all are
-    shallow.
+    """Return points (N, 3), in this link's frame, in both ``hull`` and the other link; empty if the overlap is small.
 
     ``placed`` holds samples of the other link's hulls in this link's frame, at each of ``poses``.
     """
@@ -237,7 +232,7 @@ def _intruders(
 
 
 def _thin_out(points: Array) -> Array:
-    """Return at most ``MAX_POINTS`` of (N, 3) points, evenly chosen."""
+    """Return at most ``MAX_POINTS`` of the points (N, 3), at regular intervals."""
     if len(points) <= MAX_POINTS:
         return points
     step = len(points) / MAX_POINTS
@@ -245,7 +240,7 @@ def _thin_out(points: Array) -> Array:
 
 
 def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Return ``hull`` cut clear of the intruders; None if nothing is left, ``hull`` itself if no plane separates them.
+    """Cut intruders off ``hull`` by planes; return None if nothing is left, ``hull`` if no plane separates them.
 
     Args:
         hull: (M, 3) vertices.
@@ -264,14 +259,14 @@ def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Return the unit normal (3,) of a plane between the hull's own surface and the intruders beyond it.
+    """Return the unit normal (3,) of a plane that separates the hull's surface samples from the intruders.
 
-    Return None if that would cut more than ``HOPELESS`` off the surface.
+    Return None if every such plane would cut more than ``HOPELESS`` off the surface.
     """
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
     ours, theirs = own @ table.T, intruders @ table.T
-    # Both signs of each axis: the highest point along an axis is the lowest against it.
+    # Evaluate both signs of each axis at once: the maximum along an axis is the negative minimum along its opposite.
     losses = np.concatenate([ours.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - ours.min(axis=0)]) - RESIDUE
     table = np.concatenate([table, -table])
     best = float(losses.min())
@@ -289,7 +284,7 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
-    """Return the unit normal (3,) that separates both point sets best, by linear programming, or None."""
+    """Return the unit normal (3,) of the widest gap between both point sets, by linear programming, or None."""
     inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
     # Maximize m with n·p - d >= m for intruders, n·s - d <= -m for own surface, |n| <= 1 by component.
     rows = [
@@ -312,7 +307,7 @@ def cut_by_plane(hull: Array, normal: Array, offset: float) -> Array | None:
     """Return the vertices (M, 3) of the part of a hull with normal·x <= offset, at least ``THINNEST`` thick for the
     physics engine.
 
-    A part that is too thin grows on the side away from the cut. Return None if nothing is left.
+    A part that is too thin is extended on the side opposite to the cut. Return None if nothing is left.
     """
     height = hull @ normal - offset
     if (height <= 0).all():

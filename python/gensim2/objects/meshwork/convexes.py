@@ -22,7 +22,7 @@ def planes_of(hull: Array) -> Array:
 
 
 def heights(points: Array, planes: Array) -> Array:
-    """Return the distance (K,) of points (K, 3) above the highest of (M, 4) outward planes; negative inside all.
+    """Return the largest signed distance (K,) of points (K, 3) from outward planes (M, 4); negative inside the hull.
 
     Points are stored in columns because a maximum over short rows takes six times as long.
     """
@@ -32,7 +32,7 @@ def heights(points: Array, planes: Array) -> Array:
 
 
 def triangle_weights(n: int) -> Array:
-    """Return barycentric weights (K, 3) of the grid points that divide a triangle's edges into ``n`` parts."""
+    """Return the barycentric weights (K, 3) of a grid on a triangle whose edges are divided into ``n`` parts."""
     i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
     inside = i + j <= n
     u, v = i[inside] / n, j[inside] / n
@@ -53,7 +53,7 @@ def surface_samples(hull: Array, spacing: float = SAMPLE_SPACING) -> Array:
 
 
 def in_box(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
-    """Return which of (N, 3) points lie in a box; column-wise tests are faster than ``all`` over rows of three."""
+    """Return a mask of the points (N, 3) in a box; tests by column are faster than ``all`` over rows of three."""
     found = (points[:, 0] > low[0]) & (points[:, 0] < high[0])
     for i in (1, 2):
         found &= points[:, i] > low[i]
@@ -63,7 +63,7 @@ def in_box(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class ConvexBlock:
-    """A convex hull prepared for queries: corners of its bounding box, outward planes (M, 4)."""
+    """A convex hull prepared for fast queries: bounding box and outward planes (M, 4)."""
 
     low: Array
     high: Array
@@ -80,7 +80,7 @@ class ConvexBlock:
 
 
 def depth_inside(points: Array, blocks: Sequence[ConvexBlock]) -> Array:
-    """Return the depth (K,) of points inside the deepest of several hulls; 0 outside all."""
+    """Return the depth (K,) of points inside several hulls: the largest depth in any hull; 0 outside all hulls."""
     deepest = np.zeros(len(points))
     for block in blocks:
         near = np.flatnonzero(in_box(points, block.low, block.high))

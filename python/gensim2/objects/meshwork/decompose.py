@@ -1,9 +1,9 @@
 """Decompose a triangle mesh into a few convex hulls that leave its cavities open.
 
 The released meshes are not watertight, overlap, and consist of hundreds of pieces. A connected piece becomes its convex
-hull if that fills no cavity. Any other piece is split into thin convex plates along its surface. Neighbours are then
-merged, always the pair whose common hull fills the least free space, so that walls become solid again while cavities
-stay open.
+hull if the hull fills no cavity. Any other piece is split into thin convex plates along its surface. Neighbouring
+plates are then merged, first the pair whose common hull fills the least free space, so that walls become solid again
+while cavities stay open.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class Hull:
 
 
 def make_hull(points: Array) -> Hull | None:
-    """Return the hull of (N, 3) points, thickened to ``THINNEST`` if flat; None if it is too small.
+    """Return the hull of (N, 3) points, thickened to ``THINNEST`` if flat; None if the hull is too small.
 
-    At most ``MAX_VERTICES`` vertices are kept: the extreme ones in directions spread over the sphere.
+    At most ``MAX_VERTICES`` vertices are kept: the extreme points in directions that cover the sphere evenly.
     """
     center = points.mean(axis=0)
     centered = points - center
@@ -166,7 +166,7 @@ def patches(vertices: Array, faces: Faces) -> list[Faces]:
 
 
 def plates(vertices: Array, faces: Faces, space: VoidSpace) -> list[Hull]:
-    """Return thin hulls that cover a surface and fill no free space."""
+    """Return thin hulls that cover a surface without filling free space."""
     found = []
     groups = patches(vertices, faces)
     for cells in (1, 2, 3):
@@ -193,7 +193,7 @@ def plates(vertices: Array, faces: Faces, space: VoidSpace) -> list[Hull]:
 
 
 def fits(hull: Hull, space: VoidSpace) -> bool:
-    """Return whether a hull fills little enough free space to be kept."""
+    """Return whether a hull fills at most the allowed amount of free space."""
     return space.filled(hull.points, hull.planes) <= allowance(hull.volume, space.cell)
 
 
@@ -203,7 +203,7 @@ def allowance(volume: float, cell: float) -> float:
 
 
 def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]:
-    """Drop hulls that lie inside a bigger one within ``tolerance`` metres."""
+    """Drop hulls that lie inside a bigger hull, up to ``tolerance`` metres."""
     order = sorted(hulls, key=lambda h: -h.volume)
     kept: list[Hull] = []
     lows, highs = np.zeros((len(order), 3)), np.zeros((len(order), 3))
@@ -220,8 +220,8 @@ def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]
 class _Merger:
     """Merges hulls pair by pair: first the pair that fills the least free space, then the smallest pair.
 
-    A pair is queued with lower bounds (no filled space, the bigger hull's volume), and is measured when its turn comes,
-    because most pairs have lost a partner by then.
+    A pair is queued with lower bounds of its cost (no filled space, volume of the bigger hull), and measured only when
+    it comes first in the queue, because one hull of most pairs has been merged by then.
     """
 
     def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:
@@ -298,9 +298,7 @@ class _Merger:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Hulls of a link, each (N, 3), and the numbers of dropped small pieces and of pieces whose hull would fill a
-    cavity.
-    """
+    """Convex hulls of a link, each (N, 3), and the numbers of dropped small pieces and of pieces with cavities."""
 
     hulls: list[Array]
     dropped: int
@@ -320,8 +318,8 @@ def decompose(
     Args:
         pieces: (vertices (N, 3) in metres, faces (M, 3)).
         space: free space around the pieces; None: computed.
-        limit: maximum number of hulls; beyond it, merged hulls may fill a cavity. Beyond ``MAX_HULLS_FOR_CLEARANCE``
-            they may also fill space that the other link needs.
+        limit: maximum number of hulls; to reach the limit, merged hulls may fill cavities. Above
+            ``MAX_HULLS_FOR_CLEARANCE`` hulls they may also fill space that the other link needs.
     """
     if not pieces:
         return Decomposition([], 0, 0)
@@ -350,13 +348,14 @@ FLAT = 1e-5
 def piece_hulls(meshes: Sequence[tuple[Array, Faces]]) -> tuple[list[Array], int]:
     """Return the convex hulls of the connected pieces of one link's files.
 
-    Thin pieces that are not flat are thickened as in the default method, since engines treat them differently anyway.
+    Thin pieces that are not flat are thickened as in the default method, because physics engines disagree on such
+    pieces.
 
     Args:
         meshes: vertices (N, 3) in metres and faces (M, 3) of each file.
 
     Returns:
-        The hulls, each (N, 3), and the number of omitted pieces: flat ones, and those under a millimetre.
+        The hulls, each (N, 3), and the number of omitted pieces, which are flat or smaller than a millimetre.
     """
     found: list[Array] = []
     dropped = 0

@@ -1,4 +1,4 @@
-"""Free space around a triangle mesh on a grid, to tell which space a convex hull would fill."""
+"""Compute the free space around a mesh on a grid, to measure how much of it a convex hull would fill."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ MAX_PROBES = 5000  # approximate number of cells tested for a hull; a bigger hul
 
 
 class VoidSpace:
-    """Grid cells that a fingertip could reach: not crossed by the surface, and connected to the outside.
+    """Grid of free cells: cells that the surface does not cross and that are connected to the outside.
 
-    The meshes need not be watertight. Enclosed space counts as solid, also if only gaps narrower than a cell lead into
-    it.
+    The meshes need not be watertight. Space counts as enclosed, and therefore as solid, if only gaps narrower than a
+    cell lead into it.
 
     Attributes:
         cell: edge length of a cell in metres.
@@ -71,7 +71,7 @@ class VoidSpace:
         return np.asarray(self._low + (np.argwhere(~self._free) + 0.5) * self.cell)
 
     def is_free(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Return which of (N, 3) points can be reached from outside."""
+        """Return a mask of the points (N, 3) that can be reached from outside."""
         index = np.floor((points - self._low) / self.cell).astype(np.int64)
         inside = ((index >= 0) & (index < self._shape)).all(axis=1)
         found = np.ones(len(points), bool)
@@ -80,9 +80,7 @@ class VoidSpace:
         return found
 
     def is_free_finely(self, points: Array, finest: float) -> npt.NDArray[np.bool_]:
-        """Like ``is_free``, but refine the grid to ``finest`` metres around points that the coarse cells do not
-        decide.
-        """
+        """Like ``is_free``, but refine the grid to ``finest`` metres around points in coarse cells that are not free."""
         found = self.is_free(points)
         doubtful = points[~found]
         if not len(doubtful):
@@ -113,7 +111,7 @@ class VoidSpace:
         return found
 
     def keep_clear(self, points: Array) -> None:
-        """Penalize hulls over the (N, 3) ``points``, where another link moves."""
+        """Penalize hulls that cover any of the ``points`` (N, 3), which another link needs for its motion."""
         self._needed_axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
         self._needed = points[np.argsort(points[:, self._needed_axis], kind="stable")]
 
@@ -133,7 +131,7 @@ class VoidSpace:
     def filled(self, points: Array, planes: Array) -> float:
         """Return the free volume in m³ inside the hull with vertices (N, 3) and outward planes (M, 4).
 
-        Each point of ``keep_clear`` inside adds ``NEEDED_VOLUME``.
+        Each point of ``keep_clear`` inside the hull adds ``NEEDED_VOLUME``.
         """
         low, high = points.min(axis=0), points.max(axis=0)
         needed = 0
@@ -163,7 +161,7 @@ class VoidSpace:
         return float((heights(centers, planes) < -0.5 * self.cell).sum()) * (stride * self.cell) ** 3
 
     def _void_in_plate(self, points: Array, planes: Array, normal: Array, width: float) -> float:
-        """Return the free volume in a hull thinner than the cells, sampled on its middle plane."""
+        """Return the free volume in a hull thinner than a grid cell, sampled on the hull's middle plane."""
         u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
         u /= np.linalg.norm(u)
         v = np.cross(normal, u)
@@ -190,7 +188,7 @@ NEAREST = 8  # triangles considered in the search for the closest
 
 
 def _off_hinge(instance: ArticulatedObject, points: Array) -> Array:
-    """Return the points (N, 3) in the root frame that lie outside the hinge region."""
+    """Return those of the points, (N, 3) in the root frame, that lie outside the hinge region."""
     joint = instance.joint
     if joint.type != "revolute":
         return points
@@ -204,9 +202,9 @@ class Overlap:
 
     Attributes:
         parts: depth of the convex parts.
-        filled: depth of the convex parts in space that at least one mesh leaves free, except within ``SKIN`` of it: the
-            depth that the decomposition adds.
-        meshes: depth of one link's mesh in the space that the other's encloses.
+        filled: depth of the convex parts in space that is free in at least one mesh (not within ``SKIN`` of the mesh):
+            the overlap that the decomposition adds.
+        meshes: depth of one link's mesh in the space that the other link's mesh encloses.
     """
 
     parts: float
@@ -215,18 +213,16 @@ class Overlap:
 
 
 def hull_overlap(instance: ArticulatedObject) -> float:
-    """Return the maximum depth in metres of one link's convex parts in the other's at any of ``OPENNESS``, outside the
-    hinge.
-    """
+    """Return the maximum overlap in metres of the convex parts of both links at any of ``OPENNESS``, outside the hinge."""
     return max((float(depths.max()) for _, _, depths in _common_points(instance, 0.0)), default=0.0)
 
 
 def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
-    """Measure the overlap of links, and tell whether the model or its convex parts cause it.
+    """Measure the overlap of both links, and whether the model's meshes or its convex parts cause the overlap.
 
     Meshes are examined only if convex parts overlap by more than ``threshold`` metres. Meshes of real models are seldom
-    watertight: space that cannot be reached from outside through gaps wider than ``GAP`` counts as enclosed, and the
-    depth in a mesh is the distance to it.
+    watertight: space that cannot be reached from outside through gaps wider than ``GAP`` counts as enclosed. The depth
+    of an enclosed point is its distance from the mesh.
     """
     common = _common_points(instance, threshold)
     if not common:
@@ -250,8 +246,7 @@ def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
 
 
 def _common_points(instance: ArticulatedObject, threshold: float) -> list[tuple[Array, Array, Array]]:
-    """Return the points outside the hinge at which convex parts of both links overlap by more than ``threshold``
-    metres.
+    """Return points outside the hinge region where convex parts of both links overlap by more than ``threshold``, m.
 
     Each entry stands for one openness: pose (4, 4) of the moving link, points (N, 3) in the root frame, depths (N,).
     """
@@ -289,7 +284,7 @@ def _meshes(instance: ArticulatedObject, link: str) -> list[tuple[Array, Faces]]
 
 
 class _Enclosed:
-    """Volume that a link's meshes enclose."""
+    """Volume that the meshes of a link enclose."""
 
     def __init__(self, meshes: list[tuple[Array, Faces]]) -> None:
         self._space = VoidSpace(meshes)
@@ -298,14 +293,12 @@ class _Enclosed:
         self._tree = cKDTree(self.points)
 
     def encloses(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Return which of (N, 3) points cannot be reached from outside, including those within ``SKIN`` of the mesh."""
+        """Return a mask of the points (N, 3) that cannot be reached from outside or lie within ``SKIN`` of the mesh."""
         near = np.asarray(self._tree.query(points)[0], float) < SKIN
         return near | ~self._space.is_free_finely(points, GAP)
 
     def depth(self, points: Array) -> float:
-        """Return the largest distance in metres from the meshes of enclosed points among (N, 3); 0 if none is
-        enclosed.
-        """
+        """Return the largest distance (m) of an enclosed point among (N, 3) from the meshes; 0 without any."""
         inside = points[((points > self._space.low) & (points < self._space.high)).all(axis=1)]
         inside = inside[~self._space.is_free(inside)]
         if not len(inside):
@@ -327,7 +320,7 @@ class _Enclosed:
 
 
 def _samples(triangles: Array) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Return points (N, 3) on (M, 3, 3) triangles, at most ``MESH_SPACING`` apart, and the triangle of each."""
+    """Return points (N, 3) on triangles (M, 3, 3), at most ``MESH_SPACING`` apart, and each point's triangle."""
     edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     steps = np.maximum(1, np.ceil(edges / MESH_SPACING)).astype(np.int64)
     points, owners = [], []

@@ -1,1 +1,1 @@
-"""The stages of a language-model design; each fills in a prompt, then reads and validates the answer."""
+"""The stages of designing with a language model; each fills in a prompt, then parses and validates the answer."""

@@ -1,4 +1,4 @@
-"""Ask for a task as code, which is interpreted and must describe the same task."""
+"""Ask for a task as code; the code is interpreted and must describe the same task."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def code(prompts: Prompts, task: TaskSpec, references: Sequence[tuple[str, str]]
     Args:
         prompts: prompt templates.
         task: task that the code must describe.
-        references: names and code of stored tasks.
+        references: name and code of stored tasks, as examples.
     """
     text = prompts.text(
         "code",
@@ -43,7 +43,7 @@ def read_code(data: Sequence[Data], task: TaskSpec) -> TaskSpec:
     """Return the task that the generated class describes: ``task``, possibly with other placements.
 
     Raises:
-        Wrong: the code is too long or describes another task.
+        Wrong: the code is too long or describes a different task.
         TaskCodeError: the code cannot be interpreted.
     """
     text = str(data[0]["text"])

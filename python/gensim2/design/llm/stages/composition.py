@@ -74,7 +74,7 @@ class Skill:
 
 @dataclass(frozen=True)
 class Composition:
-    """A composed task, and the strategies of its steps that are known."""
+    """A composed task, and the known strategies of its steps."""
 
     task: TaskSpec
     strategies: Mapping[str, Strategies]
@@ -102,7 +102,7 @@ def composition(
     number: int,
     origin: str,
 ) -> Ask[Composition]:
-    """Return the question for a new task composed of ``skills``."""
+    """Return the question that asks for a new task composed of ``skills``."""
     text = prompts.text(
         "composition",
         **catalog.for_prompts(),
@@ -128,7 +128,7 @@ def read_composition(
     """Return the task in an answer.
 
     Raises:
-        Wrong: a step is unknown or its precondition fails; names the step.
+        Wrong: a step is unknown or its precondition fails; the problems name the step.
     """
     given = next((each for each in reversed(data) if "steps" in each), None)
     if given is None:
@@ -194,7 +194,7 @@ def _classes(
 
 
 class _Chain:
-    """Task steps built from an answer so far, with the state of hand and joint."""
+    """Builds task steps from an answer one by one, and tracks the state of the hand and the joint."""
 
     def __init__(self, role: str, other: str | None, skills: Mapping[str, Skill], problems: list[str]) -> None:
         self.role, self.other, self.skills, self.problems = role, other, skills, problems

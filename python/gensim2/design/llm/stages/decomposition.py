@@ -1,8 +1,8 @@
 """Top-down mode: decompose a long task into the paper's sub-tasks, then into steps.
 
 In the paper ``grasp`` and ``ungrasp`` are sub-tasks. Here a step is one actuation pose with its gripper command: the
-grasp of a rigid object is a rule-based step, the grasp of a handle belongs to the next motion, and a release belongs to
-the motion that placed the object.
+grasp of a rigid object is a rule-based step, the grasp of a handle belongs to the motion after it, and the release
+belongs to the motion that places the object.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ SCHEMA: dict[str, Any] = {
 
 
 def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: str) -> Ask[TaskSpec]:
-    """Return the question for the sub-tasks of a long task."""
+    """Return the question that asks for the sub-tasks of a long task."""
     assert found.rigid is not None
     text = prompts.text(
         "decomposition",
@@ -64,10 +64,10 @@ def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: s
 
 
 def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, origin: str) -> TaskSpec:
-    """Return the task with the steps that the sub-tasks stand for.
+    """Return the task whose steps implement the sub-tasks in an answer.
 
     Raises:
-        Wrong: a sub-task breaks a rule, or the sub-tasks do not reach the goal; names the fault.
+        Wrong: a sub-task breaks a rule, or the sub-tasks do not reach the goal; the problems say which.
     """
     given = _listed(data)
     problems: list[str] = []
@@ -106,7 +106,7 @@ def _listed(data: Sequence[Data]) -> list[Data]:
 
 @dataclass
 class _Chain:
-    """Task steps built from an answer so far, with the state of the hand."""
+    """Builds task steps from an answer one by one, and tracks the state of the hand."""
 
     found: Proposal
     role: str
@@ -209,7 +209,7 @@ def _first_kind(rest: Sequence[Data]) -> str | None:
 
 
 def _check_goal(found: Proposal, steps: Sequence[Step], problems: list[str]) -> None:
-    """Report steps that do not reach the task's own goal."""
+    """Append a fault to ``problems`` for each criterion of the proposed goal that the steps do not reach."""
     if not steps or problems:
         return
     done = [criterion.type for step in steps for criterion in step.done]

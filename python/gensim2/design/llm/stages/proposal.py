@@ -1,4 +1,4 @@
-"""Ask for a new task, either single-step or to be decomposed later, and for a reflection on it."""
+"""Ask for a new task, single-step or with several steps, and for a reflection whether the task is good."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Wish:
 
 
 def proposal(prompts: Prompts, catalog: Catalog, wish: Wish, refused: Sequence[str], number: int) -> Ask[Proposal]:
-    """Return the question for a new task.
+    """Return the question that asks for a new task.
 
     Args:
         prompts: prompt templates.
@@ -121,7 +121,7 @@ def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish) -> Proposa
     """Return the proposal in an answer; the last one if the model corrects itself.
 
     Raises:
-        Wrong: the proposal breaks rules; names all of them.
+        Wrong: the proposal breaks rules; the problems list all of them.
     """
     given = next((_in_kebab(each) for each in reversed(data) if "task-name" in _in_kebab(each)), None)
     if given is None:
@@ -153,7 +153,7 @@ def task_of(found: Proposal, catalog: Catalog, origin: str) -> TaskSpec:
 
 
 def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) -> Ask[tuple[bool, str]]:
-    """Return the question whether a proposal is good; the value is the verdict and its reasons."""
+    """Return the question whether a proposal is good; its answer is read as a verdict with reasons."""
     classes = [name for name in (found.articulated, found.rigid) if name]
     text = prompts.text(
         "reflection",
@@ -229,7 +229,7 @@ def _criteria(given: Any, has_rigid: bool, wish: Wish, problems: list[str]) -> t
 
 
 def _check_single(found: Proposal, catalog: Catalog, problems: list[str]) -> None:
-    """Report a goal that holds from the start, a part without a usable keypoint, and a repeated task."""
+    """Append faults to ``problems``: the goal holds from the start, no keypoint is usable, the task is known."""
     thing, (kind,) = catalog.articulated[found.articulated], found.criteria
     start = thing.default_openness or 0.0
     if kind == "articulated_open" and start + SPREAD >= OPEN:

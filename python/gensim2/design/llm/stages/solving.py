@@ -1,4 +1,4 @@
-"""Ask for solver configs: first constraints, then motions, then better configs after a trial in simulation."""
+"""Ask for solver configs: first constraints, then motions, and better configs after a simulation."""
 
 from __future__ import annotations
 
@@ -93,14 +93,14 @@ class StepToSolve:
 
 @dataclass(frozen=True)
 class CaptionedPictures:
-    """Pictures with one caption each."""
+    """Pictures for a prompt, each with a caption."""
 
     captions: tuple[str, ...] = ()
     pictures: tuple[LazyPicture, ...] = ()
 
 
 def constraints(prompts: Prompts, job: StepToSolve, known: Sequence[Known], sight: CaptionedPictures) -> Ask[list[Any]]:
-    """Return the question of stage 1: the constraints of the actuation pose."""
+    """Return the question of stage 1, which asks for the constraints of the actuation pose."""
     stage = "constraints_visual" if sight.pictures else "constraints"
     examples = [
         {"name": each.name, "sentence": each.sentence, "constraints": {CONSTRAINTS: each.config[CONSTRAINTS]}}
@@ -142,9 +142,7 @@ def motions(
     trials: int,
     sight: CaptionedPictures,
 ) -> Ask[list[Config]]:
-    """Return the question of stage 2: ``trials`` sets of motions to and from the actuation pose; the value is full
-    configs.
-    """
+    """Return the question of stage 2: motions to and from the actuation pose, ``trials`` times; it yields configs."""
     stage = "motions_visual" if sight.pictures else "motions"
     examples = [
         {"name": each.name, "sentence": each.sentence, "motions": _motions_of(each.config)}
@@ -169,7 +167,7 @@ def motions(
 
 @dataclass(frozen=True)
 class Tried:
-    """A tried config with its results, in words for the model.
+    """A simulated solver config with its results, in words for the model.
 
     Attributes:
         config: config of the step.
@@ -185,7 +183,7 @@ class Tried:
 def regeneration(
     prompts: Prompts, job: StepToSolve, tried: Sequence[Tried], trials: int, round: int
 ) -> Ask[list[Config]]:
-    """Return the question for better configs, given the results of earlier ones."""
+    """Return the question that asks for better configs, given the results of earlier configs."""
     text = prompts.text("regeneration", **job.for_prompts(), tried=tried, trials=trials)
     schema = _listed_schema("configs", {**_CONSTRAINT_FIELDS, **_MOTION_FIELDS})
 
@@ -198,7 +196,7 @@ def regeneration(
 
 @dataclass(frozen=True)
 class Example:
-    """A config of a stored task."""
+    """A solver config of a stored task, shown to the model as an example."""
 
     name: str
     sentence: str
@@ -241,7 +239,7 @@ def _motions_of(config: Mapping[str, Any]) -> Config:
 
 
 def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
-    """Return the mappings under ``field``, or else the top-level mappings that have one of the keys ``marks``."""
+    """Return the list of mappings under ``field``, or else the top-level mappings with one of the keys ``marks``."""
     for each in data:
         for name in (field, ITEMS):
             if isinstance(each.get(name), list):

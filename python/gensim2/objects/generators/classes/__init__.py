@@ -1,4 +1,4 @@
-"""Classes of generated objects, one or a few related ones in each module."""
+"""Classes of generated objects; each module defines one class or a few related classes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gensim2.objects.generators.blueprint import ObjectClass
 
 @cache
 def object_classes() -> dict[str, ObjectClass]:
-    """Return every class of this package's modules by name, sorted."""
+    """Return all classes that this package's modules define, by name and sorted."""
     values = (value for name in class_modules() for value in vars(importlib.import_module(name)).values())
     return dict(sorted((each.name, each) for each in values if isinstance(each, ObjectClass)))
 
 
 @cache
 def class_modules() -> tuple[str, ...]:
-    """Return the full names of this package's modules, helpers included."""
+    """Return the full names of this package's modules, including helper modules."""
     return tuple(sorted(f"{__name__}.{module.name}" for module in pkgutil.iter_modules(__path__)))

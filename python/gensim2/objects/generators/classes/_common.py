@@ -10,7 +10,7 @@ from gensim2.objects.shapes import Array, Look, Solid, Vec3, ball, box, loft, po
 Rng = np.random.Generator
 Keypoint = tuple[Vec3, str]
 
-# Without an environment to reflect, renderers show metal as grey, so metals are only a third metallic.
+# Without an environment to reflect, renderers show metal as grey, so the metallic value of metals is only a third.
 CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
 STEEL = Look((0.66, 0.67, 0.69, 1), 0.30, 0.35)
 BRASS = Look((0.84, 0.66, 0.32, 1), 0.35, 0.28)
@@ -43,7 +43,7 @@ PAINTS = tuple(
 
 
 def pick(rng: Rng, choices: tuple[Look, ...]) -> Look:
-    """Return one of ``choices``, slightly lighter or darker."""
+    """Return a random one of the materials ``choices``, slightly lighter or darker."""
     look = choices[int(rng.integers(len(choices)))]
     shade = float(rng.uniform(0.88, 1.1))
     r, g, b, a = look.rgba
@@ -51,7 +51,7 @@ def pick(rng: Rng, choices: tuple[Look, ...]) -> Look:
 
 
 def between(rng: Rng, low: float, high: float) -> float:
-    """Return a uniform draw rounded to 0.1 mm."""
+    """Return a uniform random number between ``low`` and ``high``, rounded to 0.1 mm."""
     return round(float(rng.uniform(low, high)), 4)
 
 
@@ -114,7 +114,7 @@ def flat_handle(center: Vec3, length: float, along: str, reach: float, width: fl
 
 
 def feet(width: float, depth: float, bottom: float, height: float, radius: float, look: Look = RUBBER) -> list[Solid]:
-    """Return four round feet under a box; ``bottom`` is the y of the box's lower face, ``height`` that of the feet."""
+    """Return four round feet of the given ``height`` under a box whose lower face lies at y = ``bottom``."""
     return [
         rod(
             (sx * (width / 2 - 1.6 * radius), bottom - height, sz * (depth / 2 - 1.6 * radius)),
@@ -141,7 +141,7 @@ _SECTION = 2 * np.pi * np.arange(8) / 8
 
 
 def extra(rng: Rng) -> Rng:
-    """Return a generator for visual details, so that their number does not change the object's shape."""
+    """Return a separate random generator for visual details, so that they do not affect the object's shape."""
     return np.random.default_rng(rng.bit_generator.random_raw())
 
 
@@ -160,9 +160,9 @@ def bounds(parts: list[Solid]) -> tuple[Array, Array]:
 def hinged(
     body: list[Solid], moving: list[Solid], hinge: Vec3, axis: Vec3, limits: tuple[float, float], **keypoints: Keypoint
 ) -> Blueprint:
-    """Return an object whose moving parts turn about the line through ``hinge`` along ``axis``.
+    """Return the blueprint of an object whose moving parts turn about the line through ``hinge`` along ``axis``.
 
-    ``keypoints`` are named without their prefix ``articulated_object_``.
+    Names in ``keypoints`` omit the prefix ``articulated_object_``.
     """
     return Blueprint(body, moving, "revolute", hinge, axis, limits, _named(keypoints))
 
@@ -170,7 +170,7 @@ def hinged(
 def sliding(
     body: list[Solid], moving: list[Solid], axis: Vec3, limits: tuple[float, float], **keypoints: Keypoint
 ) -> Blueprint:
-    """Return an object whose moving parts slide along ``axis``; ``keypoints`` as in ``hinged``."""
+    """Return the blueprint of an object whose moving parts slide along ``axis``; ``keypoints`` as in ``hinged``."""
     return Blueprint(body, moving, "prismatic", (0, 0, 0), axis, limits, _named(keypoints))
 
 
@@ -183,9 +183,9 @@ def upright_lid(
     tail: Keypoint,
     **keypoints: Keypoint,
 ) -> Blueprint:
-    """Return a box or laptop whose lid stands upright at joint value zero and is shut a quarter turn below.
+    """Return the blueprint of a box or laptop whose lid is upright at joint value zero and closed at -90 degrees.
 
-    ``lid``, ``head`` and ``tail`` are given with the lid shut.
+    ``lid``, ``head`` and ``tail`` describe the closed lid.
     """
     axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     moved = {
@@ -197,7 +197,7 @@ def upright_lid(
 def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | None = None) -> Blueprint:
     """Return the blueprint of a rigid object on a prismatic joint that slides away from the robot.
 
-    ``head`` is the point to push; by default the middle of the front's upper half.
+    ``head`` is the point to push; default: the middle of the front's upper half.
     """
     low, high = bounds(parts)
     where = ((low[0] + high[0]) / 2, low[1] + 0.7 * (high[1] - low[1]), high[2]) if head is None else head
@@ -205,7 +205,7 @@ def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | Non
 
 
 def lifted(parts: list[Solid], head: Vec3, description: str, **keypoints: Keypoint) -> Blueprint:
-    """Return a whole object that is lifted straight up by ``head``; other ``keypoints`` move with it."""
+    """Return the blueprint of an object that moves as a whole and is lifted straight up at the point ``head``."""
     return sliding([], parts, (0, 1, 0), (0.0, 0.2), head=(head, description), **keypoints)
 
 

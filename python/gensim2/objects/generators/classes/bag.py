@@ -61,7 +61,7 @@ def _leather(
 
 
 def draw(rng: np.random.Generator) -> Bag:
-    """Draw a bag that stands upright with its strap up."""
+    """Draw a bag that stands upright with the strap raised."""
     width, depth, height = c.between(rng, 0.18, 0.26), c.between(rng, 0.07, 0.11), c.between(rng, 0.11, 0.16)
     taper = c.between(rng, 0.55, 0.85)
     look = c.pick(rng, LEATHERS)

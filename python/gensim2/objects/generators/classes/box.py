@@ -23,7 +23,7 @@ def _trim(
     Args:
         rng: random generator.
         size: width, height, depth of the body, m.
-        lid: y of the lid's upper face, and its thickness, m.
+        lid: y of the lid's upper face, and thickness of the lid, m.
         metal: material of the fittings.
         lock: whether the lid has a tab for a lock plate.
     """

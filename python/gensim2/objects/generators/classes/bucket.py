@@ -40,7 +40,7 @@ def draw(rng: np.random.Generator) -> Bucket:
         y = bottom + (k + 1) * height / (rings + 1)
         radius = narrow + (wide - narrow) * (y - bottom) / height
         body.append(c.hoop((0, y, 0), (0, 1, 0), radius, 0.6 * wall, wire))
-    # The handle and its grip must clear the rim all the way down.
+    # The handle with its grip must not touch the rim while it swings down.
     half = wide + 0.017
     hinge = np.array([0.0, top - 0.016, 0.0])
     for side in (-1, 1):

@@ -107,7 +107,7 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
 def _below(
     rng: np.random.Generator, width: float, low: float, high: float, depth: float, wood: Look, look: Look
 ) -> list[Solid]:
-    """Draw a pair of doors, fixed wide drawers, or a shelf below the row of bays; y from ``low`` to ``high``."""
+    """Draw a pair of doors, fixed wide drawers, or a shelf below the row of bays, between y = ``low`` and ``high``."""
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())
     if kind == 0:
@@ -131,7 +131,7 @@ def _below(
 
 
 def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: float) -> tuple[list[Solid], float]:
-    """Draw a handle in front of ``at``; return its parts and how far its middle stands out."""
+    """Draw a handle in front of ``at``; return its parts and the distance of its middle from the surface, m."""
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(3))
     reach = c.between(rng, 0.030, 0.042)
@@ -173,7 +173,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     handle_seed = rng.bit_generator.random_raw()
     for row in range(rows):
         y = bottom + plinth + row * (row_height + shelf) + shelf + row_height / 2
-        # Fronts lie before the carcass with a shadow gap between them.
+        # The drawer fronts lie in front of the carcass, with a shadow gap between the fronts.
         front = box(
             (0, y, depth / 2 + 0.001 + FRONT / 2),
             (width - 0.004, row_height + shelf - 0.004, FRONT),

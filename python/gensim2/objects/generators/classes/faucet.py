@@ -85,7 +85,7 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def mixer(rng: np.random.Generator) -> Blueprint:
-    """Draw a faucet with a wide column, a short flat or round lever, and a stout spout that begins high or low."""
+    """Draw a faucet with a wide column, a short flat or round lever, and a thick spout that begins high or low."""
     height, radius = c.between(rng, 0.10, 0.25), c.between(rng, 0.024, 0.048)
     cap, lever = c.between(rng, 0.016, 0.05), c.between(rng, 0.075, 0.14)
     rise, at = c.between(rng, 0.0, 0.45), c.between(rng, 0.3, 0.85)

@@ -31,7 +31,7 @@ class FoldDown:
 
     @property
     def opening(self) -> tuple[float, float]:
-        """Lower and upper y of the cavity."""
+        """Lower and upper y of the cavity, m."""
         return -self.height / 2 + self.plinth, self.height / 2 - self.panel
 
 

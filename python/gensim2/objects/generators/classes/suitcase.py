@@ -67,7 +67,7 @@ def move(rng: np.random.Generator) -> Blueprint:
 
 
 def with_its_lid_up(rng: np.random.Generator) -> Blueprint:
-    """Draw a suitcase that stands open, its lid on the far side."""
+    """Draw an open suitcase with its lid upright on the far side."""
     case = draw(rng)
     lid = c.turned(case.lid, case.hinge, (1, 0, 0), c.between(rng, 0.9, 1.9))
     near = (0.0, -float(case.hinge[1]), float(case.grip[2]))

@@ -30,11 +30,12 @@ class RigidClass:
     """Definition of a generated rigid object.
 
     Attributes:
-        mass: kg of the real item, as published with the YCB object set.
-        scale: scale of lengths, chosen so that a Panda can grasp the object; the mass scales with its third power.
-        build: creates the geometry.
+        mass: mass of the real item, kg, as published with the YCB object set.
+        scale: scale of lengths, chosen so that a Panda can grasp the object; the mass is multiplied by the cube of the
+            scale.
+        build: function that creates the geometry.
         friction: friction coefficient of the surface.
-        description: one phrase.
+        description: phrase that describes the object.
     """
 
     mass: float
@@ -74,7 +75,7 @@ def scaled(solid: Solid, factor: float | Vec3) -> Solid:
 
 
 def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, smooth: int = 6) -> list[Solid]:
-    """Return a solid of revolution about z that collides as one frustum for each profile step and looks smooth.
+    """Return a solid of revolution about z, with a smooth visual and one collision frustum for each profile step.
 
     Args:
         profile: (radius, height) from the bottom up, metres.
@@ -88,7 +89,7 @@ def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, 
     parts = []
     low = 0
     for high in range(1, len(profile)):
-        # One hull suffices as long as the outline stays convex.
+        # Extend the hull as long as the outline stays convex.
         last = high + 1 == len(profile)
         if last or not _bulges(radius[low : high + 2], height[low : high + 2]):
             rings = [_circle(radius[k], height[k], sides) for k in range(low, high + 1)]
@@ -143,7 +144,7 @@ def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, side
 
 
 def sphere(radius: float | Vec3, look: Look, at: Vec3 = (0, 0, 0)) -> Solid:
-    """Return a sphere or ellipsoid: an icosphere of 42 vertices for collision and of 642 for the eye."""
+    """Return a sphere or ellipsoid: an icosphere with 42 vertices for collision and 642 vertices for display."""
     import trimesh  # imported here because listing objects does not need it
 
     scale = np.broadcast_to(np.asarray(radius, float), (3,))
@@ -194,9 +195,7 @@ def can(radius: float, height: float, label: Look, lid: Look = STEEL) -> list[So
 
 
 def blade(points: Sequence[tuple[float, float]], thickness: float, look: Look, at: float = 0.0) -> Solid:
-    """Return a flat convex plate in the xy plane from its outline (N points), its thickness and the height ``at`` of
-    its middle.
-    """
+    """Return a convex plate parallel to the xy plane, with the outline ``points`` and its middle at height ``at``."""
     flat = np.array([(x, y, at + s * thickness / 2) for x, y in points for s in (-1, 1)])
     return convex(flat, look)
 
