@@ -23,7 +23,7 @@ def test_a_former_name_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert physics_name("default") == "default"
     assert capsys.readouterr().err == ""
     assert physics_name("ours") == physics_name("ours+gripper=default") == "default"
-    assert capsys.readouterr().err == "physics 'ours' is called 'default'; the next release removes the old name\n"
+    assert capsys.readouterr().err == "physics 'ours' is called 'default'; the next release will not accept the old name\n"
 
 
 def test_a_record_with_a_former_cause_loads(capsys: pytest.CaptureFixture[str]) -> None:

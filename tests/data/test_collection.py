@@ -182,7 +182,7 @@ def test_another_collection_is_not_gone_on_with(gather: Gather, options: dict[st
 
 def test_what_is_said_of_a_collection_s_tasks_comes_before_its_objects(tmp_path: Path, gather: Gather) -> None:
     gather()
-    begun = r"tasks: was begun with these tasks in this order; further ones may follow: \w+, \w+"
+    begun = r"tasks: was begun with these tasks in this order; more tasks may be appended: \w+, \w+"
     for left in ("CloseBox", "OpenDrawer"):
         with pytest.raises(InputError, match=begun):
             gather(left, resume=True)

@@ -226,7 +226,7 @@ def test_frames_that_were_changed_are_found_out(dataset: DataSet, tmp_path: Path
     with pytest.raises(InputError, match=r"data/action/0\.0: was changed since it was exported"):
         import_(tmp_path / "z", tmp_path / "back", "zarr")
     (tmp_path / "z" / MANIFEST).unlink()
-    with pytest.raises(InputError, match=r"episode 0 is not that of gensim2/: action"):
+    with pytest.raises(InputError, match=r"episode 0 differs from the one in gensim2/: action"):
         import_(tmp_path / "z", tmp_path / "back", "zarr")
     assert not (tmp_path / "back").exists()
 

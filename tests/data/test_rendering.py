@@ -118,7 +118,7 @@ def test_the_bytes_do_not_depend_on_what_happened_on_the_way(store: TaskStore) -
     name, content = next(iter(first.items()))
     path = store.folder / "observations" / name
     path.write_bytes(content[:-7] + b"changed")
-    with pytest.raises(DamagedObservationError, match="not a finished file of observations"):
+    with pytest.raises(DamagedObservationError, match="not a complete observation file"):
         read_observation(path)
     (path.with_name(".0.h5.0123456789abcdef.tmp.h5")).write_bytes(b"left by a kill")
     assert rendered(store, resume=True) == first

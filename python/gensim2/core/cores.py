@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 SWITCH_INTERVAL = 0.0005
-"""Interval (s) at which a thread yields to threads with a deadline; Python's default is 5 ms."""
+"""Interval (s) after which Python switches threads, for programs with deadlines; Python's default is 5 ms."""
 
 
 def usable_cores() -> int:

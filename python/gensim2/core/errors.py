@@ -163,8 +163,8 @@ class NotRunError(GenSim2Error):
         named = ", ".join(str(index) for index in indices[: self.SHOWN])
         if len(indices) > self.SHOWN:
             named += f" and {len(indices) - self.SHOWN} more"
-        details = f"; every try is in {log}" if log is not None else ""
-        super().__init__(f"{what}: could not be run: {named} ({reasons[indices[0]]}{details}; --resume tries again)")
+        details = f"; all attempts are logged in {log}" if log is not None else ""
+        super().__init__(f"{what}: could not be run: {named} ({reasons[indices[0]]}{details}; run again with --resume)")
         self.what, self.reasons, self.log = what, reasons, log
 
     def __reduce__(self) -> tuple[type[NotRunError], tuple[str, dict[int, str], Path | None]]:

@@ -104,9 +104,9 @@ def new_folder(path: Path) -> Iterator[Path]:
     handle = -1
     try:
         try:
-            with contextlib.suppress(FileExistsError):  # a file of this name: the next line raises
+            with contextlib.suppress(FileExistsError):  # path is a file: the next line raises
                 path.parent.mkdir(parents=True, exist_ok=True)
-            with _locked(path.parent) as alone:  # a new folder looks abandoned until it is locked
+            with _locked(path.parent) as alone:  # other processes remove folders that are not locked
                 if alone:
                     _remove_left(path)
                 filled.mkdir()
@@ -118,7 +118,7 @@ def new_folder(path: Path) -> Iterator[Path]:
             try:
                 filled.replace(path)
             except OSError as error:
-                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another process was faster
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another process filled it first
                     raise taken from error
                 raise
         finally:
@@ -181,7 +181,7 @@ def check_writable(path: Path) -> None:
     """
     try:
         if is_special(path):
-            return  # opening a pipe or device may have effects
+            return  # opening a pipe or a device can have side effects
         target = Path(os.path.realpath(path))
         with tempfile.TemporaryFile(dir=next(folder for folder in target.parents if folder.exists())):
             pass

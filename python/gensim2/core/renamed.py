@@ -25,4 +25,4 @@ def current(name: str, renamed: Mapping[str, str], kind: str) -> str:
 
 @cache
 def _tell(kind: str, former: str, today: str) -> None:
-    print(f"{kind} {former!r} is called {today!r}; the next release removes the old name", file=sys.stderr)
+    print(f"{kind} {former!r} is called {today!r}; the next release will not accept the old name", file=sys.stderr)

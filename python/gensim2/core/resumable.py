@@ -15,7 +15,7 @@ from gensim2.core.files import remove_temporaries, write_json
 from gensim2.core.foreign.tree import ForeignTree
 from gensim2.core.record_files import read_record
 
-REMEDY = "give the same, or choose another --out"
+REMEDY = "give the same settings, or choose another --out"
 
 
 class FolderLock:
@@ -165,7 +165,7 @@ class ResumableFolder(Generic[Settings]):
         self._check(holds, resume)
         self._lock = None if lock is None else FolderLock(path, lock)
         try:
-            self._check(holds, resume)  # another process may have written before the lock was held
+            self._check(holds, resume)  # another process may have written the record before this process got the lock
             self._remove_temporaries()
             self.record = self._opened(settings)
         except BaseException:
@@ -177,7 +177,7 @@ class ResumableFolder(Generic[Settings]):
 
     def __exit__(self, *_: object) -> None:
         try:
-            self._remove_temporaries()  # left by workers that were killed while writing
+            self._remove_temporaries()  # remove files that workers left when they were killed
         finally:
             self.release()
 

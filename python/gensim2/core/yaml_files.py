@@ -18,9 +18,9 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from gensim2.core.errors import InputError
 from gensim2.core.special_files import is_special
 
-#: Largest file, bytes; our configurations have 2 kB.
+#: Largest file, bytes; gensim2's own files have about 2 kB.
 MAX_BYTES = 100_000
-#: Deepest nesting of lists and mappings; ours have 4 levels.
+#: Deepest nesting of lists and mappings; gensim2's own files have 4 levels.
 MAX_DEPTH = 30
 #: Largest number of values, counting repetitions by aliases.
 MAX_VALUES = 20_000
@@ -45,7 +45,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         with path.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        remedy = "name a file that is there" if isinstance(error, FileNotFoundError) else None
+        remedy = "give an existing file" if isinstance(error, FileNotFoundError) else None
         raise InputError(f"cannot read: {error.strerror}", file=path, remedy=remedy) from error
     return parse_yaml(data, str(path))
 
@@ -171,7 +171,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
                 raise _refusal(f"the name of a field must be text, is {_shown(key_node)}", key_node.start_mark)
-            if key in found:  # YAML itself would silently keep the last
+            if key in found:  # YAML itself would silently keep the last value
                 raise _refusal(f"field {key!r} is given twice", key_node.start_mark)
             found[key] = self.construct_object(value_node, deep=deep)
         return found

@@ -29,7 +29,7 @@ from gensim2.data import DataSet
 
 dataset = DataSet.open(Path("."))
 for name in dataset.tasks:
-    for row in dataset.task(name).rows():           # every episode that was tried
+    for row in dataset.task(name).rows():           # every episode, also failed ones
         if row.held:
             stored = dataset.task(name).read(row)   # stored.recording: states and actions
 ```""",
@@ -131,8 +131,8 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
             (_row(dataset, one) for one in described),
         ),
         "",
-        "`held`: the goal is true at the end with everything at rest, and not where the arm stands still.",
-        "`strict`: the hand has let go and retreated besides, nothing else was moved, and it lasts.",
+        "`held` (success): the goal is reached at the end, everything is at rest, and an idle arm would fail.",
+        "`strict`: also, the hand has let go and retreated, no other object was moved, and the goal keeps holding.",
         "",
         "## How it was made",
         "",
@@ -147,16 +147,16 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
                 ("seed", str(record.seed)),
                 ("episodes tried of each task", str(record.episodes)),
                 *([("control", "open loop")] if record.rollout.open_loop else []),
-                *([("noise on what was sent", f"{record.rollout.noise:g} rad")] if record.rollout.noise else []),
+                *([("noise on the commands", f"{record.rollout.noise:g} rad")] if record.rollout.noise else []),
                 *((f"version of {name}", version) for name, version in sorted(record.versions.items())),
             ],
         ),
         "",
-        "Every episode follows from the seed, its task and its index: the same command gives the same bytes.",
+        "Every episode depends only on the seed, its task and its index: the same command gives the same bytes.",
         "",
         "## Licences",
         "",
-        "What the objects are made of keeps its terms, which these data carry on:",
+        "The licences of the objects also apply to these data:",
         "",
         *(f"- {_with_objects(license, used, dataset)}" for license in licenses),
         "",
@@ -177,18 +177,18 @@ def _frames(profile: RobotProfile, kind: str) -> list[str]:
     hertz = profile.control_hz
     meanings = {
         "state": f"joint positions, rad (sliding joints m): {joints}",
-        "velocity": "their velocities, rad/s (m/s)",
+        "velocity": "velocities of these joints, rad/s (m/s)",
         "tool_pose": "pose of the tool in the base frame: x, y, z in m, unit quaternion qw, qx, qy, qz, qw at least 0",
-        "gripper": "distance between the pads, m, and the last command, -1 (closed) to 1 (open)",
+        "gripper": "distance between the finger pads, m, and the last gripper command, -1 (closed) to 1 (open)",
         "action": f"absolute target positions of the arm's joints, rad ({arm}), and the gripper's target from -1 "
         f"(closed) to 1 (open): sent to the drives for 1/{hertz} s after this frame was seen",
-        "reward": "1 where the goal holds after the action, else 0",
+        "reward": "1 if the goal holds after the action, else 0",
         "success": "whether the goal holds after the action",
         "done": "whether this is the episode's last action",
-        CLOUD: "points in the base frame: x, y, z in m, then red, green, blue from 0 to 1; where rendered",
+        CLOUD: "points in the base frame: x, y, z in m, then red, green, blue from 0 to 1; only if rendered",
         ENVIRONMENT_STATE: "keypoints of the objects and corners of their boxes in the base frame: x, y, z of "
-        "each in m, which only a simulator knows; where rendered in the place of points",
-        f"{IMAGE}CAMERA": "a camera's picture, 8 bits a channel, red green blue; where rendered",
+        "each in m, which only a simulator knows; only if rendered instead of points",
+        f"{IMAGE}CAMERA": "a camera's picture, 8 bits a channel, red green blue; only if rendered",
     }
     named = {lerobot_name(column) if kind == "lerobot" else column: text for column, text in meanings.items()}
     return [

@@ -84,7 +84,7 @@ def collect(
     progress.start(f"{task.name}: demonstrations", episodes)
     if not queue.is_complete():
         if damaged := queue.read():
-            progress.message(f"{task.name}: {damaged} episode files are damaged and are made again")
+            progress.message(f"{task.name}: {damaged} episode files are damaged; their episodes are run again")
         progress.advance(min(queue.held, episodes))
         held = queue.held
 
@@ -126,7 +126,7 @@ def _film(
     store: TaskStore, kept: Sequence[Episode], task: TaskSpec, evaluator: EpisodeRunner, progress: Progress
 ) -> None:
     """Record videos of demonstrations in workers; report a failure and continue."""
-    from gensim2.data.films import film_path  # brings the ray caster
+    from gensim2.data.films import film_path  # this import loads the ray caster
 
     folder = store.folder
     films = [folder / "video.mp4", *(film_path(folder, number) for number in range(1, len(kept)))]

@@ -22,8 +22,8 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: HDF5 versions, chosen by benchmarks/stores.py: half the size of plain HDF5 at the same CPU time. Versions before 1.10
-#: use 2 kB of index for each of the ten arrays.
+#: HDF5 file versions: by benchmarks/stores.py, files have half the default size at the same CPU time, because versions
+#: before 1.10 use 2 kB of index for each of the ten arrays.
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 
@@ -31,7 +31,7 @@ _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuff
 _ARRAYS = ("obs", "actions", "terminated", "truncated", "success", "rewards")
 
 STATES_DEPTH = 2
-"""Levels of groups below ``env_states``: kinds, then things by name."""
+"""Levels of groups below ``env_states``: kind (actors, articulations), then name."""
 MAX_ARRAY = 128 * 2**20
 """Largest array of a recording, bytes."""
 
@@ -166,7 +166,7 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    for name, value in sorted(tree.items()):  # in HDF5's order, so that rewriting a read file changes nothing
+    for name, value in sorted(tree.items()):  # HDF5's order: a rewritten file is identical
         if isinstance(value, dict):
             _write_tree(group.create_group(name), value)
         else:

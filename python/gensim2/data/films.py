@@ -37,7 +37,7 @@ EYE, TARGET = (-0.45, -1.15, 0.75), (-0.13, -0.07, 0.2)
 FIELD_OF_VIEW = float(np.deg2rad(40))
 PAPER, INK = (24, 26, 30), (235, 238, 242)
 DOT = 2
-"""Half the width of the square drawn for a point, pixels."""
+"""Half the width of the square that represents a point, pixels."""
 
 
 PICTURE_ALONE = ObservationSpec(modalities=())

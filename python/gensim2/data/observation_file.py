@@ -36,7 +36,7 @@ class DamagedObservationError(InputError):
 _SEAL = Seal(
     "gensim2-observation",
     1,
-    "is not a finished file of observations",
+    "is not a complete observation file",
     "delete it and render with --resume",
     DamagedObservationError,
 )

@@ -85,7 +85,7 @@ def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[
     profile, objects = robot(scene.robot), ObjectCheck(dataset, progress)
     for name in dataset.tasks:
         store = dataset.task(name)
-        progress.start(f"{name}: look at episodes", dataset.record.tasks[name].tried)
+        progress.start(f"{name}: measuring episodes", dataset.record.tasks[name].tried)
         spec = store.spec()
         meter = ClearanceMeter(profile, spec, objects.library, physics_switches(scene.physics).hulls)
         yield _quality(store, spec, profile, objects, meter, progress)

@@ -144,7 +144,7 @@ class Queue:
             if any(task.status.held for task in self._tasks):
                 card(self._folder.path)
         except BaseException:
-            with contextlib.suppress(InputError):  # with a full disk, raise the original error
+            with contextlib.suppress(InputError):  # if the disk is full, raise the original error instead
                 self._report()
             raise
         self._report()
@@ -174,9 +174,9 @@ class Queue:
                 entry.causes, self._record.complete = {}, False
         self._folder.dataset.save()
         if damaged:
-            self._listener.message(f"{damaged} episode files are damaged and are made again")
+            self._listener.message(f"{damaged} episode files are damaged; their episodes are run again")
         if there := sum(task.tried for task in self._tasks):
-            self._listener.message(f"{there} of {self.status().total} episodes are there already")
+            self._listener.message(f"{there} of {self.status().total} episodes are finished already")
         return whole
 
     def _run(self, evaluator: EpisodeRunner, whole: set[str]) -> None:
@@ -204,7 +204,7 @@ class Queue:
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                if key not in self._objects:  # the objects' current content, not the recorded one
+                if key not in self._objects:  # content of the objects as they are now
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]
                 if used.content_hash != thing.content_hash:

@@ -109,11 +109,11 @@ class DatasetRecord(RunSettings):
         if now.episodes < self.episodes:
             yield "episodes", f"was begun with {self.episodes}; the number may grow but not shrink"
         if list(now.tasks)[: len(self.tasks)] != list(self.tasks):
-            text = "was begun with these tasks in this order; further ones may follow"
+            text = "was begun with these tasks in this order; more tasks may be appended"
             yield "tasks", f"{text}: {', '.join(self.tasks)}"
         for name, listing in sorted(self.listings.items()):
             if now.listings.get(name) != listing:
-                yield f"listings.{name}", f"the objects of class {name} have changed since the collection was begun"
+                yield f"listings.{name}", f"the objects of class {name} have changed since the collection began"
         fixed = {"digest", "instances", "objects"}
         for name, task in self.tasks.items():
             was, given = (each.model_dump(include=fixed) for each in (task, now.tasks[name]))

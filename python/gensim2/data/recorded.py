@@ -39,12 +39,12 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
     if not 1 <= steps <= MAX_STEPS:
         raise refuse("actions", f"has {steps} steps, not 1 to {MAX_STEPS}")
     if steps != episode.control_steps:
-        raise refuse("actions", f"has {steps} steps, the record of the episode {episode.control_steps}")
+        raise refuse("actions", f"has {steps} steps, but the episode's record says {episode.control_steps}")
     if recording.seed != episode.seed:
-        raise refuse("seed", f"is {recording.seed}, in the record of the episode {episode.seed}")
+        raise refuse("seed", f"is {recording.seed}, but the episode's record says {episode.seed}")
     ids = {name: thing.id for name, thing in episode.objects.items()}
     if recording.instances != ids:
-        raise refuse("instances", "are not those of the record of the episode")
+        raise refuse("instances", "do not match the episode's record")
     for name, values, dtype, shape in _arrays(recording, steps):
         if values.dtype != dtype or not fits(values.shape, shape):
             raise refuse(name, f"is {values.dtype} of shape {values.shape}, not {dtype} of {shown_shape(shape)}")

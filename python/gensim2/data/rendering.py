@@ -32,7 +32,7 @@ ERRORS_LOG = "render.log"
 PRELOAD = ("gensim2.data.observing", "trimesh", "embreex.rtcore_scene", "fpsample", "scipy.spatial")
 
 PICTURE_S = 0.04
-"""Seconds that a picture of one camera takes the renderer without a GPU."""
+"""Time that the renderer takes for one picture of one camera without a GPU, s."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class _Rendering:
         return self._dataset.scene.with_task(store.spec())
 
     def _failed(self, failure: Failure) -> None:
-        self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
+        self._progress.message(f"job {failure.index} failed on attempt {failure.number}: {failure.reason}")
         now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
         log = self._dataset.path / ERRORS_LOG
         append(log, f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}")

@@ -28,7 +28,7 @@ ROWS, OBSERVATIONS = "episodes.jsonl", "observations"
 LAST_INDEX = 999_999_999
 
 _EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
-_ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
+_ROWS_REMEDY = "delete the file and collect with --resume: it is then made again from the episodes"
 
 
 class TaskStore:
@@ -95,7 +95,7 @@ class TaskStore:
             if row is None:
                 raise InputError("is incomplete", file=path, field=f"line {number}", remedy=_ROWS_REMEDY)
             if not last < row.index <= LAST_INDEX:
-                wrong = f"is {brief(row.index)}, must rise from line to line up to {LAST_INDEX}"
+                wrong = f"is {brief(row.index)}, must increase from line to line up to {LAST_INDEX}"
                 raise InputError(wrong, file=path, field=f"line {number}: index", remedy=_ROWS_REMEDY)
             last = row.index
             yield row

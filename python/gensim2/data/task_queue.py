@@ -142,7 +142,7 @@ class TaskQueue:
                 continue
             foreign = index >= self.quota.limit or episode.seed != self.seed(index)
             if foreign or self._done[index]:
-                reason = "is not of this collection" if foreign else "is there twice"
+                reason = "belongs to another collection" if foreign else "exists twice"
                 raise InputError(reason, file=path, remedy="delete it and resume")
             self.count(index, episode, path.stat().st_size)
         return damaged

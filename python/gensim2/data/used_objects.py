@@ -11,7 +11,7 @@ from gensim2.objects import open_library
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
 
-_REMEDY = "restore the object, or say with --assets where it is"
+_REMEDY = "restore the object, or give its folder with --assets"
 
 
 class ObjectCheck:
@@ -66,7 +66,7 @@ class ObjectCheck:
         if self._contents[key] == content_hash or key in self._said:
             return
         if self._version == versions(self._dataset.record.scene.engine)["gensim2"]:
-            message = f"was run with another {'/'.join(key)} than {self._assets} has now"
+            message = f"was run with another version of {'/'.join(key)} than the one in {self._assets}"
             raise InputError(message, file=file, remedy=_REMEDY)
         self._said.add(key)
-        self._progress.message(f"{'/'.join(key)} is not what gensim2 {self._version} made of it for these episodes")
+        self._progress.message(f"{'/'.join(key)} differs from what gensim2 {self._version} prepared")

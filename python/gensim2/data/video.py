@@ -226,7 +226,7 @@ class _Shown:
 def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     import gymnasium as gym
 
-    from gensim2.data.close_up import CloseUp  # brings the ray caster
+    from gensim2.data.close_up import CloseUp  # this import loads the ray caster
     from gensim2.sim import rendering
 
     kwargs = {name: value for name, value in replay.env_kwargs.items() if name != "engine"}
@@ -266,7 +266,7 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
 
 def _drawn(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     """Draw the recorded states with the ray caster."""
-    from gensim2.data.observing import objects_of  # brings the ray caster
+    from gensim2.data.observing import objects_of  # this import loads the ray caster
     from gensim2.perception.raycast.state_drawing import StateDrawing
 
     states = replay.states
@@ -313,7 +313,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
             except OSError as error:
                 raise OSError(errno.EIO, _ENDED_EARLY) from error
             count += 1
-    try:  # the writer does not check the encoder's exit status
+    try:  # imageio does not check the encoder's exit status
         found = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
     except RuntimeError as error:
         raise OSError(errno.EIO, _ENDED_EARLY) from error

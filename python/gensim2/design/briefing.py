@@ -90,7 +90,7 @@ class Classes(Mapping[str, Affordance]):
         order = seeding.rng(self._seed, f"{name}/affordance").permutation(len(ids))
         found: list[ArticulatedObject | RigidObject] = []
         failed: InputError | None = None
-        self._progress.start(f"{name}: look at objects", min(AFFORDANCE_INSTANCES, len(ids)))
+        self._progress.start(f"{name}: measuring objects", min(AFFORDANCE_INSTANCES, len(ids)))
         for index in order:
             try:
                 found.append(self._library.load(name, ids[index]))

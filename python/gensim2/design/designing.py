@@ -135,4 +135,4 @@ def model_designer(
 
 
 def _reviewed(designer: Designer, review: Callable[[TaskSpec], bool] | None) -> Designer:
-    return designer if review is None else Chosen(designer, review, "were not wanted by who was asked")
+    return designer if review is None else Chosen(designer, review, "were rejected in the review")

@@ -41,7 +41,7 @@ def pieces(brief: Brief) -> list[Piece]:
 
 
 def has_joint(brief: Brief, asset_class: str) -> bool:
-    """Return whether the library has an articulated class of this name; known tasks may use classes of other libraries."""
+    """Return whether the library has an articulated class of this name; known tasks may use others."""
     return asset_class in brief.classes and brief.classes[asset_class].kind == "articulated"
 
 

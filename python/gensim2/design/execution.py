@@ -287,7 +287,7 @@ class PipelineRun:
             if not wanted.wants(task, self._kept):
                 unwanted += 1
                 if unwanted == MAX_UNWANTED:
-                    self.notes.append(f"{unwanted} proposals in a row were of a kind that is already complete")
+                    self.notes.append(f"{unwanted} proposals in a row were of a kind of which enough tasks are kept")
                     break
                 continue
             unwanted = 0
@@ -335,7 +335,7 @@ class PipelineRun:
             outcome = self._tested(task, strategies, folder)
         except Declined as declined:
             return self._rejected(task, folder, str(declined))
-        except (PlacementError, GoalError) as error:  # The proposal is at fault, so the run continues.
+        except (PlacementError, GoalError) as error:  # The fault is in this proposal only, so the run continues.
             return self._rejected(task, folder, error.message)
         effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
         self._outcomes[-1] = replace(outcome, effort=effort)
@@ -362,7 +362,7 @@ class PipelineRun:
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
         """Return the strategies found by the search, now or in an earlier call, or the reason why it found none."""
         for thing in task.objects.values():
-            _ = self._classes[thing.asset_class]  # for its notes, which belong to the result
+            _ = self._classes[thing.asset_class]  # read the record for its notes, which belong to the result
         self.folder.save()
         record = read_design(folder.path)
         if record is None:

@@ -223,7 +223,7 @@ def tasks_gallery(
             write_atomic(folder.path / INDEX, page)
 
         missing = sum(not shelf.is_finished for shelf in shelves)
-        progress.message(f"{missing} films to make; a film takes half a minute without a GPU, and on busy cores longer")
+        progress.message(f"{missing} videos to make; each takes half a minute without a GPU, longer on busy cores")
         progress.start("tasks", len(shelves))
         progress.advance(sum(shelf.is_finished for shelf in shelves))
         write_page()

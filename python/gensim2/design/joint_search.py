@@ -127,7 +127,7 @@ def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipu
     longest = max(thing.lever_arms.values(), default=0.0)
     for keypoint in thing.lever_arms:
         if longest and thing.lever_arms[keypoint] < 0.3 * longest:
-            continue  # Too near the hinge to move the part.
+            continue  # This contact is too near the hinge to move the part.
         for direction in DIRECTIONS:
             yield from _pushes(keypoint, direction, opening, goal)
             yield from _grasps(keypoint, direction, opening, goal)

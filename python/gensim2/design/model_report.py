@@ -49,7 +49,7 @@ class ModelReport:
         return self._told(own) if own else None
 
     def of_run(self) -> dict[str, Any] | None:
-        """Return the model, counts for each stage, the conversations without a task, and costs; None without a model."""
+        """Return the model, counts for each stage, conversations without a task, and costs; None without a model."""
         if self._model is None:
             return None
         stages = sorted({each.stage for each in self._conversations}, key=_rank)

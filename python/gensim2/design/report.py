@@ -134,7 +134,7 @@ def _films(folder: Path, verification: Verification | None) -> list[tuple[str, s
 
 #: What to do after a run that kept nothing.
 NOTHING_KEPT = (
-    "watch the films of failed episodes, and read the residuals under the pictures of the plans",
+    "watch the videos of failed episodes, and read the residuals below the pictures of the plans",
     "check that the keypoints lie where a hand should act, and that the arm can reach them: gensim2 assets render",
     "relax the task: the thresholds in done, the ranges of randomization, the place of the object",
     "write a strategy by hand and plan it: gensim2 solve",
@@ -144,8 +144,8 @@ NOTHING_KEPT = (
 def _why_unfilmed(run: RunRecord) -> str:
     """Return the reason why a task has no video, as a sentence for the report."""
     if run.arguments.get("videos") == 0:
-        return "no pictures: filming was off (--videos 0)"
-    return "no pictures yet: no episode of this task was filmed; errors.log says why if filming failed"
+        return "no pictures: videos were disabled (--videos 0)"
+    return "no pictures yet: no video of this task was made; if this failed, errors.log says why"
 
 
 def _step(step: Step) -> dict[str, Any]:

@@ -33,7 +33,7 @@ from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies
 
 LEADERS = 1.96
-"""Candidates count as equal if their success rates differ by fewer standard errors than this."""
+"""Two candidates count as equal if their success rates differ by fewer standard errors."""
 
 
 class Evaluator(Protocol):
@@ -80,7 +80,7 @@ class Budget:
     max_physics_episodes: int = 150
 
 
-#: Budget for long tasks, whose episodes take ten times as long and whose candidates are few.
+#: Budget for long tasks, whose episodes take ten times as long and which have few candidates.
 LONG_BUDGET = Budget(
     screen_scenes=2,
     rounds=((3, 1), (2, 2)),

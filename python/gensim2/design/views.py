@@ -141,7 +141,7 @@ def _actuation(
     """Return joints (n,) and hand pose (4, 4) in the base frame at the actuation pose, or (None, None)."""
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
-    for before in task.steps:  # The step's tool is grasped first.
+    for before in task.steps:  # Plan the grasp of the step's tool first.
         if before.name != name and before.object == step.tool and before.name in steps:
             strategy = next(iter(parsed(steps[before.name]).values()))
             taken = planner.plan(scene, before, strategy)

@@ -137,7 +137,7 @@ def test_an_episode_of_another_run_is_refused_and_named(
     for index in (failed, 999):
         foreign = episodes / f"{index:06d}.h5"
         foreign.write_bytes(source.read_bytes())
-        with pytest.raises(InputError, match=rf"{foreign.name}: is not of this collection") as raised:
+        with pytest.raises(InputError, match=rf"{foreign.name}: belongs to another collection") as raised:
             record(resume=True)
         assert raised.value.remedy == "delete it and resume"
         foreign.unlink()

@@ -137,12 +137,12 @@ def test_what_never_holds_is_reported_with_what_to_do_next(
     said = capsys.readouterr()
     assert "at most 30 episodes of search, then 20 of verification" in said.err
     assert "rejected ShutMyBox: no candidate held in physics; the best candidate: " in said.out
-    assert "no task was kept; next:\n- watch the films of failed episodes" in said.out
+    assert "no task was kept; next:\n- watch the videos of failed episodes" in said.out
     assert (folder / "task.yaml").read_text() == TASK
     page = (folder / "design" / "report.html").read_text()
     assert "No task was kept" in page
     assert "no candidate held in physics; the best candidate: " in page
-    assert "filming was off (--videos 0)" in page
+    assert "videos were disabled (--videos 0)" in page
     assert "Vulkan" not in page
 
 

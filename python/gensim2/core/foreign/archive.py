@@ -44,7 +44,7 @@ def open_archive(path: Path) -> zipfile.Path:
         if os.fstat(stream.fileno()).st_size > MAX_ARCHIVE:
             raise NotRegularError(f"it is larger than {MAX_ARCHIVE // 2**20} MiB")
         archive = open_zip(stream, MAX_ENTRIES)
-        archive.filename = str(path)  # the stream has only a file descriptor
+        archive.filename = str(path)  # the stream has no name, only a file descriptor
         return zipfile.Path(archive)
     except DAMAGED as error:
         raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
@@ -82,5 +82,5 @@ def read_member(file: Traversable, max_bytes: int) -> bytes:
         with file.open("rb") as stream:
             return stream.read(max_bytes)
     except DAMAGED as error:
-        remedy = "write the archive anew with `gensim2 tasks export`"
+        remedy = "write the archive again with `gensim2 tasks export`"
         raise InputError(f"cannot be read: {error}", file=str(file), remedy=remedy) from error

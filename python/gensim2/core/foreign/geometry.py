@@ -40,7 +40,7 @@ def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
     import trimesh
 
     content = read_input(file, MAX_MESH)
-    with read_by_library(file, "replace it by an intact mesh file", "no mesh that can be read"):
+    with read_by_library(file, "replace it with an intact mesh file", "is not a readable mesh"):
         beside: Any = _Beside(file)
         yield trimesh.load_scene(io.BytesIO(content), file.suffix.lstrip("."), resolver=beside, process=False)
 

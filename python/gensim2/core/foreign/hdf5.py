@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 MAX_ARRAY = 2**30  # bytes of one array in memory
-MAX_MEMBERS = 10_000  # of one group, except ManiSkill's trajectories
+MAX_MEMBERS = 10_000  # members of one group, except in ManiSkill's trajectories
 
 #: deflate, shuffle, fletcher32 and lzf, which h5py writes; for other filters HDF5 would search plug-ins.
 _FILTERS = {1, 2, 3, 32000}

@@ -14,7 +14,7 @@ MAX_OBJECT = 512 * MIB  # bytes of all files of an object
 MAX_OBJECT_JSON = MIB  # bytes of one file
 MAX_OBJ, MAX_MATERIALS = 32 * MIB, 4 * MIB  # bytes of one file
 MAX_LOOKS = 2_000  # material groups of a file; each becomes a mesh
-MAX_TRIANGLES = 2_000_000  # of all elements of an object
+MAX_TRIANGLES = 2_000_000  # triangles in all elements of an object
 FARTHEST_VERTEX = 1e6  # units
 LARGEST_VALUE = 1e6  # units or radians; squares of larger values lose precision
 MAX_MIMICS = 64  # length of a chain of mimic joints
@@ -27,7 +27,7 @@ MAX_MESSAGE = 64 * MIB
 MAX_HEAD = MIB  # bytes of a message's header
 MAX_CHUNK = MAX_MESSAGE + 2 * MIB  # bytes, compressed or not: the largest message and a margin
 MAX_CHANNELS = 100
-MAX_CAMERA_PIXELS = 8 * MIB  # of all cameras of a log; their rays take 500 MB
+MAX_CAMERA_PIXELS = 8 * MIB  # pixels of all cameras in a log; their rays take 500 MB
 MAX_JOINTS = 100
 MAX_STATES = MAX_PICTURES = 2**19  # kept from a log for a calibration: 87 minutes at 100 Hz
 MAX_POSES = 200  # read from a log for a calibration

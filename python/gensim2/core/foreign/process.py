@@ -99,7 +99,7 @@ def isolated(
             except (EOFError, OSError):
                 raise _death(process, source, bounds) from None
             if kind in _LAST:
-                process.join(timeout=EXIT_LIMIT)  # killing it would leave semaphores, and Python would warn
+                process.join(timeout=EXIT_LIMIT)  # killing the process would leak semaphores, and Python would warn
             if kind == "result":
                 result: Result = told[0]
                 return result
@@ -136,7 +136,7 @@ class _Told:
 
 
 def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent handles it
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     faulthandler.disable()
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # hide a crashing library's output
@@ -151,7 +151,7 @@ def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
         said = ("memory",)
     except BaseException:  # noqa: BLE001 - sent to the caller, who raises it
         said = ("bug", traceback.format_exc())
-    with contextlib.suppress(OSError):  # the parent has ended
+    with contextlib.suppress(OSError):  # the parent process has ended
         connection.send_bytes(pickle.dumps(said))
 
 
@@ -177,7 +177,7 @@ def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
         return InputError(f"takes longer than {bounds.cpu_s} s of CPU to read, or was ended", file=source)
     if code == -signal.SIGABRT:
         return _too_large(source, bounds)
-    if code is None or code >= 0:  # damaged input ends with a signal, so the process did not start
+    if code is None or code >= 0:  # after a crash it would be a signal's number
         guard = 'a script must import below `if __name__ == "__main__":`'
         return WorkerStartError(f"the process that reads {source} could not be started (exit code {code}; {guard})")
     fate = signal.Signals(-code).name

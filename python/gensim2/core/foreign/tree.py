@@ -12,8 +12,8 @@ from typing import BinaryIO, ClassVar, NamedTuple
 
 from gensim2.core.errors import InputError
 
-MAX_FILES = 1_000_000  # of an export; 10,000 episodes with images have about 140,000
-MAX_DEPTH = 12  # nested folders; exports of GenSim2 have 5
+MAX_FILES = 1_000_000  # files of an export; 10,000 episodes with images have about 140,000 files
+MAX_DEPTH = 12  # levels of nested folders; exports of gensim2 have 5
 MAX_FILE_BYTES = 64 * 2**30  # bytes of a file; ManiSkill stores all episodes of a task in one
 MAX_RECORD = 512 * 2**20  # bytes of one JSON file
 
@@ -44,10 +44,10 @@ def open_regular(path: Path) -> BinaryIO:
         NotRegularError: the path is not a regular file.
         OSError: the file cannot be opened.
     """
-    refuse_special(path.stat())  # before opening, which may have effects on a device
+    refuse_special(path.stat())  # check before opening, because opening a device can have side effects
     stream = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     try:
-        refuse_special(os.fstat(stream.fileno()))  # the file may have been replaced meanwhile
+        refuse_special(os.fstat(stream.fileno()))  # check again: the file may have been replaced meanwhile
     except BaseException:
         stream.close()
         raise
@@ -65,7 +65,7 @@ def read_regular(path: Path, max_bytes: int) -> bytes:
         size = os.fstat(stream.fileno()).st_size
         # Python allocates as many bytes as `read` is asked for, so ask for the size of the file and not for max_bytes.
         content = b"" if size > max_bytes else stream.read(size + 1)
-        while size < len(content) <= max_bytes and (block := stream.read(_BLOCK)):  # /proc reports no size
+        while size < len(content) <= max_bytes and (block := stream.read(_BLOCK)):  # files in /proc report no size
             content += block
     if max(size, len(content)) > max_bytes:
         raise TooLargeError(f"is larger than {megabytes(max_bytes)}")

@@ -33,7 +33,7 @@ SINGLE_THREADED = dict.fromkeys(
 """Environment variables that limit libraries to one thread, because processes already use all cores."""
 
 SERVER_LOST = 255
-"""Exit code of a process whose fork server was killed before it could report the real one."""
+"""Exit code of a process whose fork server was killed before it reported the real exit code."""
 
 START_LIMIT = 300.0
 """Time in which a worker must be ready for its first job, s."""
@@ -68,7 +68,7 @@ class Worker:
 
     def send(self, job: Job, function: Callable[..., Any], *, fresh: bool) -> None:
         """Start a job; ``fresh`` starts a new process for the job."""
-        payload = pickle.dumps((function, job.arguments))  # fails in the caller instead of in a worker
+        payload = pickle.dumps((function, job.arguments))  # pickling errors appear in the caller, not in a worker
         if fresh or self._served >= self._jobs or self._process is None or not self._process.is_alive():
             self.stop()
             self._start()
@@ -166,7 +166,7 @@ def start_process(
             ours.close()
             raise
         finally:
-            theirs.close()  # so that the worker's death ends the connection
+            theirs.close()  # so that the connection ends when the worker dies
     raise AssertionError("unreachable: the last attempt returns or raises")
 
 
@@ -206,15 +206,15 @@ def _fate(exitcode: int | None) -> str:
 
 def _serve(connection: Connection, environment: Mapping[str, str], prepare: Callable[[], object] | None = None) -> None:
     """Body of a worker process: run jobs until the parent closes the connection."""
-    ignore_interrupts()  # Ctrl-C reaches the whole group; the parent decides
+    ignore_interrupts()  # Ctrl-C reaches the whole process group; the parent handles it
     os.environ.clear()
-    os.environ.update(environment)  # the fork server may have older values
+    os.environ.update(environment)  # the fork server may have older values of the variables
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     if prepare is not None:
-        with contextlib.suppress(Exception):  # the job will raise the same error
+        with contextlib.suppress(Exception):  # importing fails again in the job, which reports the error
             prepare()
-    gc.freeze()  # exempt imported objects from garbage collection (7 % of the time)
-    with contextlib.suppress(OSError):  # the loop below notices that the parent has ended
+    gc.freeze()  # exclude imported objects from garbage collection, which saves 7 % of the time
+    with contextlib.suppress(OSError):  # the loop below notices if the parent has ended
         connection.send_bytes(b"ready")
     while True:
         try:
@@ -306,7 +306,7 @@ class WorkerPool(Executor):
             yield from super().map_unordered(function, jobs)
             return
         for job in jobs:
-            if job is None:  # no more jobs, and no running job can add any
+            if job is None:  # there are no more jobs, and no running job can add any
                 return
             yield _run_here(function, job)
 

@@ -65,11 +65,11 @@ class _Environment:
     """Ray actor that imports modules, prepares its environment, and runs jobs."""
 
     def __init__(self, path: Sequence[str], modules: Sequence[str], prepare: bytes) -> None:
-        sys.path.extend(folder for folder in path if folder not in sys.path)  # jobs are functions by name
+        sys.path.extend(folder for folder in path if folder not in sys.path)  # jobs are pickled as names of functions
         for name in modules:
-            with contextlib.suppress(ImportError):  # the jobs will raise the error
+            with contextlib.suppress(ImportError):  # importing fails again in the jobs, which report the error
                 importlib.import_module(name)
-        with contextlib.suppress(Exception):  # the job will raise the same error
+        with contextlib.suppress(Exception):  # the job will fail with the same error
             function = pickle.loads(prepare)
             if function is not None:
                 function()
@@ -109,7 +109,7 @@ class Head:
                     self.is_there = True
                     _keep_alive(connection)
                     connection.settimeout(None)
-                    connection.recv(1)  # returns when the head closes the connection or dies
+                    connection.recv(1)  # recv returns when the head closes the connection or dies
                 answered = time.monotonic()
             except OSError:
                 answered = time.monotonic() if self.is_there else answered
@@ -190,7 +190,7 @@ class RayPool(Executor):
         global left_waiting
         for place in list(self._places):
             self._end(place)
-        if self._head.is_gone:  # without a head, Ray would wait and then end this process
+        if self._head.is_gone:  # without a head, ray.shutdown would wait and then end this process
             atexit.unregister(self._ray.shutdown)
             left_waiting = True
         else:
@@ -236,7 +236,7 @@ class RayPool(Executor):
             raise NotRunError("jobs on Ray", {job.index: reason for job in jobs})
         awaited = {place.awaited: place for place in self._places if place.job is not None or not place.is_ready}
         if not awaited:
-            time.sleep(RETRY_SECONDS)  # the head may come back
+            time.sleep(RETRY_SECONDS)  # the head may answer again
             return []
         done, _ = self._ray.wait(list(awaited), num_returns=1, timeout=RETRY_SECONDS, fetch_local=True)
         outcomes: list[Outcome[Any]] = []
@@ -291,9 +291,9 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
         InputError: the cluster cannot be joined.
     """
     where: dict[str, Any] = {"address": address}
-    if address == "local":  # otherwise Ray looks for a running cluster
+    if address == "local":  # without the address "local" Ray looks for a running cluster
         where |= {"num_cpus": workers or usable_cores(), "include_dashboard": False}
-        where["_system_config"] = {"worker_niceness": 0}  # Ray's 15 starves workers on a busy machine
+        where["_system_config"] = {"worker_niceness": 0}  # Ray's default, 15, starves workers on a busy machine
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         for number in range(TRIES):
@@ -309,7 +309,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
                     words = " ".join(str(error).split())
                     raise InputError(f"the Ray cluster cannot be used: {words}", field="--ray") from error
     finally:
-        with contextlib.suppress(ValueError):  # outside the main thread there is no handler
+        with contextlib.suppress(ValueError):  # signal handlers exist only in the main thread
             for number, handler in handlers.items():
                 signal.signal(number, handler)
 

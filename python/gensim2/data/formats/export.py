@@ -124,7 +124,7 @@ def _frames(
         sentence = store.spec().description
         for row in rows:
             recording = store.read(row).recording
-            assert recording is not None  # successful episodes have a recording
+            assert recording is not None  # successful episodes always have a recording
             observation = _observed(store, row) if observations else None
             seen.add(observation is not None)
             if len(seen) > 1:

@@ -82,7 +82,7 @@ def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
     if manifest is None:
         progress.message(f"{path} was exported by an older gensim2: its point clouds and images cannot be compared")
     if any(formerly_nested(name.split("/")[1]) for name in sizes if name.startswith("data/")):
-        progress.message(f"{path} has the former names of cameras (image_cameras/left): read as image_left")
+        progress.message(f"{path} has old camera names (image_cameras/left), which are read as image_left")
     if of == "maniskill":
         take_apart(tree, sizes, folder, progress)
         count = sum(1 for _ in read_back(DataSet.open(folder), progress))
@@ -111,11 +111,11 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
             file = store.path(row.index)
             raise InputError(error.message, file=path / NATIVE / store.name / file.name, field=error.field) from error
         if theirs is None or (wrong := _difference(ours, theirs)):
-            said = "is not there" if theirs is None else f"is not that of {NATIVE}/: {wrong}"
+            said = "is missing" if theirs is None else f"differs from the one in {NATIVE}/: {wrong}"
             raise InputError(f"episode {count} {said}: one of them was changed", file=path, remedy="export again")
         count += 1
     if next(found, None) is not None:
-        wrong = f"episode {count} is not that of {NATIVE}/, which holds {count}: one of them was changed"
+        wrong = f"episode {count} is missing in {NATIVE}/, which has {count} episodes: one of them was changed"
         raise InputError(wrong, file=path, remedy="export again")
     return count
 

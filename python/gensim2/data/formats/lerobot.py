@@ -30,7 +30,7 @@ from gensim2.data.video import pixel_format, write_video
 
 VERSION = "v3.0"
 FILE_BYTES = 100 * 2**20
-"""Size in memory after which a new file of frames is started, bytes."""
+"""Size in memory after which frames go to a new file, bytes."""
 FILES_PER_CHUNK = 1000
 PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 

@@ -72,7 +72,7 @@ def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
         for group in range(file.metadata.num_row_groups):
             with read_by_library(path, REMEDY):
                 columns = _row_group(file, group, shapes, path)
-            for number in np.unique(columns["episode_index"]):  # there may be several episodes
+            for number in np.unique(columns["episode_index"]):  # a row group may contain several episodes
                 rows = columns["episode_index"] == number
                 task = int(columns["task_index"][rows][0])
                 if task not in sentences:

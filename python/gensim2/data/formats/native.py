@@ -44,7 +44,7 @@ def copy_native(source: Path, out: Path) -> None:
         strategies = ForeignTree(store.folder / STRATEGIES).names()
         if len(strategies) > MAX_STRATEGIES:
             wrong = f"holds over {MAX_STRATEGIES} files"
-            raise InputError(wrong, file=store.folder / STRATEGIES, remedy="leave those that the task names")
+            raise InputError(wrong, file=store.folder / STRATEGIES, remedy="keep only strategies that the task names")
         for file in strategies:
             if file.endswith(".yaml") and is_name(file):
                 tree.copy(f"{name}/{STRATEGIES}/{file}", out / name / STRATEGIES / file, MAX_YAML)
@@ -70,7 +70,7 @@ def read_back(dataset: DataSet, progress: Progress) -> Iterator[Read]:
         progress.start(f"read back {name}")
         for row in store.rows():
             if not row.held:
-                wrong = f"has episode {row.index}, which did not hold"
+                wrong = f"has episode {row.index}, which failed"
                 raise InputError(wrong, file=store.folder / ROWS, remedy=REMEDY)
             if set(row.objects) != set(spec.objects):
                 wrong = f"episode {row.index} has other objects than the task"

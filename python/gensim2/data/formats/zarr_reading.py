@@ -72,7 +72,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
         raise InputError(f"is not a zarr data set of gensim2: {error}", file=root, remedy=REMEDY) from error
     lengths = np.diff(ends, prepend=0)
     if len(ends) != len(tasks) or not len(ends) or (lengths < 1).any():
-        wrong = f"meta/episode_ends ({len(ends)}) and meta/task ({len(tasks)}) are not those of episodes one by one"
+        wrong = f"meta/episode_ends ({len(ends)}) and meta/task ({len(tasks)}) do not describe consecutive episodes"
         raise InputError(wrong, file=root, field="meta", remedy=REMEDY)
     if not ((tasks >= 0) & (tasks < len(sentences))).all():
         raise InputError("names a task that does not exist", file=root, field="meta/task", remedy=REMEDY)

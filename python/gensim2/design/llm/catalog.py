@@ -42,7 +42,7 @@ class Catalog:
             try:
                 found[name] = brief.classes[name]
             except InputError:
-                continue  # The notes of the run name this class.
+                continue  # The run's notes report this class as left out.
             if articulated_only and found[name].kind == "rigid":
                 break
         return Catalog(

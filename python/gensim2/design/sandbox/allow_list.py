@@ -63,7 +63,7 @@ SPOKEN = {
 }
 #: Bound of whole numbers.
 LARGEST = 2**63
-#: A line with more characters is blamed if Python reports too deep nesting without a line.
+#: If Python reports too deep nesting without a line number, a line with more characters is reported.
 LONG_LINE = 200
 NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -102,7 +102,7 @@ def checked(
         raise at_line(f"a control character ({odd[0]!r})", source.count("\n", 0, odd.start()) + 1)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Such as the warning for an unknown escape in a description.
+            warnings.simplefilter("ignore")  # Ignore warnings, for example about unknown escapes in a description.
             tree = ast.parse(source)
     except SyntaxError as error:
         if "integer string conversion" in str(error.msg):
@@ -139,7 +139,7 @@ class Reader:
             nodes, parents = self.listed(tree)
         except Refused as refused:
             return [(refused.line, refused.words)]
-        for node in nodes:  # In the order of lines, so that a name is known once it is assigned.
+        for node in nodes:  # Check in the order of lines, so that a name is known after its assignment.
             try:
                 self.look(node, parents.get(node))
             except Refused as refused:
@@ -246,7 +246,7 @@ class Reader:
                 raise Refused(node, f"the name {_short(node.id)} cannot be assigned")
             self.known.add(node.id)
         elif node.id == "super" and isinstance(parent, ast.Call) and parent.func is node:
-            return  # look_at_Call checks where super() may stand.
+            return  # look_at_Call checks the position of super().
         elif node.id not in self.known:
             raise Refused(node, f"the name {_short(node.id)} is not allowed, or not imported from {MODULE}")
 

@@ -1,4 +1,4 @@
-"""Cache of prepared objects on disk, shared by all processes of the user; each object's folder is complete or absent."""
+"""Cache of prepared objects on disk, shared by the user's processes; an object's folder is complete or absent."""
 
 from __future__ import annotations
 

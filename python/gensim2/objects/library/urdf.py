@@ -251,7 +251,7 @@ def _mesh_file(paths: Sequence[str], folder: Path) -> str:
 
 
 def _color(urdf: Urdf, element: Mapping[str, Any], is_mesh: bool) -> Array | None:
-    """Return the colour of an element's material; only primitives may refer to materials defined for the whole robot."""
+    """Return the colour of an element's material; only primitives may use materials defined for the robot."""
     if element["rgba"] is not None:
         return np.array(element["rgba"])
     return None if is_mesh else urdf.materials.get(element["material"])

@@ -70,7 +70,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class PairHulls:
-    """Convex hulls (N, 3) of the body (root frame) and the moving link (its frame), and the number of omitted pieces."""
+    """Convex hulls (N, 3) of the body (root frame) and the moving link (its frame); number of omitted pieces."""
 
     body: list[Array]
     moving: list[Array]

@@ -80,7 +80,7 @@ class VoidSpace:
         return found
 
     def is_free_finely(self, points: Array, finest: float) -> npt.NDArray[np.bool_]:
-        """Like ``is_free``, but refine the grid to ``finest`` metres around points in coarse cells that are not free."""
+        """Like ``is_free``, but with a grid of ``finest`` metres around points in cells that are not free."""
         found = self.is_free(points)
         doubtful = points[~found]
         if not len(doubtful):
@@ -213,7 +213,7 @@ class Overlap:
 
 
 def hull_overlap(instance: ArticulatedObject) -> float:
-    """Return the maximum overlap in metres of the convex parts of both links at any of ``OPENNESS``, outside the hinge."""
+    """Return the maximum overlap (m) of the convex parts of both links at any of ``OPENNESS``, outside the hinge."""
     return max((float(depths.max()) for _, _, depths in _common_points(instance, 0.0)), default=0.0)
 
 
