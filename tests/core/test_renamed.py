@@ -23,7 +23,8 @@ def test_a_former_name_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert physics_name("default") == "default"
     assert capsys.readouterr().err == ""
     assert physics_name("ours") == physics_name("ours+gripper=default") == "default"
-    assert capsys.readouterr().err == "physics 'ours' is called 'default'; the next release will not accept the old name\n"
+    said = "physics 'ours' is called 'default'; the next release will not accept the old name\n"
+    assert capsys.readouterr().err == said
 
 
 def test_a_record_with_a_former_cause_loads(capsys: pytest.CaptureFixture[str]) -> None:
