@@ -235,9 +235,7 @@ def test_a_mesh_that_collides_and_is_damaged_or_a_pipe_is_one_error(tmp_path: Pa
         os.mkfifo(tmp_path / "a.glb")
     else:
         (tmp_path / "a.glb").write_bytes(content)
-    with pytest.raises(
-        InputError, match=r"a\.glb: " + ("is a pipe" if content is None else "is not a readable mesh")
-    ):
+    with pytest.raises(InputError, match=r"a\.glb: " + ("is a pipe" if content is None else "is not a readable mesh")):
         links_of(tmp_path / "a.urdf")
 
 

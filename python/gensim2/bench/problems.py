@@ -172,7 +172,7 @@ def _no_constant(name: str) -> NoReturn:
 
 
 def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
-    """Parse one line.
+    """Parse one line of a problem file.
 
     Args:
         line: JSON text of one problem.

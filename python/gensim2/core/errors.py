@@ -38,7 +38,7 @@ def printable(text: str) -> str:
 
 
 def brief(number: int) -> str:
-    """Return an integer in decimal, or its length if it is too long to read (or for Python to format)."""
+    """Return an integer in decimal, or, if it is too long to read or to format, its number of bits in words."""
     return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
 
 
@@ -116,7 +116,7 @@ def user_code(refused: Callable[[BaseException], InputError], *passed: type[Base
 
 
 def described(error: BaseException) -> str:
-    """Return the type of an exception and its message."""
+    """Return the type and the message of an exception as text."""
     return f"{type(error).__name__}: {error}"
 
 
@@ -152,7 +152,7 @@ class NotRunError(GenSim2Error):
 
     Args:
         what: name of the jobs, for example ``"OpenDrawer: demonstrations"``.
-        reasons: reason of the last failure by job index.
+        reasons: reason of each failed job's last failure, by job index.
         log: file with the log of all attempts.
     """
 

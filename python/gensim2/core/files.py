@@ -90,7 +90,7 @@ def new_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder beside ``path``, which is renamed to ``path`` when the block ends.
 
     ``path`` must be missing or empty. If the block fails, nothing is left; folders left by killed processes are removed
-    by the next call. After a power cut files may be missing, so use this for data that can be made again.
+    by the next call. After a power cut files may be missing, so this function suits only data that can be made again.
 
     Raises:
         InputError: ``path`` is not empty.
@@ -165,7 +165,7 @@ def _remove_left(path: Path) -> None:
 
 
 def _reason(error: OSError | WriteError) -> str:
-    """Return the system's message without the name of the temporary file."""
+    """Return the message of a system error without the name of the temporary file."""
     said = error.message if isinstance(error, WriteError) else error.strerror or str(error)
     text = said.removeprefix("cannot write: ")
     # Libraries format error numbers differently: "[Errno 28] ...", "[errno 28] ...", "errno = 28, error message = ...".

@@ -26,7 +26,7 @@ def lazy_names(package: str) -> Callable[[str], Any]:
 
 @cache
 def _imported(package: str) -> dict[str, str]:
-    """Return the module of each name that a package imports for type checkers."""
+    """Return, for each name that a package imports below ``if TYPE_CHECKING:``, the module that defines the name."""
     import ast  # imported here: most programs do not need the parser
 
     loader: Any = sys.modules[package].__loader__

@@ -1,4 +1,4 @@
-"""Read JSON records of a run folder and report damage as one clear error."""
+"""Read JSON records in run folders; damage is reported as a one-line error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Accept names of the previous release in users' files and commands, with a message."""
+"""Accept names of the previous release in users' files and commands, and print a message about the new name."""
 
 from __future__ import annotations
 

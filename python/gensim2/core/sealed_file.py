@@ -76,7 +76,7 @@ class Seal:
         return digest, content
 
     def broken(self, path: Path, field: str | None = None) -> InputError:
-        """Return the error for a damaged file."""
+        """Return the error to raise for a damaged file."""
         return self.damaged(self.message, file=path, field=field, remedy=self.remedy)
 
     def _digest(self, version: int, body: bytes | memoryview) -> str:

@@ -51,7 +51,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def dump_yaml(value: dict[str, Any]) -> str:
-    """Return YAML in the given order, with lists of numbers on one line."""
+    """Return a value as YAML text; mappings keep their order, and lists of numbers stay on one line."""
     return str(yaml.dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True))
 
 
@@ -156,7 +156,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         except (ValueError, LookupError, TypeError, AttributeError) as error:
             if name == "int" and len(node.value) > LONGEST_WHOLE_NUMBER:
                 raise _refusal(TOO_MANY_BITS, node.start_mark) from error
-            raise _refusal(f"{_shown(node)} is no {name}", node.start_mark) from error
+            raise _refusal(f"{_shown(node)} is not a valid {name}", node.start_mark) from error
         if isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise _refusal(TOO_MANY_BITS, node.start_mark)
         if isinstance(value, str) and not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
@@ -165,7 +165,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
 
     def construct_mapping(self, node: MappingNode, deep: bool = False) -> dict[Any, Any]:
         if not isinstance(node, MappingNode):
-            raise _refusal(f"{_shown(node)} is no map", node.start_mark)
+            raise _refusal(f"{_shown(node)} is not a mapping", node.start_mark)
         found: dict[str, Any] = {}
         for key_node, value_node in node.value:
             key = self.construct_object(key_node, deep=True)

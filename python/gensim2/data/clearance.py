@@ -132,7 +132,7 @@ class ClearanceMeter:
         return np.array(found, dtype=np.int64)
 
     def _bodies(self, recording: Recording, name: str) -> dict[str, _Body]:
-        """Return the bodies of an object, by ``<object>/<link>``."""
+        """Return the rigid bodies of an object, keyed by ``<object>/<link>``."""
         asset_class = self._task.objects[name].asset_class
         model: ObjectModel = self._library.load(asset_class, recording.instances[name], self._hulls)
         T_base_world = np.linalg.inv(self._profile.T_world_base)

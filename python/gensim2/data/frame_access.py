@@ -123,7 +123,7 @@ class FrameAccess:
         return len(self._episodes)
 
     def episode(self, number: int) -> range:
-        """Return the frame numbers of an episode."""
+        """Return the range of indices of the frames of episode ``number``."""
         return range(self._ends[number - 1] if number else 0, self._ends[number])
 
     @property

@@ -47,10 +47,10 @@ class ObservedEpisode:
     """Observations of an episode of T steps.
 
     Attributes:
-        description: origin and settings as plain data: ``task``, ``index``, ``episode_digest``, ``language``, ``steps``
+        description: origin and settings as JSON data: ``task``, ``index``, ``episode_digest``, ``language``, ``steps``
             and all fields of the spec.
-        arrays: (T + 1, ...) by name, except for ``intrinsic``, the ``T_base_camera`` of fixed cameras and the
-            ``T_link_camera`` of cameras on the robot.
+        arrays: arrays (T + 1, ...) by name. ``intrinsic``, the ``T_base_camera`` of fixed cameras and the
+            ``T_link_camera`` of cameras on the robot have no time axis.
     """
 
     description: dict[str, Any]

@@ -64,7 +64,7 @@ class TaskQuality:
     same_actions: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the quality measures as plain data, with summary statistics in place of lists."""
+        """Return the quality measures as JSON data, with summary statistics in place of lists."""
         found = asdict(self)
         for name in ("openness", "lengths", "jerks", "clearances"):
             found[name] = _spread(found[name])

@@ -160,7 +160,7 @@ class RunSummary(BaseModel):
 
 @dataclass(frozen=True)
 class SecondEngine:
-    """Episodes on the scenes of a verification in the other physics engine.
+    """Episodes of a verification, repeated on the same scenes in the other physics engine.
 
     Attributes:
         engine: physics engine.
@@ -319,5 +319,5 @@ class PipelineResult:
 
 
 def merge_causes(causes: Sequence[str | None]) -> dict[str, int]:
-    """Count the causes that are not None."""
+    """Return the number of failed episodes by cause; None stands for a success and is not counted."""
     return dict(Counter(cause for cause in causes if cause is not None))

@@ -34,7 +34,7 @@ RUN_JSON = "run.json"
 
 
 def default_run_dir() -> Path:
-    """Return ``runs/<date>-<time>`` in the current folder, with a number appended if it exists."""
+    """Return ``runs/<date>-<time>`` in the current folder, with a number appended if the folder exists."""
     first = Path("runs") / time.strftime("%Y%m%d-%H%M%S")
     others = (first.with_name(f"{first.name}-{number}") for number in itertools.count(2))
     return next(path for path in itertools.chain([first], others) if not path.exists())

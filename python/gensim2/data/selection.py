@@ -55,7 +55,7 @@ class Selection:
         )
 
     def of(self, dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[tuple[TaskStore, list[Episode]]]:
-        """Yield each task with its selected episodes by index; tasks without any are left out.
+        """Yield each task with its selected episodes by index; tasks without a selected episode are left out.
 
         Raises:
             InputError: a task is unknown, the collection is incomplete, or a necessary file is damaged, missing or

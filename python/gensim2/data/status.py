@@ -61,7 +61,7 @@ class Status:
 
     @property
     def rate(self) -> float | None:
-        """Episodes per second in this run; None before the first."""
+        """Episodes per second in this run; None before the first episode is finished."""
         return self.ran / self.seconds if self.ran and self.seconds > 0 else None
 
     @property

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class TorchFrames(torch.utils.data.Dataset[dict[str, Any]]):  # type: ignore[misc]
-    """Map-style data set of tensors with the names of :class:`~gensim2.data.frame_access.FrameAccess`.
+    """Map-style PyTorch data set of tensors, named as in :class:`~gensim2.data.frame_access.FrameAccess`.
 
     Depth is int32, because few PyTorch operations support uint16; the instruction stays a string.
     """

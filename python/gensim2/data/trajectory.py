@@ -63,8 +63,8 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
 
     Args:
         folder: output folder.
-        provenance: metadata for the JSON file.
-        episodes: files and their digests, in order.
+        provenance: task, strategies and sources, for the JSON file.
+        episodes: (file, digest) of each episode, in order.
 
     Raises:
         InputError: there are no episodes, or one is damaged or has no states.

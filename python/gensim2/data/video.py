@@ -110,7 +110,7 @@ class Replay:
 
     @staticmethod
     def stored(trajectory: Path, episode: int = 0) -> Replay:
-        """Return the replay of an episode of ``trajectory.h5``, with its JSON file beside it.
+        """Read the replay of an episode from ``trajectory.h5`` and the JSON file beside it.
 
         The environment is built from the task, because gymnasium would import the module named in the file's
         environment id.

@@ -1,4 +1,4 @@
-"""The designer interface, implemented by the offline search and by language models."""
+"""Interface of designers, which propose tasks and strategies: the offline search, and language models."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Goal = Literal["articulated_open", "articulated_closed"]
 
 
 class Declined(GenSim2Error):
-    """A designer has no candidate for a task; the task is rejected and the run continues."""
+    """A designer has no candidate strategies for a task; the task is rejected and the run continues."""
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,12 @@ class CandidateResult:
 
     @property
     def physics_score(self) -> float:
-        """Success rate over all simulated episodes, shrunk towards zero if there are few episodes."""
+        """Success rate over all simulated episodes, reduced if there are few episodes."""
         return self.held / (self.episodes + 1)
 
     @property
     def strict_score(self) -> float:
-        """Strict success rate over all simulated episodes, shrunk towards zero if there are few episodes."""
+        """Share of simulated episodes that pass `strict`, reduced if there are few episodes."""
         return self.strict / (self.episodes + 1)
 
     @property
@@ -166,7 +166,7 @@ class CandidateResult:
 
     @property
     def plan_score(self) -> float:
-        """Share of scenes with a complete plan."""
+        """Share of scenes for which the candidate has a complete plan."""
         plans = [stage for stage in self.stages if stage.name == "plan"]
         return plans[-1].score if plans else 0.0
 
@@ -198,7 +198,7 @@ class Designer(Protocol):
         ...
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Return the first candidates for a task.
+        """Return the first candidate strategies for a task.
 
         Raises:
             Declined: the designer has no candidate for the task.

@@ -50,7 +50,7 @@ def pairs(brief: Brief) -> Iterator[Draft]:
 
 
 def errands(brief: Brief) -> Iterator[Draft]:
-    """Draft tasks that move one joint and put an object on a plate or into a bowl, for one purpose."""
+    """Draft tasks that serve one purpose by moving a joint and putting an object on a plate or into a bowl."""
     there = {piece[:2]: piece for piece in _narrow(brief)}
     queues = [[(purpose, there[goal], put) for goal, put in purpose.errands if goal in there] for purpose in purposes()]
     used: Counter[tuple[str, str]] = Counter()

@@ -198,7 +198,7 @@ def _named(name: str, sentence: str, container: Affordance, thing: Affordance, *
 
 
 def _support_for(thing: Affordance, number: int) -> str:
-    """Return the support (plate or bowl) on which an object belongs; alternate if it belongs on both or neither."""
+    """Return the support (plate or bowl) that suits an object; if both or neither suit, alternate with ``number``."""
     places = [name for name in SUPPORTS if thing.asset_class in belongs(name)] or SUPPORTS
     return places[number % len(places)]
 

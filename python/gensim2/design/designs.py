@@ -17,7 +17,7 @@ from gensim2.tasks.strategies import StepStrategies
 
 
 class DiagnosisRecord(Record):
-    """A failure of a candidate in ``design.json``."""
+    """Record of a kind of failure of a candidate, in ``design.json``."""
 
     step: str | None
     cause: str
@@ -26,7 +26,7 @@ class DiagnosisRecord(Record):
 
 
 class StageRecord(Record):
-    """The result of one search stage in ``design.json``."""
+    """Record of a candidate's result in one search stage, in ``design.json``."""
 
     name: Literal["plan", "physics"]
     episodes: Annotated[int, Field(ge=0)]
@@ -37,7 +37,7 @@ class StageRecord(Record):
 
 
 class CandidateRecord(Record):
-    """A candidate in ``design.json``."""
+    """Record of a candidate and its results, in ``design.json``."""
 
     index: Annotated[int, Field(ge=0)]
     label: str

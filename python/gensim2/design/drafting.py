@@ -22,7 +22,7 @@ ENDS = ("articulated_open", "articulated_closed")
 
 
 class Piece(NamedTuple):
-    """A known task that opens or closes a joint."""
+    """A known task that moves a joint to one end, used as a step of longer tasks."""
 
     asset_class: str
     goal: End

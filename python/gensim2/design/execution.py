@@ -217,11 +217,11 @@ class _Kept:
     def screen(
         self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[worker.Screened]]:
-        """Plan each candidate on each seed's scene."""
+        """Plan each candidate in the scene of each seed, or read the stored results."""
         return self._runner.screen(config, candidates, seeds, self._next(candidates))
 
     def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
-        """Run (strategies of each step, seed) episodes in physics, in order."""
+        """Simulate one episode for each job (strategies of each step, seed), or read the stored results."""
         log = EpisodeLog(self._next([ways for ways, _ in jobs]).with_suffix(".jsonl"), [seed for _, seed in jobs])
         return self._runner.trials(config, jobs, log)
 
@@ -349,7 +349,7 @@ class PipelineRun:
         return first_alike(task, self._familiar) is not None
 
     def _to_verify(self, task: TaskSpec) -> int:
-        """Return the number of verification episodes; a familiar task gets no more than the default."""
+        """Return the number of verification episodes; at most the default for a task that counts as already solved."""
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
         return max(verify, self.extent.demos)
 

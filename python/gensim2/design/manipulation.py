@@ -24,7 +24,7 @@ LET_GO = 0.06
 
 @dataclass(frozen=True)
 class Direction:
-    """A unit vector in a frame, with a readable name."""
+    """A unit vector in a named frame, with a name for reports."""
 
     name: str
     frame: Frame

@@ -84,7 +84,7 @@ def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
 
 
 def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
-    """Return the everyday phrase for the goal, or None."""
+    """Return the everyday phrase for a joint goal; None if people do not ask for the goal."""
     if goal in ("half_open", "half_closed"):
         return halfway(thing.asset_class, goal)
     return words(thing.asset_class, goal, thing.joint_type or "revolute")  # type: ignore[arg-type]
@@ -234,7 +234,7 @@ def _usefulness(thing: Affordance, goal: Goal) -> float:
 
 
 def _undone(thing: Affordance, goal: Goal) -> bool:
-    """Return whether the goal is unmet at every initial openness of the object."""
+    """Return whether the goal is unmet at every initial openness within the object's default range."""
     openness = thing.default_openness or 0.0
     if goal == "articulated_open":
         return openness + OPENNESS_SPREAD < OPEN

@@ -121,7 +121,7 @@ def verified(verification: Verification, seed: int) -> Verified:
     """Summarize the episodes of a verification for a task's provenance.
 
     Args:
-        verification: verification of the task.
+        verification: result of the verification of the task.
         seed: seed of the run.
     """
     tally = verification.tally

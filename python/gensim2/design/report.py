@@ -71,7 +71,7 @@ def write_report(run_dir: Path) -> Path:
 
 @contextlib.contextmanager
 def reported(run_dir: Path) -> Iterator[None]:
-    """Write the report when the block ends, also after an exception, unless a file of the folder is unreadable."""
+    """Write the report when the block ends, even after an exception; skip it if a file of the folder is unreadable."""
     try:
         yield
     except InputError:

@@ -129,7 +129,7 @@ class Search:
         self._notes: list[str] = []
 
     def run(self) -> Design:
-        """Run the search; ``chosen`` is None if no episode succeeded."""
+        """Run the search and return its result, in which ``chosen`` is None if no episode succeeded."""
         first = self._screen(self.designer.candidates(self.task, self.brief, self.seed))
         everything = {self._key(result): result for result in first}
         standing = [result for result in first if result.plan_score > 0]

@@ -132,7 +132,7 @@ def places_on(support: Affordance, thing: Affordance) -> Strategies:
 
 
 def hand_overs(thing: Affordance, direction: str) -> Strategies:
-    """Return strategies that hand over a round object: grasp it from above, lift it and carry it a short distance."""
+    """Return strategies that hand over a round object: grasp from above, lift, and carry a short distance."""
     found: Strategies = {}
     for depth in _DEPTHS:
         height = max(0.0, thing.size[2] / 2 - depth)

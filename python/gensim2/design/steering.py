@@ -112,7 +112,7 @@ def draw(
     if not left or count < 1:
         return []
     odds = estimates(left, tried) ** SHARPNESS
-    # The largest logarithmic weights with Gumbel noise are a weighted draw without replacement (Vieira 2014).
+    # Adding Gumbel noise to logarithmic weights and taking the largest draws without replacement (Vieira 2014).
     keys = np.log(odds) + generator.gumbel(size=len(left))
     return [left[index] for index in np.argsort(-keys, kind="stable")[:count]]
 
@@ -131,7 +131,7 @@ def estimates(pool: Sequence[Manipulation], tried: Sequence[tuple[Manipulation, 
 
 
 def evidence(result: CandidateResult) -> Iterator[Evidence]:
-    """Yield the evidence of a candidate's stages for the three conditions."""
+    """Yield what a candidate's results say about each of the three conditions."""
     for stage in result.stages:
         failed = [(each, each.count / stage.trials) for each in stage.diagnoses]
         no: dict[Question, float] = {"reach": 0.0, "follow": 0.0, "effect": 0.0}

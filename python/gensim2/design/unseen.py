@@ -38,7 +38,7 @@ class Apart:
 
 
 def kept_apart(library: Library, task: TaskSpec) -> Apart:
-    """Divide the instances of a task's articulated objects; rigid objects vary in pose only.
+    """Divide the instances of a task's articulated objects; rigid classes have one instance each and are not divided.
 
     Raises:
         InputError: a class is unknown.
@@ -56,7 +56,7 @@ def kept_apart(library: Library, task: TaskSpec) -> Apart:
 
 
 def seen_by_search(library: Library, asset_class: str) -> tuple[str, ...]:
-    """Return the ids of a class that a designer may use.
+    """Return the instance ids of a class that designers and searches may use.
 
     Raises:
         InputError: the class is unknown.

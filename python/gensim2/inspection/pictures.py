@@ -1,4 +1,4 @@
-"""Make pictures of objects in a studio that is set up once."""
+"""Make pictures of objects with SAPIEN's renderer in a studio: a scene with a table, lamps and a camera."""
 
 from __future__ import annotations
 

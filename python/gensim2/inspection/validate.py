@@ -138,7 +138,7 @@ class ObjectReport:
 
 
 def check_object(library: Library, asset_class: str, instance_id: str, physics: bool = True) -> ObjectReport:
-    """Check one object; an object that cannot be loaded is a finding, not an error.
+    """Check one object; if the object cannot be loaded, report this as a finding and raise no error.
 
     Example:
         ```python

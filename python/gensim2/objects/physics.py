@@ -75,7 +75,7 @@ OTHER_CLASS = ClassRule(300)
 
 
 def class_rule(asset_class: str) -> ClassRule:
-    """Return the parameters of a class; ``OTHER_CLASS`` for a user's own classes."""
+    """Return the parameters of a class; ``OTHER_CLASS`` for classes that gensim2 does not know."""
     return CLASS_RULES.get(asset_class, OTHER_CLASS)
 
 

@@ -58,7 +58,7 @@ LYING = np.array(
 
 
 def work_keypoint(keypoints: Mapping[str, Keypoint], moving_link: str) -> str:
-    """Return the name of the contact keypoint: ``articulated_object_head``, else the first on the moving link."""
+    """Return the name of the contact keypoint: ``articulated_object_head``, or the moving link's first keypoint."""
     if "articulated_object_head" in keypoints:
         return "articulated_object_head"
     return next((name for name, point in keypoints.items() if point.link == moving_link), next(iter(keypoints)))

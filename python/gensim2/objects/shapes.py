@@ -42,10 +42,10 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Solid:
-    """A convex part.
+    """A convex part of an object.
 
     Attributes:
-        hull: (N, 3) vertices of the collision hull, or None for a visual part.
+        hull: (N, 3) vertices of the collision hull, or None for a part without collision.
         mesh: visual mesh, or None for a part that only collides.
     """
 
@@ -69,7 +69,7 @@ def transform(T: Array, points: Array) -> Array:
 
 
 def rotation(axis: Vec3, angle: float) -> Array:
-    """Return the (3, 3) rotation by ``angle`` rad about ``axis``, of any length."""
+    """Return the (3, 3) rotation by ``angle`` rad about the vector ``axis``, which may have any length."""
     from scipy.spatial.transform import Rotation  # imported here because listing classes does not need SciPy
 
     k = np.asarray(axis, float) / np.linalg.norm(axis)

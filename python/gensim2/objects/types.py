@@ -15,7 +15,7 @@ from gensim2.core.errors import InputError
 
 
 class AssetError(InputError):
-    """An object cannot be used."""
+    """Raised when an object's files cannot be used."""
 
 
 class MissingFileError(AssetError):
@@ -167,7 +167,7 @@ class ObjectModel(Protocol):
 
     @property
     def keypoints(self) -> Mapping[str, Keypoint]:
-        """Keypoints by name."""
+        """Keypoints of the object, by name."""
 
     @property
     def hulls(self) -> Mapping[str, tuple[Array, ...]]:
@@ -175,7 +175,7 @@ class ObjectModel(Protocol):
 
     @property
     def placement(self) -> Placement:
-        """Pose before randomization."""
+        """Pose of the object before randomization."""
 
     @property
     def joint(self) -> MovingJoint | None:

@@ -129,7 +129,7 @@ def purposes() -> tuple[Purpose, ...]:
 
 
 def to_and_fro() -> tuple[ToAndFro, ...]:
-    """Return the joints that people move to one end and back."""
+    """Return the tasks in which people move a joint to one end and back."""
     return tuple(ToAndFro(**entry) for entry in _table()["to_and_fro"])
 
 

@@ -71,7 +71,7 @@ class NormalForm:
 
 
 def normal_form(task: TaskSpec) -> NormalForm:
-    """Return the normal form of a task; steps without criteria, such as a release, are left out."""
+    """Return the form of a task for comparisons; steps without criteria, such as a release, are left out."""
     called = _called(task)
     chain: list[tuple[Fact, ...]] = []
     for step in task.steps:

@@ -57,7 +57,7 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
             models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
             if not models:
                 break  # In a union of plain values, the remaining parts name the types that were tried.
-            # This part is the value of ``type``, which selects the model.
+            # This part of the location is the value of the field ``type``, which selects the model.
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":

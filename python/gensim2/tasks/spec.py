@@ -282,5 +282,5 @@ class TaskSpec(_Value):
 
     @property
     def env_id(self) -> str:
-        """Id for ``gymnasium.make``."""
+        """Id of the task's environment, for ``gymnasium.make``."""
         return f"GenSim2-{self.name}-v1"

@@ -87,7 +87,7 @@ def dataset_in(
 
 
 def members(group: h5py.Group) -> Iterator[str]:
-    """Yield the names in a group, in HDF5's order.
+    """Yield the names of the members of a group, in HDF5's order.
 
     Raises:
         ForeignHdf5Error: the group has too many members.
@@ -103,12 +103,12 @@ def is_group(parent: h5py.Group, name: str) -> bool:
 
 
 def fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
-    """Return whether a shape equals the wanted one, in which None allows any length."""
+    """Return whether a shape equals the shape ``wanted``, in which None allows any length."""
     return len(shape) == len(wanted) and all(want in (None, size) for size, want in zip(shape, wanted, strict=True))
 
 
 def shown_shape(shape: tuple[int | None, ...]) -> str:
-    """Format a wanted shape for a message."""
+    """Format an expected shape for an error message; None in the shape is shown as "any"."""
     return f"({', '.join('any' if size is None else str(size) for size in shape)})"
 
 

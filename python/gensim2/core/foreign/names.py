@@ -1,4 +1,4 @@
-"""The rule for names that become parts of paths, columns or keys."""
+"""Check names that become parts of paths, columns or keys."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Run a reader in a subprocess with limited memory and CPU time, because damaged files can crash C libraries.
 
 HDF5, Arrow and the compressors are written in C and C++. Unexpected bytes may crash the process, exhaust the memory, or
-cause an endless loop. In a subprocess this only ends the reader and becomes a one-line error.
+cause an endless loop. In a subprocess such a failure ends only the reader and is reported as a one-line error.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Bounds:
 
     @staticmethod
     def of(size: int) -> Bounds:
-        """Return the limits for files of ``size`` bytes, which allow one unpacked episode in memory at a time."""
+        """Return the limits for reading ``size`` bytes of files, with memory for one unpacked episode."""
         megabytes = size // 2**20
         return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
 

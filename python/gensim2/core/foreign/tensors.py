@@ -41,7 +41,7 @@ class Shape(NamedTuple):
 
 
 def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
-    """Return the shapes of the tensors in a file by name, without reading a tensor.
+    """Return data type and shape of each tensor in a file, by name, without reading the tensors.
 
     Args:
         path: the file.

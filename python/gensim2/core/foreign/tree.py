@@ -38,7 +38,7 @@ class TooLargeError(OSError):
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading, without ever waiting for the writer of a pipe.
+    """Open a regular file for reading; refuse a pipe at once instead of waiting for its writer.
 
     Raises:
         NotRegularError: the path is not a regular file.
@@ -124,7 +124,7 @@ class ForeignTree:
 
         Args:
             max_bytes: largest size of the file.
-            named_by: reference in which the name was found, for error messages.
+            named_by: place that names the file, for error messages.
 
         Raises:
             InputError: the file is missing, outside the folder, not a regular file, too large, or cannot be read.

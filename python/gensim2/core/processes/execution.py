@@ -71,7 +71,7 @@ class Execution:
         return cls(**{each.name: given[each.name] for each in fields(cls) if each.name in given})
 
     def at_most(self, jobs: int) -> Execution:
-        """Return these settings with at most as many local processes as there are jobs."""
+        """Return a copy of the settings with at most ``jobs`` local worker processes."""
         if self.ray is not None or self.workers is None:
             return self
         return replace(self, workers=min(self.workers, jobs))

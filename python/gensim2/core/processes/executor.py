@@ -1,8 +1,8 @@
 """Interface of executors, and outcomes of jobs.
 
-A job is a pure function of its arguments, so it gives the same result on any machine and can run again. A job whose
-process was lost therefore runs again. A ``GenSim2Error`` that the function raises is the job's outcome. Any other
-exception is a bug, and the job counts as not run.
+A job is a pure function of its arguments, so it gives the same result on any machine and can run again. Therefore a job
+is run again if its process dies. A ``GenSim2Error`` that the function raises is the job's outcome. Any other exception
+is a bug; the job then counts as not run.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Outcome(Generic[Result]):
         index: index of the job.
         result: return value of the function.
         error: ``GenSim2Error`` that the function raised.
-        failures: one for each attempt, if the job could not be run.
+        failures: one failure for each attempt, if all attempts failed.
         cpu_s: CPU time of another process in the last attempt, s; 0 if the job ran in the caller's process.
     """
 
@@ -219,7 +219,7 @@ class Executor(ABC):
 
     @abstractmethod
     def _is_busy(self, tries: Tries) -> bool:
-        """Return whether jobs are running or waiting for a worker."""
+        """Return whether any job is running or waiting for a worker."""
 
     @abstractmethod
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
@@ -231,7 +231,7 @@ class Executor(ABC):
 
 
 def received(message: bytes, index: int, number: int) -> Outcome[Any] | Failure:
-    """Return the outcome or failure in a worker's answer to attempt ``number`` of a job."""
+    """Convert a worker's message about attempt ``number`` of a job to an outcome or a failure."""
     kind, value, text, cpu_s = pickle.loads(message)
     if kind == "failure":
         return Failure(index, number, value, text)
@@ -254,7 +254,7 @@ def in_order(outcomes: Iterable[Outcome[Result]]) -> Iterator[Outcome[Result]]:
 
 
 def results(outcomes: Iterable[Outcome[Result]], what: str, log: Path | None = None) -> Iterator[tuple[int, Result]]:
-    """Yield (index, result) of every finished job in any order; errors are raised after the last result.
+    """Yield (index, result) of every successful job, in any order; errors are raised after the last result.
 
     Args:
         outcomes: outcomes of ``Executor.map_unordered``.

@@ -171,7 +171,7 @@ def start_process(
 
 
 def preload_modules(modules: Sequence[str]) -> None:
-    """Let all workers start with these modules imported; only the first call before the first worker has an effect.
+    """Let the fork server import modules for all workers; only the first call before the first worker counts.
 
     Modules that cannot be imported are skipped; the jobs will report them.
     """
@@ -237,7 +237,7 @@ def _end_with_the_parent() -> None:
 
 
 def answer(payload: bytes) -> bytes:
-    """Run a pickled call (function, arguments) in this process.
+    """Run a pickled call (function, arguments) in this process and return its pickled outcome.
 
     Returns:
         Pickled (kind, value, traceback, CPU time in s); kind is ``"result"``, ``"error"`` or ``"failure"``.

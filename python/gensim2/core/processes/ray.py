@@ -1,7 +1,7 @@
 """Run jobs on a Ray cluster whose nodes may come and go.
 
-One actor is one process for one environment. A job is given to an actor only when the actor is ready, so jobs never
-wait for lost nodes. New nodes get actors of their own.
+Each actor is one process that runs one job at a time. A job is given only to an actor that is ready, so jobs never wait
+for lost nodes. Nodes that join get new actors.
 """
 
 from __future__ import annotations
@@ -82,9 +82,9 @@ class _Environment:
 
 
 class Head:
-    """The head of a cluster, monitored through a connection that ends when the head dies.
+    """Monitor of the head of a cluster, with a connection that ends when the head dies.
 
-    Ray itself would end this process with code 1 a minute after the head is lost, and its requests block until then.
+    Ray itself would end this process with code 1 a minute after the head is lost, and Ray's requests block until then.
 
     Args:
         address: ``HOST:PORT`` of its control service.
@@ -265,7 +265,7 @@ class RayPool(Executor):
                 raise WorkerStartError(f"actors of the Ray cluster die before their first job: {words}") from error
 
     def _received(self, place: _Place, job: Job, number: int) -> Outcome[Any] | Failure:
-        """Return the outcome of an actor's job; a failure ends the actor."""
+        """Return the outcome of an actor's job; if the actor failed, end the actor."""
         try:
             found = received(self._ray.get(place.awaited), job.index, number)
         except self._ray.exceptions.RayError as error:

@@ -255,7 +255,7 @@ class LeRobotWriter:
         self._in_file += size
 
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
-        """Write one episode's video of a camera and return its columns for the episode's row."""
+        """Write a camera's video of one episode, and return the values about the video for the episode's row."""
         chunk, file = divmod(number, FILES_PER_CHUNK)
         with replacing(
             self._root / "videos" / camera / f"{PATH.format(chunk_index=chunk, file_index=file)}.mp4"

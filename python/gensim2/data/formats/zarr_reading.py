@@ -128,7 +128,7 @@ def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
 
 
 def _whole(tree: ForeignTree, name: str) -> npt.NDArray[np.int64]:
-    """Read an array of one integer per episode."""
+    """Read an array that has one integer for each episode."""
     found = _description(tree, name)
     if len(found.shape) != 1 or found.dtype != "<i8" or found.shape[0] > MAX_EPISODES:
         wrong = f"has {shown(found.shape)} of {found.dtype}, not one <i8 an episode"

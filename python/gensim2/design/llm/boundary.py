@@ -99,7 +99,7 @@ def whole_characters(text: str) -> str:
 
 
 class Boundary:
-    """Cleans replies of an endpoint.
+    """Removes the API key and lone surrogates from replies of an endpoint.
 
     Args:
         secret: key to hide; None: no key.

@@ -46,7 +46,7 @@ class Client:
     def __init__(self, options: ModelOptions) -> None:
         self.options = options
         self._openai, httpx = _load("openai"), _load("httpx2")
-        # At the debug level these loggers would print keys and uncleaned replies.
+        # Silence these loggers: at the debug level they would print keys and uncleaned replies.
         for name in ("openai", "httpx", "httpx2", "httpcore", "httpcore2"):
             logging.getLogger(name).setLevel(logging.WARNING)
         self._key = options.key
@@ -137,7 +137,7 @@ class Client:
         return request
 
     def _refused(self, request: dict[str, Any], complaint: str) -> str | None:
-        """Return the optional request field that an endpoint's error message complains about, or None."""
+        """Return the optional request field that an endpoint's error message rejects; None if no field is rejected."""
         said = complaint.lower().replace("json_schema", "response_format").replace("response format", "response_format")
         return next((name for name in OPTIONAL if name in said and name in request), None)
 

@@ -79,7 +79,7 @@ class ConversationLog:
         self._lock = threading.Lock()
 
     def open(self, folder: Path) -> None:
-        """Write to ``folder``, and keep the conversations of earlier calls of the run.
+        """Store conversations in ``folder``, and keep those of earlier calls of the run.
 
         Raises:
             InputError: the existing file is damaged.
@@ -101,7 +101,7 @@ class ConversationLog:
 
     @property
     def conversations(self) -> list[ConversationRecord]:
-        """All conversations so far, in an order that does not depend on timing."""
+        """All conversations so far, in an order that does not depend on the order of the answers."""
         return sorted(self._found.values(), key=lambda each: (each.subject, each.about, each.stage, _key(each)))
 
     def _write(self) -> None:
@@ -184,7 +184,7 @@ class Conversations:
     Args:
         model: language model.
         prompts: prompt templates.
-        max_rounds: number of answers to one question before it is dropped.
+        max_rounds: number of invalid answers after which a question is dropped.
 
     Attributes:
         seed: seed of the run; runs with different seeds get different answers to the same question.

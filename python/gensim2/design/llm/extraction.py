@@ -1,6 +1,6 @@
-"""Extract plain data from a model's answer despite code fences, surrounding prose, wrong quotes and trailing commas.
+"""Extract data from a model's answer, despite code fences, surrounding prose, wrong quotes and trailing commas.
 
-Nothing is executed. The result is JSON-like data that still has to be validated.
+Nothing in the answer is executed. The caller must validate the extracted data.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _FIELD = re.compile(r"^(?:- )?[A-Za-z_][\w-]*:(?:[ \t]|$)", re.MULTILINE)
 
 
 def mappings(text: str) -> list[Data]:
-    """Return all mappings in an answer, in order; a top-level list becomes a mapping with the field ``items``.
+    """Return all mappings (objects) in an answer, in order; a top-level list becomes ``{"items": [...]}``.
 
     Raises:
         InputError: the text is too long or holds no data; the message is written for the model.

@@ -51,7 +51,7 @@ class Account:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return a dictionary for JSON."""
         return asdict(self)
 
 
@@ -69,7 +69,7 @@ class Ledger:
         self._lock = threading.Lock()
 
     def reserve(self, max_cost: float | None) -> None:
-        """Reserve up to ``max_cost`` USD for the next question, until :meth:`release`.
+        """Reserve up to ``max_cost`` USD of the budget for the next question, until :meth:`release`.
 
         Raises:
             BudgetSpent: the remaining budget is smaller.
@@ -83,7 +83,7 @@ class Ledger:
             self._reserved += max_cost
 
     def release(self, max_cost: float | None) -> None:
-        """Release a reservation."""
+        """Release a reservation of ``max_cost`` USD."""
         with self._lock:
             self._reserved -= max_cost or 0.0
 

@@ -36,8 +36,8 @@ class Views(Protocol):
         ...
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
-        """Return a picture of the same scene with the arm at the actuation pose that the strategies of ``step``
-        give.
+        """Return a picture of the initial scene with the arm at the actuation pose that the strategies of ``step``
+        define.
         """
         ...
 

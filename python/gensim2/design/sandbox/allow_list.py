@@ -1,6 +1,6 @@
 """Check generated task code against an allow-list of syntax nodes.
 
-Any construct that is not on the list is refused, with its line.
+Any construct that is not on the list is refused; the error gives its line.
 """
 
 from __future__ import annotations

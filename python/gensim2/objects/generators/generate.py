@@ -21,7 +21,7 @@ T_ROOT_MODEL = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0,
 
 
 def blueprint(asset_class: str, number: int) -> Blueprint:
-    """Draw the blueprint of one instance."""
+    """Return the random blueprint of instance ``number`` of a class."""
     known = object_classes()[asset_class]
     makes = (known.build, *known.others) if number >= known.count else (known.build,)
     build = makes[int(rng(0, f"assets/{asset_class}/make", number).integers(len(makes)))]

@@ -1,4 +1,4 @@
-"""Sources of articulated objects: the generated ones, and folders of real models."""
+"""Sources of articulated objects: generated objects, and folders of real models."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ GENERATOR_MODULES = ("gensim2.objects.generators.blueprint", "gensim2.objects.ge
 
 
 class ArticulatedShelf(Shelf):
-    """A source of articulated objects."""
+    """Base class of the sources of articulated objects."""
 
     kind: Kind = "articulated"
 
@@ -58,7 +58,7 @@ class GeneratedShelf(ArticulatedShelf):
         return f"a number from 0 to {LARGEST_NUMBER}"
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Return the numbers that follow the built-in instances."""
+        """Return the ids (numbers) that follow the built-in instances."""
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))
 

@@ -176,7 +176,7 @@ def folder_once(key: str, make: Callable[[Path], None]) -> Path:
 
 
 def _replace_damaged(entry: Path, folder: Path) -> None:
-    """Rename ``entry`` to ``folder``, unless another process has created a complete folder in the meantime."""
+    """Rename ``entry`` to ``folder``, unless another process has created a complete folder there in the meantime."""
     with FileLock(cache_dir() / "objects.lock"):
         if _is_whole(folder):
             return

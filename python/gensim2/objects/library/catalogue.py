@@ -101,7 +101,7 @@ class Library:
         return self._shelves[asset_class]
 
     def classes(self, kind: Kind | None = None) -> tuple[str, ...]:
-        """Return the sorted class names, of one kind or of both."""
+        """Return the sorted names of classes of one kind, or of both kinds."""
         return tuple(sorted(name for name, shelf in self._shelves.items() if kind in (None, shelf.kind)))
 
     def own_classes(self, kind: Kind | None = None) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ class Library:
         return self._shelf(asset_class).license
 
     def joint_type(self, asset_class: str) -> str | None:
-        """Return ``"revolute"`` or ``"prismatic"``, the usual joint type of a class; None for a rigid one.
+        """Return ``"revolute"`` or ``"prismatic"``, the usual joint type of a class; None for a rigid class.
 
         Raises:
             InputError: the class is unknown.
@@ -363,7 +363,7 @@ def _shelves(folder: Path) -> list[Shelf]:
 def load_all(
     library: Library, items: Sequence[tuple[str, str]], workers: int = 0
 ) -> Iterator[tuple[tuple[str, str], str | None]]:
-    """Prepare (class, id) pairs in worker processes; yield each pair with the reason why it cannot be used, or None."""
+    """Prepare objects (class, id) in worker processes; yield each with the reason why it cannot be used, or None."""
     from gensim2.core.processes import WorkerPool, enumerated, in_order
 
     with WorkerPool(workers) as pool:

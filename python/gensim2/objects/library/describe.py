@@ -83,7 +83,7 @@ def _of_articulated(instance: ArticulatedObject) -> dict[str, Any]:
 
 
 def split_of(library: Library, model: ObjectModel) -> str:
-    """Return ``"train"``, ``"test"`` or ``"none"``."""
+    """Return the split of an object: ``"train"``, ``"test"`` or ``"none"``."""
     if model.id in library.split(model.asset_class, "train"):
         return "train"
     return "test" if model.id in library.instances(model.asset_class) else "none"

@@ -38,7 +38,7 @@ def export(instance: ArticulatedObject, library: Path, replace: bool = False) ->
     Args:
         instance: object to export.
         library: folder of the library.
-        replace: replace an existing object.
+        replace: whether to replace an existing object.
 
     Raises:
         InputError: the object exists already, or the folder cannot be written to.

@@ -93,7 +93,7 @@ def maniskill_data() -> Path:
 
 
 def find_source(where: str) -> Path:
-    """Return a URDF file, the folder of a PartNet-Mobility model, or the folder of a model that ManiSkill downloaded.
+    """Return the path of a URDF file, of a PartNet-Mobility folder, or of a model that ManiSkill downloaded.
 
     Args:
         where: path of the file or the folder, or number of the downloaded model.

@@ -292,7 +292,7 @@ class _Source:
         self.fixed.append(joint.name)
 
     def _settle(self, element: ET.Element, joint: UrdfJoint) -> None:
-        """Complete the movable joint's limits, and reverse it if it opens downwards."""
+        """Complete the limits of the movable joint, and reverse the joint if it opens downwards."""
         limits = joint.limits
         if joint.type == "continuous":
             element.set("type", "revolute")

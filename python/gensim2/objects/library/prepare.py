@@ -101,7 +101,7 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     owner, same = order // 3, edge[order[1:]] == edge[order[:-1]]
     left, right = owner[:-1][same], owner[1:][same]
     smooth = np.einsum("ij,ij->i", normals[left], normals[right]) > CREASE
-    # The corners of two faces are joined across each smooth edge.
+    # Two faces share their corners at each smooth edge.
     corner_of = np.arange(3 * n).reshape(-1, 3)
     pairs = []
     for i in range(3):

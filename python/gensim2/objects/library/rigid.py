@@ -1,4 +1,4 @@
-"""Sources of rigid objects: generated ones, the GenSim2 release, and ManiSkill's YCB download."""
+"""Sources of rigid objects: generated objects, the GenSim2 release, and ManiSkill's YCB download."""
 
 from __future__ import annotations
 

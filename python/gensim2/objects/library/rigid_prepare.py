@@ -137,9 +137,7 @@ def _slice(hull: Array, height: float) -> Array | None:
 
 
 def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[tuple[float, float]]:
-    """Return the intervals along ``u`` of the material within half a finger of the line ``v = middle``, merged if they
-    touch.
-    """
+    """Return the merged intervals along ``u`` of the material within half a finger of the line ``v = middle``."""
     spans = []
     for corners in slices:
         along, across = corners @ u, corners @ v - middle

@@ -1,6 +1,4 @@
-"""Resolve the user's selections of objects, such as ``drawer``, ``drawer/test`` or ``drawer/3``, and
-``--instances``.
-"""
+"""Resolve the user's selections of objects (``drawer``, ``drawer/test``, ``drawer/3``) and values of ``--instances``."""
 
 from __future__ import annotations
 
@@ -59,7 +57,7 @@ def select(
 
 
 def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
-    """Return the (class, id) of ``CLASS/WHICH``, or the first of ``CLASS``.
+    """Return (class, id) of the object ``CLASS/WHICH``, or of the first object of ``CLASS``.
 
     Raises:
         InputError: as for :func:`select`.

@@ -45,11 +45,11 @@ class Shelf(ABC):
 
     @abstractmethod
     def describe(self, asset_class: str) -> str:
-        """Return one phrase about a class."""
+        """Return one phrase that describes a class."""
 
     @abstractmethod
     def joint_type(self, asset_class: str) -> str | None:
-        """Return the usual joint type of a class, ``"revolute"`` or ``"prismatic"``; None for a rigid one."""
+        """Return the usual joint type of a class, ``"revolute"`` or ``"prismatic"``; None for a rigid class."""
 
     def holds(self, asset_class: str, instance_id: str) -> bool:
         """Return whether the source has this instance, even if ``instances`` does not list it."""

@@ -94,7 +94,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF whose links form one tree.
+    """Content of a URDF file whose links form one tree.
 
     Attributes:
         file: path of the file.

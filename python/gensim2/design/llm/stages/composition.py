@@ -1,4 +1,4 @@
-"""Bottom-up mode: ask for a long task composed of tasks that the robot already solves."""
+"""Bottom-up mode: ask a model for a long task composed of tasks that the robot already solves."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish) -> Proposa
 
 
 def task_of(found: Proposal, catalog: Catalog, origin: str) -> TaskSpec:
-    """Return the task of a single-step proposal."""
+    """Convert a single-step proposal to a task."""
     thing = catalog.articulated[found.articulated]
     return single_step(found.name, found.sentence, thing, found.criteria[0], origin)
 

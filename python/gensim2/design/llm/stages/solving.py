@@ -44,11 +44,11 @@ def _listed_schema(field: str, properties: dict[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class StepToSolve:
-    """A step that needs configs.
+    """A step of a task for which the model is asked for solver configs.
 
     Attributes:
         task: task of the step.
-        step: the step.
+        step: step for which configs are requested.
         things: affordance of each object, by its name in the task.
         tool_keypoints: description of each keypoint of the hand, by name.
         profile: robot profile, against which names are checked.
@@ -79,7 +79,7 @@ class StepToSolve:
         }
 
     def problems(self, config: Mapping[str, Any]) -> list[str]:
-        """Return the faults of a config for this step."""
+        """Return the faults of a solver config for this step, as sentences."""
         found = configs.problems_of_config(config)
         gripper = config.get("gripper", "open")
         if not found and self.held is not None and gripper not in ("hold", "release"):
@@ -253,7 +253,7 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
 
 
 def _valid(given: Sequence[Config], job: StepToSolve, max_count: int) -> list[Config]:
-    """Return the valid configs without duplicates; raise only if none is valid."""
+    """Return the valid configs without duplicates; raise Wrong if none is valid."""
     found: list[Config] = []
     problems: list[str] = []
     for number, config in enumerate(given[: 4 * max_count]):

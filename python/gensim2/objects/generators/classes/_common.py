@@ -129,7 +129,7 @@ def feet(width: float, depth: float, bottom: float, height: float, radius: float
 
 
 def hoop(center: Vec3, direction: Vec3, radius: float, thick: float, look: Look) -> Solid:
-    """Return a visual ring: ``radius`` of the ring, ``thick`` radius of its cross-section (m)."""
+    """Return a ring without collision; ``radius`` is the ring's radius, ``thick`` that of its cross-section (m)."""
     c, d = np.asarray(center, float), np.asarray(direction, float)
     sides, around = 48, np.array([ring(c, d, radius + thick * np.cos(t), 48) for t in _SECTION])
     heights = thick * np.sin(_SECTION)[:, None, None] * (d / np.linalg.norm(d))

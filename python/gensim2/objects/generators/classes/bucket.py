@@ -85,7 +85,7 @@ def pail(rng: np.random.Generator) -> Bucket:
         y = bottom + full * height
         inner = radius(y) - 1.5 * wall
         body.append(cone((0, y - 0.006, 0), (0, y, 0), inner, inner, c.pick(rng, c.WOODS + c.PAINTS)))
-    # The wire must pass the rim above its hinges, and its grip must pass the wall below them.
+    # When the handle swings, its wire must not touch the rim above the hinges, nor its grip the wall below the hinges.
     half = float(np.hypot(wide, deep)) + 0.012 + thick + (0.004 if grip else 0.0)
     hinge = np.array([0.0, top - deep, 0.0])
     for side in (-1, 1):

@@ -1,4 +1,4 @@
-"""A laptop whose screen opens, or which is pushed."""
+"""A laptop whose screen opens, or that can be pushed."""
 
 from __future__ import annotations
 

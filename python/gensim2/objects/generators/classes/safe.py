@@ -1,4 +1,4 @@
-"""A safe whose door opens, or which is pushed."""
+"""A safe whose door opens, or that can be pushed."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def sphere(radius: float | Vec3, look: Look, at: Vec3 = (0, 0, 0)) -> Solid:
 
 
 def seam(radius: float, look: Look, thickness: float) -> Solid:
-    """Return the visual seam of a baseball or tennis ball."""
+    """Return the seam of a baseball or tennis ball, without collision parts."""
     t = np.linspace(0, 2 * np.pi, 97)
     a, b = 0.75, 0.25
     line = np.column_stack(
