@@ -1,4 +1,4 @@
-"""Resolve the user's selections of objects (``drawer``, ``drawer/test``, ``drawer/3``) and values of ``--instances``."""
+"""Resolve selections of objects (``drawer``, ``drawer/test``, ``drawer/3``) and values of ``--instances``."""
 
 from __future__ import annotations
 
