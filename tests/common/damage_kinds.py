@@ -150,7 +150,7 @@ KINDS = (
     Kind(
         "it mimics a fixed joint", urdf('<axis xyz="-1 0 0"/>', '<mimic joint="joint_1"/>'), r"joint_1, which is fixed"
     ),
-    Kind("a joint of no type", urdf(' type="revolute"', ""), r"joint joint_0: type: joint type ''"),
+    Kind("a joint of no type", urdf(' type="revolute"', ""), r"joint joint_0: type: unsupported type ''"),
     # Numbers in the URDF
     Kind("an origin that is NaN", urdf('xyz="0 0.2 -0.4"', 'xyz="0 nan 0"'), r"joint_0: origin\.xyz: not three finite"),
     Kind("an origin at 1e30", urdf('xyz="0 0.2 -0.4"', 'xyz="0 1e30 0"'), r"origin\.xyz: 1e\+30 is beyond 1e\+06"),

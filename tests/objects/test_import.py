@@ -295,7 +295,7 @@ def test_terms_are_the_makers(partnet: Path, tmp_path: Path, capfd: pytest.Captu
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('type="prismatic"', 'type="floating"', "joint type 'floating'"),
+        ('type="prismatic"', 'type="floating"', "unsupported type 'floating'"),
         ("textured_objs/lid.obj", "../../lid.obj", "lies outside the folder"),
         ('lower="0" upper="1.5"', 'lower="1" upper="1"', "joint_0: limit: empty range"),
         ("</robot>", "", "not XML"),

@@ -73,10 +73,10 @@ def test_a_benchmark_says_how_often_it_disturbed_and_leaves_out_what_it_cannot(t
         workers=0,
     )
     assert [row.task.name for row in result.rows] == ["DropAppleIntoBox"]
-    assert "nothing to push or to drop" in result.skipped["CloseBox"]
+    assert "nothing can be pushed or dropped" in result.skipped["CloseBox"]
     found = result.to_dict()["tasks"][0]
     assert found["disturbed"] == 1
     assert found["records"][0]["disturbed_at"] > 0
-    with pytest.raises(InputError, match="nothing to push or to drop"):
+    with pytest.raises(InputError, match="nothing can be pushed or dropped"):
         gensim2.benchmark(["CloseBox"], runs=1, episodes=1, disturbance="drop", out=tmp_path / "none", workers=0)
     assert not (tmp_path / "none").exists()

@@ -161,7 +161,7 @@ class PlanProblem(_Record):
         for kind, times in (("pre", self.pre_actuation_times), ("post", self.post_actuation_times)):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):
-                raise ValueError(f"{kind}_actuation_times: one time a motion of config.{kind}_actuation_motions")
+                raise ValueError(f"{kind}_actuation_times: must match config.{kind}_actuation_motions")
         clock = [self.start_time, *self.keyframe_times()]
         if any(later <= earlier for earlier, later in pairwise(clock)):
             raise ValueError("actuation_time: start, pre-actuation, actuation and post-actuation times must increase")

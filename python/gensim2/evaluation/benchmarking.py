@@ -15,7 +15,7 @@ from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, Run
 from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
 from gensim2.tasks.spec import Step
 
-NOTHING_TO_DISTURB = "takes no rigid object, so that there is nothing to push or to drop"
+NOTHING_TO_DISTURB = "grasps no rigid object, so that nothing can be pushed or dropped"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ def benchmark(
             f"unknown disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
         )
     if one_plan and scene.get("open_loop", False):
-        raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
+        raise InputError("excludes one_plan", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Import late, because these modules take long to import.
     from gensim2.data.runfolder import RUN_JSON

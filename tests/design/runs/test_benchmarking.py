@@ -124,7 +124,7 @@ def test_a_table_is_gone_on_with_as_it_was_begun(tmp_path: Path, capfd: pytest.C
         assert f"arguments.{field}" in capfd.readouterr().err
     # A new folder has nothing to resume.
     assert run([*QUICK, "--out", str(tmp_path / "other"), "--resume", "--disturb", "push"]) == BAD_INPUT
-    assert "takes no rigid object" in capfd.readouterr().err
+    assert "grasps no rigid object" in capfd.readouterr().err
     assert not (tmp_path / "other").exists()
 
 

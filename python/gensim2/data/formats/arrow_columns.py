@@ -57,7 +57,7 @@ def to_array(column: Any, shape: tuple[int, ...]) -> Array:
     for size in shape if shape != (1,) else ():
         lengths = found.value_lengths().to_numpy(zero_copy_only=False)
         if found.null_count or (lengths != size).any():
-            raise ValueError(f"a list is not of {size} values")
+            raise ValueError(f"a list does not have {size} values")
         found = found.flatten()
     if found.null_count:
         raise ValueError("a value is missing")

@@ -61,7 +61,7 @@ def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
     shapes = {name: tuple(each.shape) for name, each in info.features.items() if each.dtype != "video"}
     for name in INDICES:
         if shapes.get(name) != (1,):
-            raise InputError("is not one number a frame", file=root / _INFO, field=f"features.{name}", remedy=REMEDY)
+            raise InputError("must have the shape [1]", file=root / _INFO, field=f"features.{name}", remedy=REMEDY)
     files = [name for name in tree.sizes() if _FILE.fullmatch(name)]
     sentences = _sentences(parquet, tree.inside(_TASKS))
     for name in sorted(files):

@@ -278,7 +278,7 @@ class _Source:
     def _fix(self, element: ET.Element, joint: UrdfJoint) -> None:
         field = f"joint {joint.name}"
         if joint.type not in MOVABLE:
-            raise AssetError(f"joint type {reprlib.repr(joint.type)}", file=self.file, field=f"{field}: type")
+            raise AssetError(f"unsupported type {reprlib.repr(joint.type)}", file=self.file, field=f"{field}: type")
         value = 0.0
         if joint.type != "continuous" and joint.limits is not None:
             value = min(max(0.0, min(joint.limits)), max(joint.limits))

@@ -292,7 +292,7 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
     joint = movable[0]
     field = f"joint {joint.name}"
     if joint.type not in ("revolute", "prismatic"):
-        raise AssetError(f"joint type {reprlib.repr(joint.type)}", file=urdf.file, field=f"{field}: type")
+        raise AssetError(f"unsupported type {reprlib.repr(joint.type)}", file=urdf.file, field=f"{field}: type")
     if joint.mimics is not None:
         raise AssetError(
             f"mimics {joint.mimics}, which is fixed", file=urdf.file, field=f"{field}: mimic", remedy="remove mimic"
