@@ -83,8 +83,8 @@ def collect(
         noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
             recorded as well (:mod:`gensim2.rollout.noise`).
         strategy: names of strategies to use. A step that has none of them uses all its strategies.
-        objects: use this many generated objects of each articulated class instead of ``instances``. They differ from
-            the objects that ``instances`` can name. None: use ``instances``.
+        objects: use this many generated objects of each articulated class instead of ``instances``. These objects are
+            neither built-in ones nor those of ``new``. None: use ``instances``.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.
         listener: receives the status of all tasks.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.

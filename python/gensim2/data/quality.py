@@ -141,7 +141,7 @@ def jerk(recording: Recording, profile: RobotProfile) -> float:
 
 
 def _scene(row: Episode) -> tuple[object, ...]:
-    """Return a hashable key of the initial scene; rounding gives scenes that a policy cannot distinguish equal keys."""
+    """Return a hashable key of the initial scene, rounded so that nearly equal scenes have the same key."""
     return tuple(
         (
             name,

@@ -116,8 +116,8 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
     """Return the mean success rate by each verdict, its standard deviation between runs, and its 95 % interval.
 
-    The interval over several tasks is computed as if all episodes were of one task, which makes it wider rather than
-    too narrow.
+    The interval over several tasks is computed as if all episodes were of one task; it is rather too wide than too
+    narrow.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

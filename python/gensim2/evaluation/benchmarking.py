@@ -85,7 +85,7 @@ def benchmark(
             f"unknown disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
         )
     if one_plan and scene.get("open_loop", False):
-        raise InputError("excludes one_plan", field="open_loop", remedy="leave it or one_plan out")
+        raise InputError("cannot be combined with one_plan", field="open_loop", remedy="leave one of them out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Import late, because these modules take long to import.
     from gensim2.data.runfolder import RUN_JSON

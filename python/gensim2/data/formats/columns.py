@@ -129,5 +129,5 @@ def current(camera: str) -> str:
 
 
 def formerly_nested(group: str) -> str | None:
-    """Return the column prefix for a group of camera arrays in an old zarr export; None if the group is none."""
+    """Return the column prefix for a group of camera arrays in an old zarr export; None for any other group."""
     return next((prefix for prefix in (IMAGE, DEPTH) if group == f"{prefix}{_CAMERAS}"), None)

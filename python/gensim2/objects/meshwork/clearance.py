@@ -117,7 +117,7 @@ def _needed(space: VoidSpace, points: Array) -> Array:
 
 
 def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
-    """Return the ascending indices of one of the points (N, 3), the first, in each cell of a grid."""
+    """Return the index of the first of the points (N, 3) in each cell of a grid, in ascending order."""
     if not len(points):
         return np.zeros(0, np.int64)
     index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
