@@ -62,9 +62,9 @@ def collect(
 ) -> Collected:
     """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
 
-    Each episode is written when it is finished, a failed episode without its states. A second call
-    records missing and damaged episodes again. The result depends on the seed only: the collection ends at the first
-    index at which enough episodes have succeeded.
+    Each episode is written when it is finished, a failed episode without its states. A second call records missing and
+    damaged episodes again. The result depends on the seed only: the collection ends at the first index at which enough
+    episodes have succeeded.
 
     Args:
         instances: name of the set of objects.
