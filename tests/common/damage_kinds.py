@@ -51,7 +51,7 @@ KINDS = (
     Kind("mesh path is overlong", urdf(LEFT, "x" * 5000 + ".obj"), r"xxx\.\.\. cannot be read: File name too long"),
     Kind("mesh path is empty", urdf(LEFT, ""), r"mesh\.filename: is missing"),
     Kind("mesh is missing", lambda folder: (folder / LEFT).unlink(), None, r"1 mesh files missing: textured_objs/left"),
-    Kind("mesh is an STL file", urdf(LEFT, "textured_objs/left.stl"), r"'.*left\.stl' is no \.obj file \(convert"),
+    Kind("mesh is an STL file", urdf(LEFT, "textured_objs/left.stl"), r"'.*left\.stl' is not an \.obj file \(convert"),
     Kind(
         "material file is a pipe",
         instead("textured_objs/left.mtl", os.mkfifo),
@@ -197,7 +197,7 @@ KINDS = (
     Kind("a keypoint without a name", told(keypoints={"": [0, 0, 0]}), r"keypoints: '' is not a valid name"),
     Kind("a keypoint name of no text", told(keypoints={"\ud800\n": [0, 0, 0]}), r"keypoints: .* is not a valid name"),
     Kind("keypoints in a list", told(keypoints=[1, 2]), r"keypoints: no keypoints"),
-    Kind("descriptions in a list", told(keypoint_descriptions=["a"]), r"keypoint_descriptions: not a phrase"),
+    Kind("descriptions in a list", told(keypoint_descriptions=["a"]), r"keypoint_descriptions: must be a mapping"),
     Kind(
         "a description of no text",
         told(keypoint_descriptions={"a": "\ud800"}),
@@ -207,7 +207,9 @@ KINDS = (
         "a range reversed", told(joint_position_range=[1, 0]), r"joint_position_range: must be two increasing numbers"
     ),
     Kind("a range of words", told(joint_position_range=["0", "1"]), r"joint_position_range: not two finite numbers"),
-    Kind("a range of nothing", told(joint_position_range=[1, 1 + 1e-9]), r"joint_position_range: not an increasing"),
+    Kind(
+        "a range of nothing", told(joint_position_range=[1, 1 + 1e-9]), r"joint_position_range: must be two increasing"
+    ),
     Kind("an axis in a list", told(axis=["x"]), r"info\.json: axis: \['x'\] is not x, y or z"),
     Kind("a license that is a number", told(license=3), r"info\.json: license: 3 is not text"),
     # Meshes

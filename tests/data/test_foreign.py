@@ -303,7 +303,7 @@ def changed_trajectory(dataset: DataSet, name: str, values: Callable[[Any], Any]
             lambda a: np.full_like(a, np.nan),
             "episode 0.actions: contains a number that is not finite at step 0",
         ),
-        ("actions", lambda a: a[:3], "episode 0.actions: has 3 steps, the record"),
+        ("actions", lambda a: a[:3], "episode 0.actions: has 3 steps, but the episode"),
         ("actions", lambda a: a.astype(np.float64), "episode 0.actions: is float64"),
         ("actions", lambda a: a.reshape(-1), "episode 0.actions: has"),
         ("obs", lambda a: a[:-1], "episode 0.obs: is float32 of shape"),

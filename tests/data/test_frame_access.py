@@ -127,7 +127,7 @@ def test_what_is_missing_or_damaged_is_named(dataset: DataSet) -> None:
     paths = sorted(dataset.path.glob("OpenDrawer/observations/*.h5"))
     content = paths[0].read_bytes()
     paths[0].write_bytes(content[:-5] + b"wrong")
-    with pytest.raises(InputError, match=f"{paths[0].name}: is not a finished file"):
+    with pytest.raises(InputError, match=f"{paths[0].name}: is not a complete observation file"):
         dataset.frames()[0]
     paths[0].unlink()
     with pytest.raises(InputError, match=f"{paths[0].name}: does not exist"):

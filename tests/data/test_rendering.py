@@ -199,7 +199,7 @@ def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, 
     file.write_text(json.dumps(record))
     told = Messages()
     render(folder, spec=SMALL, workers=0, progress=told)
-    assert [line for line in told.messages if "is not what gensim2 0.1.9 made of it" in line]
+    assert [line for line in told.messages if "differs from what gensim2 0.1.9 prepared" in line]
 
 
 def test_a_folder_with_other_objects_is_refused(store: TaskStore, tmp_path: Path) -> None:
