@@ -203,13 +203,9 @@ KINDS = (
         told(keypoint_descriptions={"a": "\ud800"}),
         r"descriptions\.a: .* cannot be printed",
     ),
-    Kind(
-        "a range reversed", told(joint_position_range=[1, 0]), r"range: must be two increasing numbers"
-    ),
+    Kind("a range reversed", told(joint_position_range=[1, 0]), r"range: must be two increasing numbers"),
     Kind("a range of words", told(joint_position_range=["0", "1"]), r"joint_position_range: not two finite numbers"),
-    Kind(
-        "a range of nothing", told(joint_position_range=[1, 1 + 1e-9]), r"range: must be two increasing"
-    ),
+    Kind("a range of nothing", told(joint_position_range=[1, 1 + 1e-9]), r"range: must be two increasing"),
     Kind("an axis in a list", told(axis=["x"]), r"info\.json: axis: \['x'\] is not x, y or z"),
     Kind("a license that is a number", told(license=3), r"info\.json: license: 3 is not text"),
     # Meshes
