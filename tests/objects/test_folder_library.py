@@ -82,7 +82,7 @@ def test_missing_mesh_is_counted(load: Load) -> None:
         ("info.json", "{", r"info\.json: not JSON"),
         ("info.json", '{"keypoints": {}}', r"info\.json: keypoints: no keypoints"),
         ("info.json", '{"keypoints": {"a": [0, NaN, 1]}, "scale": 1}', r"keypoints\.a: not three finite numbers"),
-        ("info.json", '{"keypoints": {"a": [0, 1, 1]}, "scale": -1}', r"scale: not a positive number"),
+        ("info.json", '{"keypoints": {"a": [0, 1, 1]}, "scale": -1}', r"scale: must be a positive number"),
         ("info.json", '{"keypoints": {"a": [0, 1, 1]}, "scale": 1, "axis": "w"}', r"axis: 'w' is not x, y or z"),
         (
             "info.json",

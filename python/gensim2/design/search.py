@@ -216,7 +216,7 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Run more episodes of the best candidate if it may end the search, or of the tied candidates until one leads."""
+        """Run more episodes of the best candidate if it may end the search, or of tied candidates until one leads."""
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}
         while True:
