@@ -115,7 +115,7 @@ def test_validate_ends_with_one_and_names_what_is_wrong(
     one, two, three = result["objects"]
     assert (one["sound"], two["sound"], three["sound"], result["sound"]) == (True, False, False, 1)
     assert two["findings"][0]["check"] == "loads"
-    assert "scale: not a positive number" in two["findings"][0]["value"]
+    assert "scale: must be a positive number" in two["findings"][0]["value"]
     assert any("left.obj" in str(finding["value"]) for finding in three["findings"])
     assert cli.run(["assets", "validate", "box_rotate", *where]) == 1
     assert "FAULT  box_rotate/3: " in capfd.readouterr().out
