@@ -121,7 +121,7 @@ KINDS = (
     Kind(
         "two links of one name", urdf("</robot>", '<link name="base"/></robot>'), r"link base: two links have this name"
     ),
-    Kind("a link without a name", urdf('link name="link_1"', "link"), r"urdf: link: '' is not a valid name"),
+    Kind("a link without a name", urdf('link name="link_1"', "link"), r"urdf: link: '' is no name"),
     Kind("a link named as a path", urdf("link_0", "../../../link_0", -1), r"link: .* is not a valid name \(1 to 100"),
     Kind(
         "a moving link named base",
