@@ -1,8 +1,8 @@
-"""Keypoint solver: from constraints to joint motion. Metres, radians, seconds; poses are (4, 4) row-major float64.
+"""Plan joint motions that meet keypoint constraints. Units are m, rad, s; poses are (4, 4) row-major float64.
 
 A :class:`KeypointProblem` holds a robot, a solver config, keypoints, the object's joint and obstacles. :func:`plan`
 returns a :class:`Plan` with the motion, each constraint's residual, and the reason for a failure. ``__init__.pyi``
-documents shapes and units. Every error is a :class:`KpamError` that names file or field and a remedy.
+documents shapes and units. Every error is a :class:`KpamError` that names the file or field and a remedy.
 """
 
 from ._native import (

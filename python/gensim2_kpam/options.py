@@ -1,4 +1,4 @@
-"""Types of the options of problems and grasp searches."""
+"""Define the options of planning problems and grasp searches."""
 
 from collections.abc import Sequence
 from typing import Literal, NotRequired, TypedDict
@@ -21,7 +21,7 @@ option ``contact_depth`` if omitted.
 
 
 class Options(TypedDict, total=False):
-    """Options of a problem; n is the number of the robot's joints. An omitted option has its default."""
+    """Options of a planning problem for a robot with n joints. Omitted options have their defaults."""
 
     timing: Literal["limits", "config"] | None
     """"limits": as fast as the limits allow. "config": at the times given in the config; the default for configs with
@@ -113,7 +113,7 @@ class Options(TypedDict, total=False):
 
 
 class GraspOptions(TypedDict, total=False):
-    """Options of a search for grasps. An omitted option has its default."""
+    """Options of a grasp search. Omitted options have their defaults."""
 
     count: int
     """Maximum number of grasps (100)."""

@@ -1,4 +1,4 @@
-"""Types of results: statuses of planning, and the dictionaries in plans, motions and checks.
+"""Define planning statuses, and the dictionaries that plans, motions and checks contain.
 
 A status is a string: ``plan.status == "solved"`` and ``plan.status is Status.SOLVED`` are equivalent.
 """
@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Status(StrEnum):
-    """Outcome of planning a keypoint problem. Only the first two have a trajectory."""
+    """Outcome of planning a keypoint problem. Only ``SOLVED`` and ``PARTIAL`` have a trajectory."""
 
     SOLVED = "solved"
     """The whole motion is reachable and collision-free."""
@@ -98,7 +98,7 @@ class Collision(TypedDict):
 
 
 class TightPair(TypedDict):
-    """Bodies closer than the margin at the start or at a keyframe although they may not touch."""
+    """Two bodies that may not touch but are closer than the margin at the start or at a keyframe."""
 
     bodies: tuple[str, str]
     at: str
@@ -108,7 +108,7 @@ class TightPair(TypedDict):
 
 
 class Touch(TypedDict):
-    """Bodies that overlap at a keyframe, as permitted."""
+    """Two bodies whose overlap at a keyframe is permitted."""
 
     bodies: tuple[str, str]
     at: str
@@ -118,7 +118,7 @@ class Touch(TypedDict):
 
 
 class Guess(TypedDict):
-    """A motion that moves the object's joint by an estimated amount."""
+    """A segment of a motion in which the travel of the object's joint is only estimated."""
 
     toward: str
     """Keyframe at the end of the segment."""
@@ -176,7 +176,7 @@ class Clearances(TypedDict):
 
 
 class GraspQuality(TypedDict):
-    """Terms of a grasp's rank."""
+    """Quantities by which grasps are ranked."""
 
     friction_margin: float
     """Angle in rad from the edge of the friction cone."""
@@ -191,7 +191,7 @@ class GraspQuality(TypedDict):
 
 
 class Refined(TypedDict):
-    """A shortened waypoint path."""
+    """A waypoint path after shortening."""
 
     waypoints: Array
     """Joints (N, n)."""

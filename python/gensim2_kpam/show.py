@@ -123,7 +123,7 @@ def _middle(robot: Robot) -> Array:
 
 
 def _draw(server: Any, name: str, surface: tuple[Array, Array], color: tuple[int, int, int]) -> list[Any]:
-    """Draw triangles and spheres under a name, and return the handles."""
+    """Draw triangles and spheres as scene nodes below ``name``, and return their handles."""
     triangles, balls = surface
     out = []
     if len(triangles):

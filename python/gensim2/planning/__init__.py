@@ -1,4 +1,4 @@
-"""Plan a step of a task with a strategy on a scene: the result is a motion, its actions and the predicted scene."""
+"""Plan one step of a task in a scene. The result has the arm's motion, its actions and the predicted scene."""
 
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject

@@ -1,4 +1,4 @@
-"""Convert a plan to reference joints, velocities and gripper commands at the robot's control rate."""
+"""Sample a plan at the robot's control rate: joint positions, joint velocities and gripper commands."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Acts:
     """Gripper commands along a plan.
 
     Attributes:
-        fingers: finger mode of the strategy.
+        fingers: finger mode of the strategy, such as "grasp" or "release".
         command: gripper command at the start of the step, -1 to 1.
         opening: command with which the hand arrives at a grasp, -1 to 1.
         grip: command to which the fingers close, -1 to 1.
-        gently: close at ``CLOSING_SPEED`` because the object can be pushed away.
+        gently: whether the fingers close at ``CLOSING_SPEED``, so that they do not push a movable object away.
         before: whether the fingers reach ``command`` before the arm moves.
         lets_go: whether the hand opens and retreats at the end.
     """
@@ -66,7 +66,8 @@ class Schedule:
 
     Attributes:
         reference: (N, 2, m) desired arm joints and velocities at the end of each step, before any drive compensation.
-        ends: (N,) row at which the motion of each row ends; its own index while the arm stands still.
+        ends: (N,) for each row, the index of the row in which the arm's current motion ends; while the arm stands
+            still, the row's own index.
         commands: (N,) gripper commands, -1 to 1.
         times: (N,) seconds on the plan's clock at the end of each step.
         contact: first step in which the hand may touch its target (approach to the actuation pose).
@@ -92,10 +93,11 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
     """Return the force (N) of each finger that carries a mass (kg).
 
     Args:
-        mass: kg.
-        margin: angle (rad) between the pressing direction and the edge of the friction cone: the full cone for parallel
-            faces, nearly zero for faces with the steepest slope that friction can hold.
-        lever: distance (m) of the centre of mass from the line between the pads, about which the object may turn.
+        mass: mass of the object, kg.
+        margin: angle (rad) between the pressing direction and the edge of the friction cone: the half angle of the cone
+            for parallel faces, almost zero for the steepest faces that friction can hold.
+        lever: distance (m) of the object's centre of mass from the line between the pads; the object can turn about
+            this line.
     """
     weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
     return max(LEAST_GRIP_FORCE, min(weights, MAX_GRIP_WEIGHTS) * mass * GRAVITY)
@@ -105,13 +107,13 @@ def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness:
     """Return the command, -1 to 1, at which each finger presses with ``force`` (N) on an object of width
     ``pad_distance`` (m).
 
-    A drive too soft for this force presses as hard as it can.
+    If the drive is too soft for this force, the command is the limit of the command range.
 
     Args:
         pad_distance: distance of the pads, m.
         force: force of each finger, N.
         profile: profile of the robot.
-        stiffness: stiffness of the fingers' drives, N/m; None: the profile's.
+        stiffness: stiffness of the finger drives, N/m; None: the stiffness in the profile.
     """
     command = profile.gripper.grip(pad_distance, force, stiffness or profile.finger_drive.stiffness)
     return float(np.clip(command, CLOSED, OPEN))
@@ -214,7 +216,7 @@ class _Rows:
             self._add(step, len(self))
 
     def close(self, step: int, grip: float, profile: RobotProfile) -> None:
-        """Close the fingers slowly at a sample, and then press."""
+        """Close the fingers slowly at a sample, then press with the command ``grip``."""
         travel = profile.gripper.travel(self.command, grip)
         for command in np.linspace(self.command, grip, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
             self.dwell(step, float(command), 1)

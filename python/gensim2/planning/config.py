@@ -38,14 +38,14 @@ def check_strategies(
     profile: RobotProfile,
     files: Mapping[str, Path | str] | None = None,
 ) -> None:
-    """Check that every step has its strategies, and that these name existing keypoints of tool and objects.
+    """Check that every step's strategies exist and name only keypoints that its tool and objects have.
 
     Args:
         task: spec of the task.
         strategies: strategies by name.
-        objects: names of each object, by its name in the task.
+        objects: keypoint names and joint type of each object, by the object's name in the task.
         profile: profile of the robot.
-        files: files of the strategies by name, for messages.
+        files: file of each strategy, by the strategy's name, for error messages.
 
     Raises:
         InputError: a strategy does not fit; names the file and the field.
@@ -68,7 +68,9 @@ def check_strategies(
         if all(strategies[name].makes_room is not None for name in step.strategies):
             field = f"steps.{step.name}.strategies"
             raise InputError(
-                "all of them only make room, and none does the step", field=field, remedy="add one that does"
+                "every strategy of this step only moves another object out of the way",
+                field=field,
+                remedy="add one that handles the step's object",
             )
 
 
@@ -103,7 +105,7 @@ def _with_held(scene: Scene, held: str | None) -> Scene:
 
 
 def _made_up(objects: Mapping[str, ObjectNames], profile: RobotProfile) -> Scene:
-    """Return a scene with the objects side by side and distinct keypoints at arbitrary places off the joint's axis."""
+    """Return a dummy scene for the check: objects side by side, keypoints at distinct places off the joint axis."""
     q = np.array(profile.reset_qpos)
     made = {name: _object(name, names, 1.0 + n) for n, (name, names) in enumerate(objects.items())}
     return Scene(q, np.zeros_like(q), profile.T_world_base, made)

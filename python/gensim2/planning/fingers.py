@@ -17,7 +17,7 @@ SAME_COMMAND = 0.1
 
 
 class Fingers:
-    """The fingers of a robot.
+    """Chooses gripper commands for one robot.
 
     Args:
         profile: profile of the robot.
@@ -43,11 +43,11 @@ class Fingers:
         present = _clipped(self._profile.gripper.command_at(scene.q[self.joints]))
         fingers = strategy.fingers
         if scene.held is not None or fingers in ("hold", "release"):
-            # A grasped object stays gripped; fingers without one stay in place.
+            # Fingers with a grasped object keep gripping it. Empty fingers keep their position.
             command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
-        # Fingers that only narrow before a grasp do so while the arm moves.
+        # If the fingers only have to close a little before a grasp, they do so while the arm moves.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 
@@ -60,7 +60,7 @@ class Fingers:
         return grip_on(scene.held_width, force, self._profile, scene.finger_stiffness)
 
     def command(self, opening: float) -> float:
-        """Return the gripper command for a distance of the pads, m."""
+        """Return the gripper command at which the pads are ``opening`` metres apart."""
         return _clipped(self._profile.gripper.command(opening))
 
     def positions(self, command: float) -> Array:
@@ -70,7 +70,7 @@ class Fingers:
     def around(self, q: Array, width: float, scene: Scene) -> Array:
         """Return the robot's joints (n,) after the hand has closed on an object ``width`` (m) wide.
 
-        Stiff drives end near their target, soft ones stop at the object.
+        Stiff finger drives end near their target; soft drives stop at the object's surface.
         """
         if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.finger_drive.stiffness:
             return q

@@ -50,10 +50,9 @@ def grasps_of(
 ) -> list[kpam.Grasp]:
     """Return the grasps of a rigid object among the other objects, best first, within the allowed tilt.
 
-    Grasps are found and ranked with the strategy's friction. Ranking with the lower friction of a slippery scene would
-    weigh a slight misalignment of the pads more than the distance to the centre of mass. Grasps that the scene's
-    friction cannot hold come last. If that friction is lower than the strategy's, grasps close to the centre of mass
-    come first, also along the fingers, because a carried object can turn in any direction and creeps about the line
+    The search ranks grasps with the friction of the strategy, not with the lower friction of a slippery scene, which
+    would overrate small misalignments of the pads. Grasps that the scene's friction cannot hold come last. In a
+    slippery scene, grasps near the object's centre of mass come first, because a carried object creeps about the line
     between the pads.
 
     Args:
@@ -63,7 +62,7 @@ def grasps_of(
         gripper: gripper in the solver's form.
         profile: profile of the robot.
         strategy: grasp strategy.
-        lost: (4, 4) hand poses in the object's frame from which the object slipped before; similar grasps come last.
+        lost: (4, 4) hand poses, in the object's frame, of earlier grasps that slipped; similar grasps come last.
     """
     found = world.grasps(
         name,
@@ -90,7 +89,7 @@ def grasps_of(
 
 
 def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrategy) -> float:
-    """Return the angle (rad) to the edge of the friction cone, with the lower friction of scene and strategy."""
+    """Return a grasp's angle (rad) to the edge of the friction cone, using the lower friction of scene and strategy."""
     friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     return grasp.quality["friction_margin"] - float(np.arctan(strategy.friction) - np.arctan(friction))
 
@@ -121,7 +120,7 @@ def grasp_config(
     swapped: bool,
     aside: str | None = None,
 ) -> tuple[dict[str, Array], kpam.SolverConfig]:
-    """Return the keypoints (3,) in the base frame and the config that bring the hand to a grasp and lift.
+    """Return keypoints (3,) in the base frame, and the solver config that grasps the object and lifts it.
 
     Args:
         scene: scene at the start of the step.
@@ -129,7 +128,7 @@ def grasp_config(
         profile: profile of the robot.
         strategy: grasp strategy.
         swapped: whether the fingers are swapped.
-        aside: motion out of ``ASIDE`` before the lift, or None.
+        aside: entry of ``ASIDE``, a motion that draws the object out before the lift; None: no such motion.
     """
     keypoints, constraints = hand_at(scene, grasp, profile, swapped)
     ups = max(1, round(strategy.lift / STRIDE))

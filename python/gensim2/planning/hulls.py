@@ -1,4 +1,4 @@
-"""Convex hulls as planes, and their intersections with straight lines."""
+"""Intersect convex hulls, given as planes, with straight lines."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = npt.NDArray[np.float64]
 
 
 class HullsKey:
-    """Cache key for hulls that compares the tuple by identity and keeps it alive.
+    """Cache key for a tuple of hulls, compared by identity. The key keeps the tuple alive.
 
     Args:
         hulls: convex vertex sets, each (N, 3).
@@ -28,7 +28,7 @@ class HullsKey:
 
 
 def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Array, Array]:
-    """Return where parallel lines enter and leave hulls; the hulls' planes are cached by the identity of the tuple.
+    """Return where parallel lines enter and leave hulls. The planes are cached for each tuple object.
 
     Args:
         hulls: H convex vertex sets.
@@ -36,8 +36,8 @@ def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Ar
         along: (3,) unit direction of all lines.
 
     Returns:
-        Two arrays (N, H): distance from the point, along the direction, to the entry and to the exit; inf and -inf if a
-        line misses a hull.
+        Two arrays (N, H): signed distance (m) from each point to the line's entry into each hull, and to its exit. They
+        are inf and -inf if the line misses the hull.
     """
     enters, leaves = [], []
     for planes in _planes(HullsKey(hulls)):

@@ -22,21 +22,19 @@ UPRIGHT_HEIGHT = 0.1
 ROOM = 0.04
 """Free height in metres required above a floor."""
 BESIDE, EVEN, SIDES = 0.03, 0.01, 3
-"""A floor must extend ``BESIDE`` metres around the vertical, rise or fall by at most ``EVEN`` metres, on at least
-``SIDES`` of four sides.
+"""On ``SIDES`` or more of its four sides, a floor must extend ``BESIDE`` metres and be level within ``EVEN`` metres.
 """
 ABOVE = 0.02
-"""Height in metres above the keypoint within which a floor may lie, since annotated keypoints lie on shelves or
-slightly inside them.
+"""Maximum height (m) of a floor above the keypoint, because annotated keypoints can lie slightly inside a shelf.
 """
 
 
 def floor(scene: Scene, name: str) -> Array:
     """Return the point (3,) of the floor below an object's last keypoint, in the base frame.
 
-    The floor is the highest surface of the object's bodies and of the fixtures that has ``ROOM`` free above it and
-    continues, or ends at a wall, on most sides, so that objects do not fall off. Without such a surface it is the
-    table's level, z = 0 in the world.
+    The floor is the highest surface of the object or of a fixture that has ``ROOM`` metres free above it. On most sides
+    the surface must continue or end at a wall, so that nothing falls off. If no surface qualifies, the floor is the
+    table top, z = 0 in the world.
     """
     T_base_world = np.linalg.inv(scene.T_world_base)
     up = np.asarray(T_base_world[:3, 2], dtype=np.float64)
@@ -53,7 +51,7 @@ def floor(scene: Scene, name: str) -> Array:
 
 
 def _spans(bodies: Sequence[SceneBody], point: Array, up: Array) -> list[tuple[float, float]]:
-    """Return the intervals of a vertical line inside bodies' hulls, in metres above ``point``, from low to high."""
+    """Return the intervals of the vertical line through ``point`` inside the bodies, in metres above the point."""
     return sorted(span for body in bodies for span in _spans_of(body, point, up))
 
 

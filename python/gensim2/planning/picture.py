@@ -1,4 +1,4 @@
-"""A picture of a planned step: the scene, the arm, keypoints, keyframes and residuals; needs no graphics driver."""
+"""Draw a planned step without a graphics driver: the scene, the arm, keypoints, keyframes and residuals."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ Array = npt.NDArray[np.float64]
 SIZE = 440
 """Edge of each of the two views, pixels."""
 MARGIN, LINE = 10, 17
-"""Pixels around the text, and from one line of it to the next."""
+"""Margin around the text and height of a text line, pixels."""
 COLUMNS = 128
 """Characters of a line."""
 DIRECTIONS = ((-0.45, -1.0, 0.65), (-0.15, 1.0, 0.4))
 """Directions from the centre of each view to its camera, world frame: from the robot's right, and from its left."""
 OVERVIEW, NARROWEST = 1.5, 0.35
-"""Distance of the first camera from its target, and minimum distance of the second camera, m."""
+"""Distance from the target to the first view's camera, and minimum distance to the second view's camera, m."""
 KEYPOINT, TOOL, INK, BAD = "#c2410c", "#00796b", "#1c2430", "#c22525"
 
 
@@ -40,15 +40,15 @@ def plan_picture(
 ) -> Image.Image:
     """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
 
-    If no pose meets the constraints, the arm is in the pose with the smallest violation. Keypoints of objects are
-    orange and keypoints of the tool green. Keyframes that the arm does not reach are small.
+    If no pose meets the constraints, the picture shows the arm in the pose with the smallest violation. Object
+    keypoints are orange, tool keypoints are green, and keyframes that the arm does not reach are small.
 
     Args:
         scene: scene in which the step was planned.
-        plan: plan of the step; None: the arm is drawn at its start, without keyframes.
+        plan: plan of the step. None draws the arm at its start, without keyframes.
         profile: robot profile.
         title: first line under the views.
-        reason: reason for a missing motion.
+        reason: reason why no motion was found.
 
     Raises:
         InputError: a file of the robot cannot be used.

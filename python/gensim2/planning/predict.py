@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 def with_joint(scene: Scene, name: str, value: float) -> Scene:
-    """Return the scene with an object's joint at another value (rad or m); contained objects move along."""
+    """Return the scene with an object's joint at ``value`` (rad or m). Objects inside the moving part move along."""
     thing = scene.objects[name]
     joint = thing.joint
     assert joint is not None, name
@@ -32,7 +32,7 @@ def with_joint(scene: Scene, name: str, value: float) -> Scene:
             for body in thing.bodies
         ),
         T_base_object=motion @ thing.T_base_object,
-        # A keypoint whose name contains "base" belongs to the body (docs/guides/objects.md).
+        # A keypoint with "base" in its name belongs to the fixed part, which the joint does not move.
         keypoints={key: at if "base" in key else _point(motion, at) for key, at in thing.keypoints.items()},
         joint=replace(joint, value=value),
     )

@@ -25,10 +25,10 @@ SAMPLES, TRIALS = 2048, 400_000
 def pulls_of(
     world: kpam.Scene, scene: Scene, thing: SceneObject, gripper: kpam.ParallelGripper, strategy: PullStrategy
 ) -> list[kpam.Grasp]:
-    """Return grasps of an object's moving link: those in which a pad pulls by contact come before those that rely on
-    friction.
+    """Return grasps of an object's moving link, best first.
 
-    Within each kind, the best grasps near the object's first keypoint, which lies on the handle, come first.
+    Grasps in which a pad hooks behind the link come before grasps that pull by friction alone. Within each group,
+    grasps near the object's first keypoint, which lies on the handle, come first.
 
     Args:
         world: ``scene`` in the solver's form.
@@ -70,7 +70,7 @@ def _pads_pull(grasp: kpam.Grasp, joint: JointState, gripper: kpam.ParallelGripp
 def pull_config(
     scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, strategy: PullStrategy, swapped: bool
 ) -> tuple[dict[str, Array], KeypointStrategy]:
-    """Return the keypoints (3,) in the base frame and the config that grasp the link and move the joint.
+    """Return keypoints (3,) in the base frame, and the solver config that grasps the link and moves the joint.
 
     Args:
         scene: scene at the start of the step.

@@ -1,4 +1,4 @@
-"""Plan a motion that touches the target only at the actuation pose, if possible."""
+"""Plan a motion that, if possible, does not touch its target before the actuation pose."""
 
 from __future__ import annotations
 
@@ -19,14 +19,13 @@ LONGER = 0.01
 
 @dataclass(frozen=True)
 class Reach:
-    """A motion, and the clearance of its approach.
+    """A motion and the clearance that its approach keeps from the target.
 
     Attributes:
         problem: solved problem.
         plan: plan of the solver.
         clearance: requested clearance, m.
-        touches: obstacle that prevents a motion without contact before the actuation pose; None if the motion has no
-            such contact.
+        touches: body that the approach has to touch before the actuation pose; None if the approach touches nothing.
     """
 
     problem: kpam.KeypointProblem
@@ -43,14 +42,14 @@ def reach(
 ) -> Reach:
     """Plan a motion that keeps clear of the target until the hand is at the actuation pose.
 
-    The clearances are tried in turn, and the first complete motion is used. The last clearance (None) lets hand and
-    fingers touch the target in the last segment before the actuation pose, since a motion with contact is better than
-    none. If no clearance gives a complete motion, the attempts without a usable pose are repeated with poses shifted
-    out of overlaps. If this fails, too, the longest partial motion is used, with the largest clearance.
+    The planner tries the clearances in turn and returns the first complete motion. The last clearance (None) lets hand
+    and fingers touch the target in the last segment before the actuation pose. If every clearance fails, attempts
+    without a collision-free pose are repeated with poses shifted out of collision. If these fail, too, the longest
+    partial motion is returned, with the largest clearance.
 
     Args:
-        problem_with: returns the problem with these options in place of its own.
-        clearances: m; None for no clearance.
+        problem_with: function that returns the problem with the given solver options.
+        clearances: clearances to try, m; None for no clearance.
         warm_start: earlier plan of the same step, whose pose and path are tried first.
         explain: whether the plan reports the result of every pose that was tried.
     """
@@ -78,7 +77,5 @@ def reach(
 
 
 def _extent(plan: kpam.Plan) -> float:
-    """Return the extent of a motion: 0 without a trajectory, else 1 plus the completed share after the actuation
-    pose.
-    """
+    """Return 0 for a plan without a trajectory, else 1 plus the completed fraction of the motion after actuation."""
     return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

@@ -1,4 +1,4 @@
-"""Scene geometry passed from the simulator, or from perception, to the planner."""
+"""Describe a scene to the planner: geometry and joint states, from the simulator or from perception."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 CENTER = "rigidbody_object_center"
-"""Name of a rigid object's centre of mass in configs, which with a keypoint defines the object's direction."""
+"""Name by which a solver config refers to a rigid object's centre of mass."""
 MEASURED = "rigidbody_object_measured"
-"""Name in configs of the keypoint of a rigid object that criteria measure, its last one."""
+"""Name by which a solver config refers to a rigid object's last keypoint, the point that success criteria measure."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class SceneBody:
 
     Attributes:
         name: unique in the scene: ``"table"``, ``"<object>/<link>"``, or the name of a rigid object.
-        hulls: convex vertex sets, each (N, 3) metres in the body frame. All scenes of an episode share the same tuple,
-            so that derived data can be cached.
+        hulls: vertices of convex hulls, each (N, 3), m, in the body frame. All scenes of an episode share one tuple
+            object, so that planners can cache data derived from it.
         T_base_body: (4, 4) pose in the robot base frame.
     """
 
@@ -54,7 +54,7 @@ class JointState:
 
     @property
     def openness(self) -> float:
-        """Openness, (value - lower) / (upper - lower)."""
+        """Fraction of the joint's range, (value - lower) / (upper - lower): 0 is closed, 1 is open."""
         return (self.value - self.lower) / (self.upper - self.lower)
 
 
@@ -66,11 +66,11 @@ class SceneObject:
         name: name in the task.
         bodies: bodies of the object.
         T_base_object: (4, 4) object frame in the robot base frame.
-        keypoints: position (3,) in metres in the robot base frame by name, in the object's own order.
+        keypoints: keypoint positions (3,) by name, m, in the robot base frame, in the object's own order.
         joint: joint of an articulated object; None for a rigid one.
         object_axis: axis of the object frame about which "rotate" motions turn.
-        yaw: rotation by the randomization, rad.
-        center_of_mass: (3,) of a rigid object in its frame, m.
+        yaw: rotation about the vertical that randomization added, rad.
+        center_of_mass: (3,) centre of mass of a rigid object in its frame, m; None if unknown.
         mass: mass of a rigid object, kg; None if unknown.
         friction: friction coefficient of a rigid object's surface; None if unknown.
     """
@@ -93,8 +93,7 @@ class SceneObject:
 
     @property
     def points(self) -> dict[str, Array]:
-        """Return the points that configs may name: the keypoints, and for a rigid object also ``CENTER`` and
-        ``MEASURED``.
+        """Return the points that a config may name: keypoints and, for rigid objects, ``CENTER`` and ``MEASURED``.
         """
         if self.center_of_mass is None:
             return dict(self.keypoints)
@@ -104,7 +103,7 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class Scene:
-    """Input of planning at one instant.
+    """State of robot and objects at one instant, as the planner needs it.
 
     Attributes:
         q, qvel: (n,) robot joints and their velocities, rad and m, in the robot's active joint order.
@@ -115,7 +114,7 @@ class Scene:
         held_width: distance of the pads (m) at the grasp; None if unknown.
         held_force: force of each finger on the grasped object, N.
         finger_friction: friction coefficient of the fingers' surface; None if unknown.
-        finger_stiffness: stiffness of the fingers' drives, N/m; None: the robot profile's.
+        finger_stiffness: stiffness of the finger drives, N/m; None: the stiffness in the robot profile.
     """
 
     q: Array

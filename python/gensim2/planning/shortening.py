@@ -1,4 +1,4 @@
-"""Turn the longest executable part of a motion into a config that still releases the object at its end."""
+"""Shorten a motion that cannot be executed completely, and release the object at the end of the shortened motion."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import gensim2_kpam as kpam
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")
-"""Motions whose number is the openness at their end; the number of other motions is a distance or an angle."""
+"""Types of motions that are given by the final openness. Other types are given by a distance or an angle."""
 
 
 def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None) -> dict[str, Any] | None:
-    """Return the config whose motions after the actuation pose end where a partial plan ends.
+    """Return a solver config whose motions end where a partial plan ends.
 
     Args:
         config: complete config as plain data.
         plan: partial plan of the config.
-        openness: openness of the object's joint at the start of the motion; None without a joint.
+        openness: openness of the object's joint at the start of the motion; None for a rigid object.
 
     Returns:
-        None if the config does not release the object, or the plan does not get past the actuation pose.
+        The shortened config. None if the config does not release the object, or if the plan ends before actuation.
     """
     motions = list(config.get("post_actuation_motions", []))
     if plan.status != "partial" or not config.get("let_go") or not motions:
@@ -41,14 +41,14 @@ def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None
 
 
 def _openness_after(motion: Any, openness: float | None) -> float | None:
-    """Return the openness at the end of a motion; None if the plan does not tell."""
+    """Return the joint's openness after a motion; None if the config gives only a relative travel."""
     if isinstance(motion, list | tuple) and motion[0] in TO_OPENNESS:
         return float(motion[1])
     return openness if isinstance(motion, list | tuple) and motion[0] not in ("follow_joint", "trace_joint") else None
 
 
 def _part(motion: Any, share: float, openness: float | None) -> list[Any] | None:
-    """Return the first part of a motion; None for a motion without a number."""
+    """Return the first ``share`` (0 to 1) of a motion; None if the motion has no number to scale."""
     if isinstance(motion, str):
         return None
     name, value = motion[0], float(motion[1])

@@ -20,7 +20,7 @@ from gensim2_kpam.show import STEP, add_clock, add_text
 Array = npt.NDArray[np.float64]
 
 APART = 0.06
-"""Smallest distance of two labels, m; labels at a smaller distance would cover each other."""
+"""Minimum distance between two labels, m; closer labels are merged."""
 #: RGB colours of fixtures, of the fixed and the moving parts of articulated objects, and of rigid objects.
 FIXTURE, STANDING, MOVING, RIGID = (205, 190, 170), (120, 150, 190), (230, 150, 60), (120, 180, 120)
 
@@ -28,9 +28,9 @@ FIXTURE, STANDING, MOVING, RIGID = (205, 190, 170), (120, 150, 190), (230, 150, 
 def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "localhost", port: int = 8080) -> Any:
     """Serve a web page that animates the plan, and return at once.
 
-    The page shows the arm at the slider's time, the scene's collision hulls, the hand's path, every keyframe (small if
-    it is not reached) and the objects' keypoints with their names. A grasped object moves with the hand. Without a
-    motion the arm is shown at its start.
+    The page shows the arm at the slider's time, the collision hulls, the hand's path, the named keypoints, and every
+    keyframe (small if the arm does not reach it). A grasped object moves with the hand. If the plan has no motion, the
+    page shows the arm at its start.
 
     Args:
         scene: planned scene.
@@ -130,7 +130,8 @@ def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfil
 
     Args:
         server: a ``viser.ViserServer``.
-        plans: plans in the robot's base frame, by name. If there are several, labels begin with a name's first word.
+        plans: plans in the robot's base frame, by name. With several plans, each label begins with the first word of
+            its plan's name.
         profile: profile of the robot.
     """
     labels = []
@@ -160,7 +161,7 @@ def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfil
 
 
 def _add_labels(server: Any, name: str, labels: Sequence[tuple[str, Array]]) -> None:
-    """Add labels. Labels at a smaller distance than ``APART`` become one label, so that none covers another."""
+    """Add text labels. Labels closer than ``APART`` are merged, so that none covers another."""
     groups: list[tuple[list[str], Array]] = []
     for text, place in labels:
         near = next((texts for texts, first in groups if np.linalg.norm(first - place) < APART), None)

@@ -36,11 +36,10 @@ class StepPlan:
         picks: name of the object that is picked up, or None.
         width: distance of the finger pads on that object, m.
         force: force of each finger on that object, N.
-        T_object_hand: (4, 4) hand in the grasped object's frame.
-        touches: obstacle that prevents a motion without contact before the actuation pose, if this motion has such a
-            contact.
-        whole: failed plan of the complete motion, if ``plan`` is only its longest part.
-        foreseen: next step, which uses the grasp, with the plan for it on the predicted scene.
+        T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
+        touches: body that the hand has to touch before the actuation pose, or None.
+        whole: failed plan of the complete motion, if ``plan`` covers only a part of the motion; otherwise None.
+        foreseen: plan of the next step that uses the grasped object, made on the predicted scene; None if not planned.
     """
 
     status: str
@@ -63,15 +62,13 @@ class StepPlan:
 
     @property
     def rank(self) -> int:
-        """Rank of the result, lower is better: complete without early contact, complete, partial, no motion."""
+        """Rank of the result, lower is better: complete without early contact, complete with it, partial, no motion."""
         if self.schedule is None:
             return 3
         return 2 if not self.is_solved else 0 if self.touches is None else 1
 
     def detail(self) -> dict[str, Any]:
-        """Return why there is no complete motion (missed residuals, unreached keyframe, collisions), or no motion
-        without early contact.
-        """
+        """Explain why no complete motion was found (residuals, keyframe, collisions), or name the early contact."""
         touches = {} if self.touches is None else {"touches": self.touches}
         plan = self.whole or self.plan
         if plan is None or self.is_solved:
@@ -97,7 +94,7 @@ class Foreseen:
 
     Attributes:
         step: name of the step.
-        strategy: index of its strategy.
+        strategy: index of the planned strategy among the strategies of the step.
         plan: the motion.
     """
 

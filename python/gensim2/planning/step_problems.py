@@ -45,7 +45,7 @@ class StepProblems:
         self._fingers = list(profile.gripper_columns)
 
     def clearances(self, scene: Scene, step: Step, strategy: Strategy) -> tuple[float | None, ...]:
-        """Return the clearances to the hand's target to try, in order of preference."""
+        """Return the clearances (m) between hand and target that the planner tries, in this order."""
         if "reach_clearance" in self._options:
             return (self._options["reach_clearance"],)
         reaches = strategy.fingers != "release" and (
@@ -97,7 +97,7 @@ class StepProblems:
         options: Mapping[str, Any],
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """Return the problem of a config with the solver's fields only.
+        """Return the problem of a config that has only solver fields, without the planner's own fields.
 
         Args:
             scene: scene at the start of the step.
@@ -120,7 +120,7 @@ class StepProblems:
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
         q = self._start(scene, fingers)
-        # A disturbed arm may exceed its limits, and no motion within the limits could start from there.
+        # A disturbed arm can exceed its velocity limits, where no permitted motion could start.
         fastest = MAX_START_VALUES * self._profile.model.velocity
         velocity = np.clip(scene.qvel, -fastest, fastest)
         velocity[self._fingers] = 0.0
@@ -159,7 +159,7 @@ class StepProblems:
 
 
 def _held_keypoints(world: kpam.Scene, held: str, tool: str) -> dict[str, Array]:
-    """Return the keypoints of the grasped object, without prefix if it is the step's tool."""
+    """Return the keypoints of the grasped object, named without the object's prefix if it is the step's tool."""
     if tool == HAND:
         return {}  # the scene already passes them, with prefix
     prefix = f"{held}/"

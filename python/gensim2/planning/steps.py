@@ -1,4 +1,4 @@
-"""Plan one step of a task on a scene, with a solver config or a grasp."""
+"""Plan one step of a task on a scene with one of the step's strategies."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class StepPlanner:
     Args:
         profile: profile of the robot.
         options: solver options for every plan.
-        patience: number of reachable grasps (each finger order counted) without a plan for the next step, after which
-            the step fails. None: try all, which takes half a minute if none works, but can find one in some hundred.
+        patience: number of reachable grasps to try if the next step cannot be planned after any of them; each finger
+            order counts. None tries all grasps, which takes half a minute if all fail.
 
     Attributes:
         profile: profile of the robot.
@@ -70,17 +70,17 @@ class StepPlanner:
         """Plan a step.
 
         Args:
-            scene: scene at the start, with the robot's velocity.
+            scene: scene at the start of the step, with the robot's velocity.
             step: object and tool of the step.
             strategy: strategy of the step.
-            following: later steps; a grasp considers the first one that uses the object as its tool.
+            following: later steps. A grasp must allow the first later step that uses the object as its tool.
             warm_start: earlier or predicted plan of the same step, whose pose and path are tried first.
-            lost: (4, 4) hand poses in the object's frame from which the object slipped; they are tried last.
+            lost: (4, 4) hand poses, in the object's frame, of grasps that slipped; similar grasps are tried last.
             explain: whether the plan reports the result of every pose that was tried.
 
         Returns:
-            The result. Its status is ``"invalid"`` if the strategy does not fit these objects, or only makes room for
-            the step.
+            The plan, or the reason for its failure. The status is ``"invalid"`` if the strategy does not fit these
+            objects, or if it only moves another object out of the way.
         """
         if strategy.makes_room is not None:
             return StepPlan(
@@ -117,17 +117,17 @@ class StepPlanner:
         """Plan a motion that moves another object out of the way of a step.
 
         Args:
-            scene: scene on which no strategy in ``ways`` can be planned.
+            scene: scene in which every strategy in ``ways`` failed.
             step: step that should become possible.
             strategy: strategy that moves the other object.
-            ways: strategies of the step.
+            ways: strategies that handle the step's object.
             following: later steps, as for :meth:`plan`.
 
         Returns:
-            None if there is no such motion, or if none of the step's strategies can be planned on the predicted scene.
+            The motion; None if planning it fails, or if every strategy in ``ways`` fails on the predicted scene.
         """
         if strategy.makes_room is None:
-            raise ValueError("the strategy does not make room")
+            raise ValueError("the strategy moves no other object: its field makes_room is not set")
         aside = step.model_copy(update={"object": strategy.makes_room})
         moved = self.plan(scene, aside, strategy.as_step())
         if not moved.is_solved or moved.after is None:
@@ -136,7 +136,7 @@ class StepPlanner:
         return moved if able else None
 
     def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
-        """Return the longest part of a motion that ends with a release like the complete one, or None."""
+        """Return the longest executable part of a motion, ending with a release; None if there is no such part."""
         joint = scene.objects[step.object].joint
         config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
         if config is None:
@@ -186,7 +186,7 @@ class StepPlanner:
             after = predict.with_joint(after, step.object, joint.value + gone)
         held = scene.held or picks
         if held is not None and acting is not None:
-            # A grasped object moves with the hand, from the start or from the grasp on, until it is released.
+            # A grasped object moves with the hand until the release, from the start or from its grasp on.
             q_from = scene.q if scene.held is not None else trajectory.sample(acting)[0]
             q_to = end if rows.released is None else trajectory.sample(rows.times[rows.released - 1])[0]
             ride = hand(q_to) @ np.linalg.inv(hand(q_from))
@@ -245,15 +245,13 @@ class StepPlanner:
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 
     def _pull(self, scene: Scene, step: Step, strategy: PullStrategy) -> StepPlan:
-        """Use the first grasp of the moving link that is reached without early contact and allows the complete
-        motion.
-        """
+        """Plan with the first grasp of the moving link that needs no early contact and allows the complete motion."""
         thing = scene.objects[step.object]
         if thing.joint is None or scene.held is not None:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
         found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
-        # Approaches with early contact are left to configs.
+        # None, the clearance that permits early contact, is used only for solver configs, not for found grasps.
         clearances = [each for each in self._problems.clearances(scene, step, strategy) if each is not None]
         first: kpam.Plan | None = None
         for grasp, swapped in product(found if clearances else (), (False, True)):
@@ -300,7 +298,7 @@ class StepPlanner:
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """Return the first strategy with which a step can be planned on a predicted scene, with its plan."""
+        """Return the first strategy that can be planned on a predicted scene, and its plan."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue
@@ -314,12 +312,12 @@ class StepPlanner:
 
 
 def _is_barred(taken: StepPlan, name: str) -> bool:
-    """Return whether a grasp is reachable but the lifted object collides with an obstacle above it."""
+    """Return whether the hand reaches a grasp but the object hits an obstacle when it is lifted."""
     met = () if taken.plan is None else taken.plan.collisions
     return any(each["toward"].startswith("post_") and name in each["bodies"] for each in met)
 
 
 def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Grasp, bool, str]]:
-    """Yield the first blocked grasps, each with the motions that may draw the object out."""
+    """Yield the first ``DRAWN_OUT`` blocked grasps, each with every motion of ``ASIDE`` to draw the object out."""
     for (grasp, swapped), aside in product(barred[:DRAWN_OUT], ASIDE):
         yield grasp, swapped, aside

@@ -1,4 +1,4 @@
-"""Strategies of a step as data: a solver config, or a grasp that is searched on the object's shape."""
+"""Read the strategies of a step: a solver config, or a grasp that is searched on the object's shape."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from gensim2.core.errors import InputError
 from gensim2.core.validation import input_error
 
 PLANNER_FIELDS = {"contact_speed": (0.001, 10.0), "opening": (0.001, 0.5)}
-"""Numeric config fields that belong to the planner rather than the solver, with their ranges."""
+"""Numeric config fields that the planner reads and the solver does not know, with their ranges."""
 
 MAKES_ROOM = "makes_room"
-"""Config field that names another object to move instead of the step's."""
+"""Config field that names another object, which the strategy moves out of the way instead of doing the step."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class KeypointStrategy:
     Attributes:
         config: plain data. Besides the solver's fields it may have ``contact_speed``, the maximum speed (m/s) of the
             contact point from the actuation on; ``opening``, the distance of the pads (m) on the way to a grasp; and
-            ``makes_room``, the object to move instead of the step's.
+            ``makes_room``, another object, which is moved out of the way instead of doing the step.
     """
 
     config: Mapping[str, Any]
@@ -50,14 +50,13 @@ class KeypointStrategy:
 
     @property
     def makes_room(self) -> str | None:
-        """Name of the object that this strategy moves out of the way instead of doing the step; None for other
-        strategies.
-        """
+        """Name of the object that this strategy moves out of the way; None if the strategy does the step itself."""
         name: str | None = self.config.get(MAKES_ROOM)
         return name
 
     def as_step(self) -> KeypointStrategy:
-        """Return the strategy as one for a step on the object that it moves out of the way."""
+        """Return this strategy without ``makes_room``, to plan it as a step on the object that it moves out of the
+        way."""
         return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property
@@ -85,7 +84,7 @@ class KeypointStrategy:
 
 
 class _FoundGrasp(BaseModel):
-    """Base of strategies that search a grasp on an object's shape."""
+    """Base class of strategies that search for a grasp on an object's shape."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -93,7 +92,7 @@ class _FoundGrasp(BaseModel):
 
     @property
     def makes_room(self) -> None:
-        """None: these strategies do the step itself."""
+        """None, because these strategies do the step itself."""
 
     @property
     def fingers(self) -> kpam.Gripper:
@@ -106,17 +105,19 @@ class _FoundGrasp(BaseModel):
 
 
 class GraspStrategy(_FoundGrasp):
-    """Grasp of the step's object between the two fingers, searched on its shape; the first usable grasp is executed.
+    """Grasp of the step's object between the two fingers. Grasps are searched on the object's shape, and the first
+    usable one is executed.
 
-    A grasp is usable if the arm reaches it and lifts the object, and if the next step that uses the object as its tool
-    can then be planned.
+    A grasp is usable if the planner finds a motion that reaches it and lifts the object, and then also a motion for the
+    next step that uses the object as its tool.
 
     Attributes:
         grasp: search method.
         approach: length of the straight approach of the open hand, m.
-        lift: height of the lift, m, in steps of 6 cm, the config language's ``move-up``.
+        lift: height of the lift, m. The hand lifts in steps of 6 cm, one ``move-up`` of the config each.
         tilt: maximum angle (rad) of the approach from straight down.
-        least_tilt: minimum angle; to lay an object down, the hand comes from the side.
+        least_tilt: minimum angle (rad) of the approach from straight down. A hand that comes from the side can lay the
+            object down later.
         friction: friction coefficient between pads and object.
         candidates: maximum number of grasps to try, each with both finger orders.
     """
@@ -138,14 +139,14 @@ class GraspStrategy(_FoundGrasp):
 
     @property
     def let_go(self) -> None:
-        """None: the grasped object is not released."""
+        """None, because this strategy does not release the grasped object."""
 
 
 class PullStrategy(_FoundGrasp):
-    """Grasp of the moving link of the step's object that moves its joint.
+    """Grasp of the step's object by its moving link, followed by a motion of the joint.
 
-    The first grasp is executed that the hand reaches without early contact and that allows the complete motion of the
-    joint.
+    The planner executes the first grasp that the hand reaches without early contact and that allows the complete motion
+    of the joint.
 
     Attributes:
         grasp: search method.
@@ -153,7 +154,7 @@ class PullStrategy(_FoundGrasp):
         approach: length of the straight approach of the open hand, m.
         let_go: distance by which the open hand retreats at the end, m.
         friction: friction coefficient between pads and object.
-        contact_speed: maximum speed of the pads while they hold the link, m/s.
+        contact_speed: maximum speed of the pads while they grip the link, m/s.
         candidates: maximum number of grasps to try, each with both finger orders.
     """
 
@@ -172,12 +173,12 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     """Validate a strategy given as plain data.
 
     Args:
-        data: fields of a solver config; with a field ``grasp``, fields of :class:`GraspStrategy`; with
-            ``follow_joint_to`` in addition, of :class:`PullStrategy`.
-        file: file of the data, for messages.
+        data: fields of the strategy. Data with ``grasp`` and ``follow_joint_to`` is a :class:`PullStrategy`, other data
+            with ``grasp`` a :class:`GraspStrategy`, and data without ``grasp`` a solver config.
+        file: file that contains the data, for error messages.
 
     Raises:
-        InputError: a field is unknown, missing or out of range; names it.
+        InputError: a field is unknown, missing or out of range; the message names the field.
 
     Example:
         ```python
@@ -204,7 +205,7 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     except kpam.KpamError as error:
         raise named(error, file) from error
     except OverflowError as error:
-        raise InputError("holds a number beyond 1e308", file=file) from error
+        raise InputError("contains a number larger than 1e308", file=file) from error
     except UnicodeEncodeError as error:
         raise InputError("contains half a character (an unpaired UTF-16 surrogate)", file=file) from error
     return strategy

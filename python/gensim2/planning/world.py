@@ -1,4 +1,4 @@
-"""Convert the scenes of an episode to the solver's form, built once and then updated."""
+"""Convert the scenes of an episode to solver scenes. Bodies are converted once, then only states are updated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TABLE = "table"
 
 
 class PlanningWorld:
-    """Converts the scenes of one episode to the solver's form; the bodies are converted once.
+    """Converts the scenes of one episode to solver scenes; the bodies are converted once.
 
     Args:
         profile: profile of the robot.
@@ -83,7 +83,7 @@ def _body(body: SceneBody, role: str, keypoints: dict[str, Array] | None = None)
 
 
 def _same_bodies(one: Scene, other: Scene) -> bool:
-    """Return whether both scenes belong to one episode, with the same bodies and the same hulls."""
+    """Return whether two scenes have the same bodies with the same hulls, as scenes of one episode do."""
     first, second = one.bodies, other.bodies
     return len(first) == len(second) and all(
         a.name == b.name and a.hulls is b.hulls for a, b in zip(first, second, strict=True)

@@ -1,4 +1,4 @@
-"""Check a robot profile against itself and its URDF."""
+"""Check that a robot profile is consistent and matches its URDF."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ CAMERA_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 class Refuse(Protocol):
-    """Creates an error about a field of the profile."""
+    """Function that creates an error about a field of the profile."""
 
     def __call__(self, field: str, message: str, remedy: str | None = None) -> InputError: ...
 
 
 def check_profile(profile: RobotProfile, where: str) -> None:
-    """Refuse a profile that contradicts itself or its URDF.
+    """Raise an error if a profile contradicts itself or its URDF.
 
     Args:
         profile: profile to check.
         where: file or module of the profile, for the message.
 
     Raises:
-        InputError: names the field of the profile.
+        InputError: the profile is inconsistent; the message names the field.
     """
 
     def refuse(field: str, message: str, remedy: str | None = None) -> InputError:
@@ -127,7 +127,7 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
 
 
 def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
-    """Check that joints which mimic others do so in the URDF, too, since planning reads only the URDF."""
+    """Check that the URDF has the mimic joints of the profile, because the planner reads only the URDF."""
     written = gensim2_kpam.read_urdf(read_input(profile.urdf, MAX_URDF), str(profile.urdf))
     followed = {joint["name"]: joint["mimic"] for joint in written["joints"]}
     remedy = "give the joint a <mimic> element with these numbers"

@@ -1,4 +1,4 @@
-"""Combine URDF files, such as an arm and a hand, and store the result for simulator and planner."""
+"""Combine URDF files, such as an arm and a hand, and store the combined URDF for simulator and planner."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def mounted(
     xyz: Sequence[float] = (0.0, 0.0, 0.0),
     rpy: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> ET.Element:
-    """Return an arm with a hand: ``palm`` and everything attached to it, fixed to the arm's ``flange``.
+    """Return the URDF of an arm with a hand: ``palm`` and its descendants, fixed to the arm's ``flange``.
 
     Args:
         arm, hand: results of :func:`read_description`; neither is changed.
@@ -54,7 +54,7 @@ def mounted(
         xyz, rpy: position (m) and roll, pitch, yaw (rad) of the palm in the flange's frame.
 
     Raises:
-        InputError: a link does not exist, or both URDFs share the name of a link or a joint.
+        InputError: a link does not exist, or both URDFs have a link or a joint of the same name.
 
     Example:
         ```python
@@ -75,7 +75,9 @@ def mounted(
     there = _links(root) | {str(joint.get("name")) for joint in root.findall("joint")}
     twice = sorted((names | {str(joint.get("name")) for joint in hanging}) & there)
     if twice:
-        raise InputError(f"arm and hand both have {twice[0]!r}", field="name", remedy="rename one")
+        raise InputError(
+            f"arm and hand both have a link or joint named {twice[0]!r}", field="name", remedy="rename one"
+        )
     for material in hand.findall("material"):
         root.append(copy.deepcopy(material))
     mount = ET.SubElement(root, "joint", name=f"{palm}_mount", type="fixed")
@@ -88,7 +90,7 @@ def mounted(
 
 
 def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
-    """Return the SRDF of a URDF that disables collisions between links connected by a joint, and between ``pairs``.
+    """Return an SRDF that disables collisions between links connected by a joint and between the links of ``pairs``.
 
     Example:
         ```python
@@ -103,7 +105,7 @@ def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
 
 
 def stored(name: str, urdf: ET.Element | str, srdf: str) -> RobotFiles:
-    """Write a description into the user's cache folder, in a folder named by its digest.
+    """Write a robot description into the user's cache folder, in a subfolder named by the description's hash.
 
     Args:
         name: file name without suffix.

@@ -11,7 +11,7 @@ from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation, finger_keypoints
 
 TORSO_HEIGHT = 0.38
-"""Torso height in metres, of at most 0.386: the shoulder is 0.57 m above the table, and the torso clears the table."""
+"""Height of the torso joint, m; its maximum is 0.386. The shoulder is then 0.57 m above the table."""
 
 FINGERTIP = 0.024
 """Distance in metres from ManiSkill's ``gripper_link`` along the fingers, 7 mm behind their tips like the Panda's head
@@ -22,8 +22,8 @@ keypoint.
 def fetch_files() -> RobotFiles:
     """Return ManiSkill's description with a fixed base, in the user's cache folder.
 
-    Head and torso are fixed. The three continuous joints are limited to half a turn in either direction; the hand can
-    still reach every orientation, and all simulators count turns alike. A link is added for the hand frame.
+    Head and torso are fixed. The three continuous joints are limited to half a turn in either direction, because
+    simulators count full turns differently; the hand still reaches every orientation. The hand frame gets its own link.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.

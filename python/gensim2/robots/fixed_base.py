@@ -1,4 +1,4 @@
-"""Convert the URDF of a mobile robot to that of a fixed arm with the standard hand frame."""
+"""Convert the URDF of a mobile robot into the URDF of a fixed arm with this package's hand frame."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def fixed_base(
         standing: joint value (rad or m) at which each joint is fixed, by name.
         turns: limit of continuous joints, rad.
         palm: link that carries the fingers.
-        hand: name of a new link without shapes at the palm's origin, between the palm and its parent.
+        hand: name of the new hand link, which has no geometry, between the palm and its parent, at the palm's origin.
         pitch: pitch of the hand in the palm's frame, rad.
-        tool: name of a new link without shapes on the hand's z axis.
-        tool_at: position of the tool link along that axis, m.
+        tool: name of the new tool link, added without geometry on the hand's z axis.
+        tool_at: position of the tool link along the hand's z axis, m.
     """
     root = read_description(urdf)
     _drop_above(root, base)
@@ -68,8 +68,7 @@ def fixed_base(
 def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
     """Return SRDF text with additional pairs of links that never touch.
 
-    An added frame between two links makes them no longer neighbours, so that their collisions must be disabled
-    explicitly.
+    A link inserted between two neighbours separates them, so the SRDF has to disable their collisions explicitly.
     """
     root = read_xml(srdf)
     for one, other in pairs:
@@ -88,7 +87,7 @@ def _drop_above(root: ET.Element, base: str) -> None:
 
 
 def _join(root: ET.Element, parent: str, child: str, pose: RigidTransform, joint: ET.Element | None = None) -> None:
-    """Fix ``child``, which is created if missing, to ``parent`` by an existing or a new joint."""
+    """Attach ``child`` to ``parent`` with a fixed joint; create the link and the joint if they do not exist."""
     if all(link.get("name") != child for link in root.findall("link")):
         ET.SubElement(root, "link", name=child)
     if joint is None:

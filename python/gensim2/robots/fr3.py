@@ -1,4 +1,4 @@
-"""The Franka Research 3: the Panda's links with other limits."""
+"""Profile of the Franka Research 3, which has the links of the Panda but other joint limits."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def fr3_files() -> RobotFiles:
 
 
 def fr3() -> RobotProfile:
-    """Return the profile: links, meshes, hand, placement and drives of the Panda, limits of the Research 3."""
+    """Return the profile: the Panda's with the joint limits of the Research 3."""
     known = panda()
     return replace(
         known,
         name="fr3",
         files=fr3_files,
         simulation=replace(known.simulation, agent="fr3"),
-        # The velocity limits depend on the position, which a URDF cannot express.
+        # The velocity limits of the Research 3 depend on the joint position. A URDF cannot express this.
         solver={**known.solver, "limits": "fr3"},
     )

@@ -1,4 +1,4 @@
-"""Gripper interface: commands to joint targets, joints to pad distance, and forces to commands."""
+"""Convert between gripper commands, finger joints, pad distance and grip force."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Mimic:
 
     Attributes:
         joint: name of the driven joint that this joint follows.
-        multiplier: rad or m of this joint for each rad or m of the other.
-        offset: rad or m.
+        multiplier: motion of this joint (rad or m) for each rad or m of the driven joint.
+        offset: value of this joint when the driven joint is at 0, rad or m.
     """
 
     joint: str
@@ -43,8 +43,7 @@ class Gripper(Protocol):
         driven: names of the motorized joints; the command determines their target.
         fingers: names of the joints whose drives press the pads together; they are driven or follow a driven joint.
         mimics: joints that follow a driven one, by name.
-        passive: names of joints without motor or transmission, which rest at 0. In the URDF they have a ``mimic``
-            element with multiplier 0.
+        passive: names of joints that nothing drives; they rest at 0. Their ``mimic`` in the URDF has multiplier 0.
         pads: names of the links that touch a grasped object.
         travel_seconds: time for opening or closing the fingers.
         friction: static and dynamic friction coefficient of the pads' surface.
@@ -78,10 +77,10 @@ class Gripper(Protocol):
         """Targets of a driven joint at commands -1 and 1."""
 
     def command(self, opening: float) -> float:
-        """Return the command that opens the pads to ``opening`` (m), without clipping."""
+        """Return the command that opens the pads to ``opening`` (m), without clipping to -1 and 1."""
 
     def command_at(self, q: Array) -> float:
-        """Return the command that keeps the joints (g,) at their values, without clipping."""
+        """Return the command whose targets are the given joint values (g,), without clipping to -1 and 1."""
 
     def grip(self, opening: float, force: float, stiffness: float) -> float:
         """Return the command at which each pad presses with ``force`` (N) on an object of width ``opening`` (m).
@@ -108,16 +107,16 @@ class Gripper(Protocol):
         """Return the distance in metres that a finger moves between two commands; negative for opening."""
 
     def grasping(self, model: kpam.Robot, tool_keypoints: Mapping[str, Array]) -> kpam.ParallelGripper:
-        """Return the gripper for the solver's grasp search."""
+        """Return this gripper's description for the grasp search of ``gensim2_kpam``."""
 
 
 @dataclass(frozen=True)
 class SlidingGripper:
-    """Two fingers that slide by equal distances, each with its own motor or both with one motor and a transmission.
+    """Two fingers that slide by equal distances, driven by one motor each or by one common motor.
 
     Attributes:
-        joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`; an empty ``driven``
-            stands for the sliding joints.
+        joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`; if ``driven`` is empty,
+            both sliding joints are driven.
         fingers: names of the two sliding joints, which are at 0 when the pads touch.
         open, closed: targets (m) of a sliding joint at commands 1 and -1; the closed target lies beyond contact, so
             that the pads press.
@@ -138,7 +137,7 @@ class SlidingGripper:
         object.__setattr__(self, "driven", self.driven or self.fingers)
 
     def target(self, command: Row) -> Row:
-        """Return the targets as ManiSkill computes them, bit for bit."""
+        """Return the targets, with the same floating-point rounding as ManiSkill's controller."""
         middle, half_span = self._targets
         return middle + half_span * np.minimum(np.maximum(command, np.float32(CLOSED)), np.float32(OPEN))
 
@@ -182,7 +181,7 @@ class SlidingGripper:
         return 0.5 * (command - other) * (self.open - self.closed)
 
     def grasping(self, model: kpam.Robot, tool_keypoints: Mapping[str, Array]) -> kpam.ParallelGripper:
-        """Read pads and stroke from the shapes and limits of the URDF."""
+        """Derive pads and stroke from the geometry and joint limits in the URDF."""
         import gensim2_kpam as kpam
 
         return kpam.ParallelGripper.of_robot(model, **tool_keypoints)

@@ -1,4 +1,4 @@
-"""The Franka Panda with its own fingers, with ManiSkill's drives."""
+"""Profile of the Franka Panda with its standard fingers and ManiSkill's drives."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfi
 
 
 def panda_files() -> RobotFiles:
-    """Return the paths of ManiSkill's description, or of the package's own if ManiSkill is not installed.
+    """Return the paths of ManiSkill's robot description, or of this package's copy if ManiSkill is not installed.
 
-    The package's own is a copy of Franka's ``franka_description`` (Apache-2.0). Both have the same joints, inertias and
-    collision meshes. The visual meshes come from the same originals; ManiSkill's also have normals for its renderer.
+    This package includes a copy of Franka's ``franka_description`` (Apache-2.0). Its joints, inertias and collision
+    meshes equal ManiSkill's. ManiSkill's visual meshes additionally have normals.
     """
     if find_spec("mani_skill") is None:
         folder = Path(__file__).parent / "franka_description"
@@ -48,7 +48,7 @@ def panda() -> RobotProfile:
             agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True
         ),
         footprint=Footprint(base_half=0.12, hand_half=0.12, hand_drop=0.02),
-        # The original's weights and bounding box, and the limits published by Franka.
+        # Joint weights and bounding box of the original GenSim2; limits as published by Franka.
         solver={
             "limits": "panda",
             "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],

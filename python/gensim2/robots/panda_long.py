@@ -1,4 +1,4 @@
-"""The Panda with the long fingers and soft finger drives of the original's release."""
+"""Profile of the Panda with the long fingers and soft finger drives of the original GenSim2."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from gensim2.robots.panda import panda, panda_files
 from gensim2.robots.profile import JointDrive, RobotFiles, RobotProfile, Simulation, finger_keypoints
 
 FINGER_X, FINGER_Y, FINGER_Z = (-0.014, 0.014), (-0.009, 0.031), (0.0, 0.1176)
-"""Bounds (m) of a finger in its link's frame, with y away from the other finger. In the hand's frame at an opening of 4
-cm, x ranges from -0.014 to 0.014, y from 0.031 to 0.071, and z up to 0.176. The original's hull has ten vertices; these
-bounds are its bounding box.
+"""Bounds (m) of a finger in its link's frame; y points away from the other finger. They are the bounding box of the
+original GenSim2's finger, a hull with ten vertices.
 """
 
 FINGER_MASS = 0.1
-"""kg, the mass of the original's hull at its density of 1000 kg/m3."""
+"""Mass of a finger, kg: the hull of the original GenSim2 at a density of 1000 kg/m3."""
 
 UNLIMITED = 1e10
-"""Force limit (N m or N) of a drive without a limit."""
+"""Value that stands for an unlimited drive force (N m or N)."""
 
 
 def panda_long_files() -> RobotFiles:
@@ -64,7 +63,7 @@ def _text(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
 
 
 def panda_long() -> RobotProfile:
-    """Return the profile: arm, base and start of the Panda, tool keypoints and drives of the original."""
+    """Return the profile: the Panda with the tool keypoints and drives of the original GenSim2."""
     short = panda()
     assert isinstance(short.gripper, SlidingGripper)
     return replace(

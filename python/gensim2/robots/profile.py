@@ -1,4 +1,4 @@
-"""Profile of a robot, readable without a simulator."""
+"""Describe a robot for planning, control and simulation; no simulator is needed to read a profile."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 DEFAULT_ROBOT = "panda"
-"""Default robot."""
+"""Name of the robot that is used if none is given."""
 
 
 FINGER_KEYPOINTS = {
@@ -49,17 +49,17 @@ def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict
 
 
 def _no_options() -> kpam.Options:
-    """Return empty options: the solver then knows only the robot's URDF."""
+    """Return empty solver options; the solver then takes all limits from the URDF."""
     return {}
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """Area that a robot occupies on the table at the start of an episode; metres.
+    """Area that a robot occupies on the table at the start of an episode, m.
 
     Attributes:
         base_half, hand_half: half side lengths of the areas occupied by the base and by the hand at rest.
-        hand_drop: distance below the resting tool within which nothing may pass under it.
+        hand_drop: height of the zone below the resting tool that objects may not enter.
     """
 
     base_half: float
@@ -69,7 +69,7 @@ class Footprint:
 
 @dataclass(frozen=True)
 class JointDrive:
-    """PD drive of a joint: N m/rad, N m s/rad and N m, or N/m, N s/m and N."""
+    """PD drive of a joint: stiffness, damping and force limit, in N m/rad, N m s/rad and N m, or N/m, N s/m and N."""
 
     stiffness: float
     damping: float
@@ -83,17 +83,17 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class Simulation:
-    """Simulation parameters of a robot, with drives in place of its motors.
+    """Simulation parameters of a robot. PD drives represent its motors.
 
     Attributes:
-        agent: name of ManiSkill's agent, under which states are recorded; :mod:`gensim2.sim.agents` creates an agent
-            from the profile if ManiSkill has none of that name.
-        arm: drive of all arm joints, or one for each.
+        agent: name of the ManiSkill agent, which recorded states contain. If ManiSkill has no agent of this name,
+            :mod:`gensim2.sim.agents` creates the agent from the profile.
+        arm: one drive for all arm joints, or a tuple with one drive for each joint.
         gripper: drive of the driven gripper joints.
-        mimic: drive of the joints that follow them; a stiff one represents a transmission.
+        mimic: drive of the joints that follow the driven gripper joints; a stiff drive represents a rigid transmission.
         passive: drive of the joints without a motor: a spring to 0.
-        tendons: whether PhysX couples the URDF's mimic joints by fixed tendons, as in ManiSkill's own agents; not
-            needed for ``gripper.mimics``.
+        tendons: whether PhysX couples the URDF's mimic joints by fixed tendons, as ManiSkill's agents do. Joints in
+            ``gripper.mimics`` do not need tendons.
         physics_hz: simulation rate in Hz; a multiple of the control rate.
     """
 
@@ -108,8 +108,7 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Maximum velocity, acceleration and jerk (m,) of an arm's joints: rad or m, per second, second squared and
-    cubed.
+    """Maximum velocity, acceleration and jerk of m arm joints, each (m,), in rad or m per s, s^2 and s^3.
     """
 
     velocity: Array
@@ -139,8 +138,8 @@ class MountedCamera:
 
 @dataclass(frozen=True)
 class RobotFiles:
-    """Description of a robot: ``urdf``, and ``srdf`` with the pairs of links that never touch, which has the same name
-    in the same folder because simulators look for it there.
+    """Description files of a robot: ``urdf``, and ``srdf`` with the pairs of links that never touch. Both have the same
+    stem and folder, because simulators look for the SRDF next to the URDF.
     """
 
     urdf: Path
@@ -153,12 +152,12 @@ class RobotProfile:
 
     An action is (m + 1,): targets of the m arm joints in rad or m, and the gripper from -1 (closed) to 1 (open).
 
-    The hand frame is the same for every robot: z points along the fingers, and the fingers open along y. A solver
-    config therefore describes the same motion for every robot.
+    Every robot has the same hand frame: z points along the fingers, and the fingers open along y. A solver config
+    therefore describes the same motion for every robot.
 
     Attributes:
-        name: value of ``--robot``.
-        files: function that returns the description, which may belong to a package that is not installed.
+        name: name of the robot, the value of ``--robot``.
+        files: function that returns the description files; it raises an error if a package that they need is missing.
         hand_link: link of the hand frame, in which tool keypoints and hand poses are given.
         tool_link: link whose pose is part of state observations.
         arm_joints: names of the m joints that an action commands, in active joint order, before the gripper's joints.
@@ -173,7 +172,7 @@ class RobotProfile:
         base_quaternion: (4,) orientation of the base in the world, (w, x, y, z).
         control_hz: control rate, Hz.
         cameras: cameras mounted on the robot's links, in addition to the fixed ones.
-        tool_keypoint_descriptions: descriptions of the tool keypoints for readers and language models.
+        tool_keypoint_descriptions: description of each tool keypoint, for people and for prompts to language models.
         solver: options of every planning problem: limits that the URDF lacks, joint weights, and bounds of the hand's
             origin at the actuation pose.
     """
@@ -282,11 +281,11 @@ class RobotProfile:
         return tuple(names.index(name) for name in self.gripper.joints)
 
     def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
-        """Return the limits of the arm's joints from the solver's options, else the given ones.
+        """Return the arm's joint limits from the solver options; a missing limit has the given value.
 
         Args:
-            acceleration, jerk: (m,) or one number for all joints, for a robot without such options; velocities then
-                come from the URDF.
+            acceleration, jerk: limits for a robot whose solver options have none, (m,) or one number for all joints.
+                Its velocity limits come from the URDF.
         """
 
         def own(given: npt.ArrayLike | None, usual: npt.ArrayLike) -> Array:
@@ -329,11 +328,12 @@ class RobotProfile:
         return max(self.lag_steps)
 
     def simulated_targets(self, positions: Row, ends: npt.NDArray[np.int64]) -> Row:
-        """Return targets that compensate the tracking delay of the simulated drives.
+        """Return joint targets that compensate the tracking delay of the simulated drives.
 
         Args:
             positions: (N, m) desired arm joints at the end of each control step.
-            ends: (N,) row at which the motion of each row ends; no target lies beyond it.
+            ends: (N,) for each row, the index of the row in which the current motion ends; targets do not pass this
+                row's position.
 
         Returns:
             (N, m) targets of each control step.

@@ -1,4 +1,4 @@
-"""Robots by name: robots of the package, and robots that the command line or a program has loaded.
+"""Find robots by name: robots of this package, and robots that the command line or a program has loaded.
 
 :func:`robot` never runs code, because the name may come from an untrusted file. Only :func:`load_robot` runs code.
 """
@@ -54,8 +54,8 @@ def register_robot(make: _Made) -> _Made:
             return RobotProfile(...)
         ```
 
-    Worker processes load the function's file or module again. The function must therefore be defined at module level,
-    and loading the module must have no other effect (``if __name__ == "__main__"``).
+    Worker processes load the function's file or module again. Define the function at module level, and guard other code
+    of the file with ``if __name__ == "__main__"``.
 
     Args:
         make: function without arguments that returns the profile.
@@ -64,7 +64,7 @@ def register_robot(make: _Made) -> _Made:
         The same function.
 
     Raises:
-        InputError: ``make`` is no such function, or another robot has its name.
+        InputError: ``make`` is not a function at module level, or another robot has its name.
     """
     name = getattr(make, "__name__", "")
     if not callable(make) or not name.isidentifier() or make.__qualname__ != name:
@@ -73,7 +73,10 @@ def register_robot(make: _Made) -> _Made:
     known = PACKAGED.get(name, _registered.get(name, place))
     if known != place:
         raise InputError(
-            f"there is a robot {name!r} already ({known})", file=place, field="register_robot", remedy="rename it"
+            f"a robot named {name!r} is already registered ({known})",
+            file=place,
+            field="register_robot",
+            remedy="rename it",
         )
     _registered[name], _made_by[place] = place, make
     if _loading:
@@ -93,15 +96,15 @@ def robot_names() -> tuple[str, ...]:
 
 
 class RobotPlace(str):
-    """File or module of a robot that this process has loaded; a process that unpickles the value may load it, too.
+    """File or module of a robot that this process has loaded; unpickling it permits another process to load it.
 
-    Text read from a file is a plain ``str`` and grants no permission.
+    A plain ``str``, for example one read from a file, does not permit loading.
     """
 
     __slots__ = ()
 
     def __reduce__(self) -> tuple[Callable[[str], RobotPlace], tuple[str]]:
-        """Permit the location in the unpickling process; the robot is loaded on first use."""
+        """Allow the unpickling process to load the robot, which happens on first use."""
         return _granted, (str(self),)
 
 
@@ -143,7 +146,7 @@ def load_robot(place: str | Path) -> str:
 
 
 def robot_key(name: object) -> str:
-    """Return the key by which every process of a run finds a known robot; nothing is loaded.
+    """Return the key by which every process of a run finds a known robot, without loading the robot.
 
     Raises:
         InputError: this process knows no such robot.
@@ -163,7 +166,7 @@ def robot_key(name: object) -> str:
         return _granted(name)
     if ":" in name or name.endswith(".py"):
         raise InputError(
-            f"{name!r} is not loaded, and a name in a file may not load code",
+            f"{name!r} is not loaded, and a name that was read from a file must not load code",
             field="robot",
             remedy="if it is a robot of your own, give its file: gensim2 --load-robot FILE.py, or gensim2.load_robot",
         )
@@ -224,7 +227,7 @@ def _made(make: Maker, where: str) -> RobotProfile:
 
 
 def _parted(place: str) -> tuple[Path | None, str, str]:
-    """Split a location into file or module, and function; the function is empty if the file registers only one."""
+    """Split a location into file or module and function name; the function name may be empty."""
     path, _, function = place.rpartition(":")
     if place.endswith(".py"):
         return Path(place), "", ""
@@ -262,8 +265,7 @@ def _from_file(file: Path, function: str) -> Maker:
             f"no such file on this machine ({socket.gethostname()})",
             file=file,
             field="robot",
-            remedy="a robot's file must lie under the same path on every machine of a run, or be a module that is "
-            "installed there (module:function)",
+            remedy="put the file at the same path on every machine of the run, or use module:function",
         )
     names = _names_in.get(file)
     if not names or (function and function not in names):  # the file may have been edited since it was loaded
