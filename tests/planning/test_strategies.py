@@ -143,7 +143,7 @@ def test_a_strategy_that_makes_room_moves_another_object_than_the_steps() -> Non
 @pytest.mark.parametrize(
     ("steps", "moved", "field", "words"),
     [
-        (grasping("push"), "drawer", "steps.grasp.strategies", "none does the step"),
+        (grasping("push"), "drawer", "steps.grasp.strategies", "only moves another object out of the way"),
         (grasping("grasp", "push"), "ball", "makes_room", "no other object"),
         (grasping("grasp", "push"), "dog", "makes_room", "no other object"),
         (grasping("open", "push", of="drawer"), "drawer", "makes_room", "no other object"),

@@ -94,7 +94,7 @@ def test_two_devices_without_shared_memory_are_refused_in_one_line(mounted: str,
     command = [*on_disk(mounted, Path("/dev/shm")), sys.executable, str(tmp_path / "script.py"), str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     remedy = "make room in /dev/shm, or train on one device"
-    assert done.stdout == f"device: there is too little shared memory ({remedy})\n"
+    assert done.stdout == f"device: the machine has too little shared memory ({remedy})\n"
     assert "Traceback" not in done.stderr
 
 
@@ -170,7 +170,7 @@ def test_the_time_of_a_step_counts_all_devices() -> None:
     [
         ("cpu,cpu,cpu", "batch: is 4, which 3 devices cannot share"),
         ("cpu,nowhere", "device: 'nowhere' cannot be used"),
-        ("cpu,meta", "device: 'cpu,meta' are devices of several kinds"),
+        ("cpu,meta", "device: 'cpu,meta' mixes CPU and GPU devices"),
         ("", "device: '' cannot be used"),
     ],
 )

@@ -221,7 +221,7 @@ def spec(**changed: Any) -> dict[str, Any]:
         ({"more": 1}, "invalid welcome message: more: unknown field"),
         ({"kind": "ready"}, "sent 'ready', expected welcome or refused"),
         ({"kind": [[[[1]]]]}, "without a kind"),
-        ({"protocol": [1]}, r"speaks version \[1\]"),
+        ({"protocol": [1]}, r"uses version \[1\]"),
     ],
 )
 def test_a_welcome_is_checked_by_its_schema(hostile: Callable[..., str], welcome: dict[str, Any], said: str) -> None:
@@ -237,18 +237,18 @@ def test_a_welcome_is_checked_by_its_schema(hostile: Callable[..., str], welcome
     [
         (READY, "sent 'ready', expected action or error"),
         (WELCOME, "sent 'welcome', expected action or error"),
-        ({**ACTION, "action": np.full(8, np.nan, np.float32)}, "action: must be finite, holds NaN or infinity"),
+        ({**ACTION, "action": np.full(8, np.nan, np.float32)}, "action: must be finite, contains NaN or infinity"),
         ({**ACTION, "action": np.zeros((2, 8), np.float32)}, r"action: must be an array of shape \(N\), got \(2, 8\)"),
         ({**ACTION, "action": np.zeros(7, np.float32)}, r"action must be an array of shape \(8,\), got \(7,\)"),
         ({**ACTION, "action": [0.0] * 8}, "action: must be an array of float32"),
         ({**ACTION, "action": np.full(8, 1e60)}, "action: must be an array of float32"),
         ({**ACTION, "action": np.zeros(8, bool)}, "action: must be an array of float32"),
-        ({**ACTION, "number": 2}, "answered request 2, the last is 1"),
+        ({**ACTION, "number": 2}, "answered request 2, but the last is 1"),
         ({**ACTION, "number": True}, "number: input should be a valid integer"),
         ({"kind": "action", "number": 1, "observation": SPEC}, "action: field required"),
         ({**ACTION, "observation": spec(modalities=5)}, "modalities must be a list of names, got 5"),
         (b"\xdd\x00\x00\xf0\x00" + b"\x80" * 60_000, "damaged message"),
-        ("text", "text in place of a binary message"),
+        ("text", "a text message, expected a binary message"),
     ],
 )
 def test_an_answer_is_checked_by_the_schema_of_its_request(hostile: Callable[..., str], answer: Any, said: str) -> None:

@@ -82,7 +82,10 @@ def test_a_registered_robot_is_known_by_name_here_and_by_place_elsewhere(tmp_pat
             "@gensim2.register_robot\ndef odd2():\n    raise OSError('no URDF')",
             "odd2() raises OSError: no URDF (line 5)",
         ),
-        ("@gensim2.register_robot\ndef panda():\n    return gensim2.robot()", "there is a robot 'panda' already"),
+        (
+            "@gensim2.register_robot\ndef panda():\n    return gensim2.robot()",
+            "a robot named 'panda' is already registered",
+        ),
         (
             "@gensim2.register_robot\ndef a1():\n    pass\n@gensim2.register_robot\ndef a2():\n    pass",
             "registers a1, a2",
@@ -130,7 +133,7 @@ def test_a_robot_is_one_whatever_it_is_called(tmp_path: Path, monkeypatch: pytes
 
 
 def test_files_that_are_not_there_are_told_with_what_other_machines_need(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no such file on this machine .*every machine of a run"):
+    with pytest.raises(InputError, match=r"no such file on this machine .*every machine of the run"):
         load_robot(tmp_path / "gone.py")
     with pytest.raises(InputError, match="no robot 'make' in the module 'nowhere_to_be_found'"):
         load_robot("nowhere_to_be_found:make")

@@ -93,8 +93,7 @@ class SceneObject:
 
     @property
     def points(self) -> dict[str, Array]:
-        """Return the points that a config may name: keypoints and, for rigid objects, ``CENTER`` and ``MEASURED``.
-        """
+        """Return the points that a config may name: keypoints and, for rigid objects, ``CENTER`` and ``MEASURED``."""
         if self.center_of_mass is None:
             return dict(self.keypoints)
         center = self.T_base_object[:3, :3] @ self.center_of_mass + self.T_base_object[:3, 3]

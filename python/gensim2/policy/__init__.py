@@ -1,4 +1,4 @@
-"""Policies that map an instruction, a point cloud and the robot's state to motion (docs/guides/chunk_policies.md).
+"""Train and run policies that map an instruction, a point cloud and the robot's state to actions.
 
 A :class:`PolicyConfig` selects encoders, trunk and head; :func:`train` trains on data sets and writes a
 :class:`PolicyCheckpoint` folder; a :class:`PolicyController` runs the checkpoint in a rollout.

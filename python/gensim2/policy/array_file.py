@@ -1,4 +1,4 @@
-"""Read and write named arrays in one compressed ``.npz`` file, which is replaced atomically."""
+"""Read and write named arrays in a compressed ``.npz`` file; writing replaces the file atomically."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, why
 
 MAX_BYTES = 2**28
-"""Largest total size of one file's arrays in memory, bytes; 64 of the largest point clouds take 50 MB."""
+"""Maximum total size of a file's arrays in memory, bytes; 64 of the largest point clouds take 50 MB."""
 
 MAX_MEMBERS = 100
 
 _OVERHEAD = MAX_MEMBERS * 2**16
-"""Bytes that a file may take beyond its array data; one numpy header has at most 64 KiB."""
+"""Maximum size of a file in addition to its array data, bytes; one numpy header has at most 64 KiB."""
 _MAX_HEADER = 1000
-"""Longest array header that is parsed, characters. numpy writes 118; Python's parser fails on deeply nested text."""
+"""Maximum length of an array header, characters. numpy writes 118; Python's parser fails on deeply nested text."""
 _REMEDY = "remove it and make it again"
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -39,7 +39,7 @@ Expected = tuple[type[np.generic], tuple[int | None, ...]]
 
 
 def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
-    """Write arrays by name, and create the folder if it is missing.
+    """Write named arrays to a file, and create the file's folder if it is missing.
 
     Raises:
         WriteError: the folder cannot be written to, or the disk is full.
@@ -50,11 +50,11 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
 
 
 def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
-    """Read a file of :func:`write_arrays`, without unpickling and with all sizes checked before memory is allocated.
+    """Read a file written by :func:`write_arrays`; nothing is unpickled, and sizes are checked before allocation.
 
     Args:
         path: the ``.npz`` file.
-        max_bytes: largest total size of the arrays in memory.
+        max_bytes: maximum total size of the arrays in memory, bytes.
 
     Raises:
         InputError: the file is missing, damaged, or too large.
@@ -73,23 +73,23 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
     arrays: Arrays = {}
     left, members = max_bytes, archive.infolist()
     if sum(member.file_size for member in members) > max_bytes + _OVERHEAD:
-        raise ValueError(f"holds over {megabytes(max_bytes)}")
+        raise ValueError(f"the arrays take more than {megabytes(max_bytes)}")
     for member in members:
         with archive.open(member) as stream:
             version = read_magic(stream)
             if version != (1, 0):  # later versions allow headers of up to 4 GiB
-                raise ValueError(f"{member.filename} is of version {version}")
+                raise ValueError(f"{member.filename} has the npy version {version}, must be (1, 0)")
             shape, in_columns, dtype = read_array_header_1_0(stream, max_header_size=_MAX_HEADER)
             size = math.prod(shape) * dtype.itemsize
             if dtype.kind not in "biufU" or not dtype.isnative or min(shape, default=0) < 0:
-                raise ValueError(f"{member.filename} holds {dtype} {shape}")
+                raise ValueError(f"{member.filename} has an unsupported type or shape: {dtype} {shape}")
             left -= size
             if left < 0:
-                raise ValueError(f"holds over {megabytes(max_bytes)}")
+                raise ValueError(f"the arrays take more than {megabytes(max_bytes)}")
             content = stream.read(size)
         values = np.frombuffer(bytearray(content), dtype).reshape(shape, order="F" if in_columns else "C")
         if values.dtype.kind == "f" and not np.isfinite(values).all():
-            raise ValueError(f"{member.filename} holds numbers that are not finite")
+            raise ValueError(f"{member.filename} contains NaN or infinity")
         if values.dtype.kind == "U":
             content.decode(f"utf-32-{sys.byteorder[0]}e")  # numpy does not check code points
         arrays[member.filename.removesuffix(".npy")] = values

@@ -1,4 +1,4 @@
-"""Retries within an episode: when the hand is stuck, it retraces its path and the policy starts again."""
+"""Retry within an episode: a stuck hand retraces its path to the start, and the policy tries again."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ ATTEMPTS = 4
 """Default number of attempts in an episode."""
 STILL, STILL_SECONDS = 0.02, 1.5
 """The hand counts as stuck after ``STILL_SECONDS`` seconds in which no joint target (rad) and no gripper command
-changed by more than ``STILL``. The time is more than twice what the fingers need to close.
+changed by more than ``STILL``. Closing the fingers takes less than half of this time.
 """
 RESTS = 6
-"""Control steps that the arm waits at the start of its path before the next attempt."""
+"""Number of control steps for which the arm waits at the start before the next attempt."""
 
 
 class Attempts:
-    """Record the actions of an episode and decide when to start another attempt.
+    """Records the actions of an episode and decides when to start another attempt.
 
     Args:
-        max_attempts: number of attempts in an episode, the first included.
+        max_attempts: maximum number of attempts in an episode, including the first attempt.
     """
 
     def __init__(self, profile: RobotProfile, max_attempts: int) -> None:
@@ -53,8 +53,9 @@ class Attempts:
         return waits and self._begun < self._max and not holds(width, command)
 
     def again(self) -> list[Action]:
-        """Start another attempt and return the actions (m + 1,) that retrace the path; the gripper command changes only
-        at the start.
+        """Start another attempt, and return the actions (m + 1,) that retrace the hand's path to the start.
+
+        On the way back the gripper command stays the same. At the start it returns to its initial value.
         """
         assert self._last is not None
         begin = self._way[0]
@@ -64,13 +65,13 @@ class Attempts:
         return [*back, *[begin] * RESTS]
 
     def goes_on(self) -> None:
-        """Record the following actions as the policy's own again, not as part of the retraced path."""
+        """Stop retracing: record the following actions as the policy's path again."""
         self._backs_off = False
 
     def follow(self, action: Action) -> None:
         """Record an action and count steps without motion.
 
-        Commanded targets are compared, not measured joints: an arm that presses on something never reaches its targets.
+        Commanded targets are compared, because an arm that presses against an object never reaches its targets.
         """
         last = self._last
         moves = last is None or bool(np.abs(action[: self._arm] - last[: self._arm]).max() > STILL)

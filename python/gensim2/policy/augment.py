@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from gensim2.robots import RobotProfile
 
 OFF = 0.5
-"""Share of samples whose arm joints are perturbed."""
+"""Fraction of samples whose arm joints are perturbed."""
 HOLDS_COMMAND, HOLDS_WIDTH = 0.9, 0.004
-"""The fingers may hold an object if the gripper command is below ``HOLDS_COMMAND`` and the pads are more than
+"""The fingers may have grasped an object if the gripper command is below ``HOLDS_COMMAND`` and the pads are more than
 ``HOLDS_WIDTH`` (m) apart. The command for a wide object is only slightly below open.
 """
 
@@ -30,14 +30,14 @@ def augmented(
 ) -> dict[str, torch.Tensor]:
     """Augment a batch by point dropout, jitter, colour shift and yaw.
 
-    Dropped points are replaced by copies of other points of the same cloud, so the number of points stays the same.
-    Each sample drops its own random share of points, up to ``training.dropout``.
+    A dropped point is replaced by a copy of another point, so the number of points is unchanged. Each sample drops a
+    random fraction of its points, up to ``training.dropout``.
 
     Args:
         seen: observation columns (B, T, ...), base frame.
         training: strength of each augmentation.
         generator: random generator on the tensors' device.
-        ordered: the network identifies points by their index, so none is dropped.
+        ordered: whether the network identifies points by their index; then no point is dropped.
     """
     found = dict(seen)
     cloud = seen[CLOUD]
@@ -63,7 +63,7 @@ def augmented(
 
 
 def holds(width: Any, command: Any) -> Any:
-    """Return whether the fingers may hold an object; works elementwise on arrays.
+    """Return whether the fingers may have grasped an object, elementwise for arrays.
 
     Args:
         width: distance of the finger pads, m.
@@ -75,15 +75,15 @@ def holds(width: Any, command: Any) -> Any:
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Perturb the arm's joints in half of the samples; the targets then lead back to the path (noise injection, Ke et
-    al. 2021).
+    """Perturb arm joints in half of the samples, so that the targets lead back to the path (Ke et al. 2021).
 
-    Joints get normal noise with a standard deviation of up to ``arm_noise``, the same in all frames of a sample. The
-    tool pose follows by forward kinematics, and the absolute targets stay the same. Samples in which the hand may hold
-    an object are not perturbed, because the object would have moved as well.
+    All frames of a sample get the same normal noise, with a standard deviation of up to ``arm_noise``. The tool pose is
+    recomputed by forward kinematics, and the absolute targets stay the same. Samples with a possibly grasped object are
+    not perturbed, because the object would move with the hand.
 
     Args:
-        batch: columns (B, T, ...) in the base frame; clouds without the robot's points; targets relative to the joints.
+        batch: columns (B, T, ...) in the base frame. Clouds have no points of the robot; targets are relative to the
+            present joints.
         training: ``arm_noise`` is the largest standard deviation, rad.
         generator: random generator on the tensors' device.
     """

@@ -1,7 +1,7 @@
-"""Checkpoints: a folder with ``config.json`` and weights as safetensors, and no executable content.
+"""Save and load checkpoints: a folder with ``config.json`` and a safetensors file, without executable content.
 
-``config.json`` names the file of weights and its digest and is written last, so a reader sees either the old or the new
-checkpoint.
+``config.json`` contains the name and the SHA-256 of the weights file and is written last, so a reader sees either the
+old or the new checkpoint.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ VERSION = 1
 MAX_WEIGHTS = 8 * 2**30  # bytes
 
 BUILTIN = "builtin"
-"""Name of the checkpoint that comes with the package: keypose policies for the suite's single-step tasks."""
+"""Name of the checkpoint that comes with the package: a keypose policy for the single-step tasks."""
 
 _REMEDY = f"give the folder of a policy that `gensim2 learn` or `train` made, or {BUILTIN!r}"
 _NETWORK, _TABLE = "network.", "sentences"
 
 
 def checkpoint_folder(place: Path | str) -> Path:
-    """Return a checkpoint's folder; ``"builtin"`` is the package's own checkpoint.
+    """Return a checkpoint's folder; ``"builtin"`` stands for the checkpoint that comes with the package.
 
-    Paths such as ``./builtin`` and ``Path("builtin")`` are always the caller's own folder.
+    To use a folder that is named ``builtin``, give ``./builtin`` or ``Path("builtin")``.
     """
     return Path(__file__).parent / BUILTIN if place == BUILTIN else Path(place)
 
@@ -52,15 +52,15 @@ class CheckpointError(InputError):
 
 
 class DataRecord(BaseModel):
-    """Record of a policy's training data.
+    """Description of a policy's training data.
 
     Attributes:
         digest: digest of all episodes and their observations.
         tasks: names of the tasks.
-        episodes, frames: how many were used; a scene that was planned but not simulated counts as one frame.
+        episodes, frames: number of episodes and frames; a scene that was planned but not simulated counts as one frame.
         folders: names of the data sets.
         noisy: number of episodes recorded with noise on the arm's commands.
-        relabels: number of further frames, from the policy's own rollouts, that the planner labelled.
+        relabels: number of additional frames from rollouts of the policy, labelled by the planner (DAgger).
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -78,7 +78,7 @@ class ActionSpec(BaseModel):
     """Format of a policy's output.
 
     Attributes:
-        kind: ``joint-relative``: chunks of (m + 2) numbers (:mod:`gensim2.policy.heads.actions`); or ``keypose``.
+        kind: ``joint-relative`` for chunks of actions (:mod:`gensim2.policy.heads.actions`), or ``keypose``.
         arm: m, number of the arm's joints.
         control_hz: rate of the actions, Hz.
     """
@@ -115,7 +115,7 @@ class _Record(BaseModel):
 
 
 class _Version(BaseModel):
-    """Fields of ``config.json`` that exist in every version."""
+    """Fields that every version of ``config.json`` has."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 
@@ -134,7 +134,7 @@ class PolicyCheckpoint:
         observation: observations that the policy needs.
         sentences: instructions of the training data, in the order of ``table``.
         table: (S, ...) encoded instructions (:func:`gensim2.policy.text.prepare`).
-        data: record of the training data.
+        data: description of the training data.
         training: training settings.
         step: number of gradient steps taken.
         versions: versions of the packages used for training.
@@ -237,7 +237,7 @@ class PolicyCheckpoint:
 
         Raises:
             CheckpointError: the policy is for another robot.
-            InputError: the policy's own robot is not registered in this process.
+            InputError: the robot that the policy was trained for is not registered in this process.
         """
         if robot != self.robot:
             robot_key(self.robot)
@@ -245,10 +245,10 @@ class PolicyCheckpoint:
             raise CheckpointError(message, file=folder, field="robot", remedy=f"use --robot {self.robot}")
 
     def require_text_model(self, given: str | None, folder: Path | str) -> None:
-        """Refuse text encoders that only the checkpoint names, so that a checkpoint cannot choose what is downloaded.
+        """Reject a text encoder that only the checkpoint names, so that a checkpoint cannot start downloads.
 
         Args:
-            given: folder or hub name that the user gave.
+            given: folder or hub name of the text encoder from the user, or None.
             folder: the checkpoint's folder, for the message.
 
         Raises:
@@ -308,7 +308,7 @@ def _read_weights(path: Path, config: PolicyConfig, record: _Record) -> tuple[Po
 
 
 def unknown_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path | str) -> CheckpointError:
-    """Return the error for a sentence that a policy was not trained on."""
+    """Return the error for an instruction that a policy was not trained on."""
     message = f"was not trained on the sentence {sentence!r}"
     remedy = f"train on the task; it knows {', '.join(policy.data.tasks)}"
     return CheckpointError(message, file=folder, field="sentences", remedy=remedy)

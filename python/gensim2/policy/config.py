@@ -1,4 +1,4 @@
-"""Settings of a policy and of its training, from YAML files, flags and checkpoints."""
+"""Define the settings of a policy's network and of its training."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SENTENCE = "sentence-transformers/all-MiniLM-L6-v2"
 HEADS = ("chunk", "transformer", "diffusion", "flow", "keypose")
 FRAMES = ("turned", "base")
 OF_KEYPOSES = ("ways", "hears", "spread_points")
-"""Settings that apply to the keypose head only."""
+"""Names of the settings that apply only to the keypose head."""
 
 
 @dataclass(frozen=True)
 class PolicyConfig(Settings):
-    """Architecture and inputs of a policy. Each attribute's ``help`` documents it."""
+    """Architecture and inputs of a policy. The ``help`` of each attribute describes it."""
 
     of_what: ClassVar[str] = "policy settings"
 
@@ -105,7 +105,7 @@ class PolicyConfig(Settings):
 
 @dataclass(frozen=True)
 class TrainConfig(Settings):
-    """Settings of training. Each attribute's ``help`` documents it."""
+    """Settings of training. The ``help`` of each attribute describes it."""
 
     of_what: ClassVar[str] = "training settings"
 
@@ -144,14 +144,14 @@ class TrainConfig(Settings):
 
 
 def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
-    """Return both configurations from one YAML file, which may have fields of either.
+    """Read network and training settings from one YAML file.
 
     Args:
         path: the YAML file.
         flags: fields that take precedence over the file.
 
     Raises:
-        InputError: the file cannot be read, or a field is unknown or invalid; names file and field.
+        InputError: the file cannot be read, or a field is unknown or invalid; the message names file and field.
     """
     from gensim2.core.yaml_files import read_yaml  # imported here to keep `gensim2 --help` fast
 
@@ -159,7 +159,7 @@ def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
 
 
 def configs(values: dict[str, Any], *, file: str | None = None) -> tuple[PolicyConfig, TrainConfig]:
-    """Return both configurations from plain data, which may have fields of either.
+    """Split plain data into network settings and training settings.
 
     Raises:
         InputError: a field is unknown or invalid.

@@ -1,4 +1,4 @@
-"""Ablate the observed point cloud: blank it, or replace it by the cloud of another scene."""
+"""Ablate the observed point cloud: set it to zero, or replace it by the cloud of another scene."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from gensim2.perception import Observation
 from gensim2.policy.array_file import read_arrays, require_shapes, write_arrays
 
 CLOUDS = "clouds.npz"
-"""File beside a checkpoint with clouds of training scenes."""
+"""Name of the file with clouds of training scenes in a checkpoint's folder."""
 MAX_CLOUDS = 64
 MAX_BYTES = 2**26
-"""Largest size of that file's arrays, bytes; 64 of the largest clouds take 47 MB."""
+"""Maximum size of the arrays in the file of clouds, bytes; 64 of the largest clouds take 47 MB."""
 
 Sees = Literal["all", "nothing", "other"]
-"""Point cloud that a policy gets: its own, all points at the base's origin, or the cloud of another scene."""
+"""Point cloud that a policy gets: the observed cloud, all points at the base's origin, or another scene's cloud."""
 
 
 @dataclass(frozen=True)
 class Shuffled:
-    """Point clouds of scenes in the training data, for the control ``shuffled``.
+    """Point clouds of training scenes, for the control experiment ``shuffled``.
 
-    In this control the policy gets a random one of these clouds instead of the cloud of its own scene.
+    In this experiment the policy gets a randomly chosen cloud of another scene instead of the observed cloud.
 
     Attributes:
-        points: (S, N, 3), m, base frame.
-        colours: (S, N, 3), 0 to 255.
+        points: (S, N, 3) points of S clouds, m, base frame.
+        colours: (S, N, 3) colours of these points, 0 to 255.
     """
 
     points: npt.NDArray[np.float32]
@@ -40,7 +40,7 @@ class Shuffled:
 
     @staticmethod
     def of(folder: Path) -> Shuffled:
-        """Read the clouds beside a checkpoint.
+        """Read the file of clouds in a checkpoint's folder.
 
         Raises:
             InputError: the file of clouds is missing or damaged.
@@ -57,7 +57,7 @@ class Shuffled:
         return Shuffled(points, colours)
 
     def save(self, folder: Path) -> None:
-        """Write the clouds beside a checkpoint.
+        """Write the clouds to a file in a checkpoint's folder.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -70,8 +70,8 @@ class Sight:
     """Ablation of a policy's point clouds.
 
     Attributes:
-        sees: ``"all"`` for no ablation, or the ablation's name.
-        others: clouds of other scenes; only for ``"other"``.
+        sees: name of the ablation; ``"all"`` for no ablation.
+        others: clouds of other scenes, if ``sees`` is ``"other"``; else None.
     """
 
     sees: Sees
@@ -79,7 +79,7 @@ class Sight:
 
     @staticmethod
     def of(sees: Sees, folder: Path) -> Sight:
-        """Return an ablation, with the clouds beside the checkpoint if it needs them.
+        """Return an ablation; ``"other"`` reads the clouds in the checkpoint's folder.
 
         Raises:
             InputError: the ablation is unknown, or the clouds are missing.
@@ -89,7 +89,7 @@ class Sight:
         return Sight(sees, Shuffled.of(folder) if sees == "other" else None)
 
     def altered(self, observation: Observation, seed: int) -> Observation:
-        """Return the observation with its cloud ablated; the episode's seed selects the cloud of another scene."""
+        """Return the observation with an ablated cloud; the episode's ``seed`` selects the other scene."""
         if self.sees == "all":
             return observation
         cloud = observation.cloud

@@ -37,21 +37,21 @@ Action = npt.NDArray[np.float32]
 
 
 class PolicyController:
-    """Run the first ``execute`` actions of each predicted chunk, then observe and predict again.
+    """Executes the first ``execute`` actions of each predicted chunk, then observes and predicts again.
 
-    The episode ends when the first action of a new chunk is marked as past the end. If the hand stands still without a
-    grasped object before that, the attempt has failed: the arm retraces its path and the policy starts again.
+    The episode ends when the policy marks the first action of a new chunk as past the end. If the hand stops earlier
+    without a grasped object, the attempt has failed: the arm retraces its path, and the policy tries again.
 
     Args:
         checkpoint: folder of the checkpoint.
-        execute: number of actions of a chunk to execute; None: as configured in the checkpoint.
-        attempts: largest number of attempts in an episode.
-        denoise_steps: number of denoising steps of diffusion and flow heads; None: as configured.
-        unknown_sentences: ``refuse`` instructions that were not in the training data, or ``embed`` them with the text
-            encoder.
-        text_model: folder or hub name of the text encoder's weights, if gensim2 does not know them.
+        execute: number of actions of each chunk to execute; None: the checkpoint's setting.
+        attempts: maximum number of attempts in an episode.
+        denoise_steps: number of denoising steps of diffusion and flow heads; None: the checkpoint's setting.
+        unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
+            ``"embed"`` encodes them with the text encoder.
+        text_model: folder or hub name of the text encoder's weights; needed if they are not one of gensim2's defaults.
         sees: ablation of the point cloud; ``"all"`` for none.
-        says: maps a task's instruction to the instruction that the policy gets instead.
+        says: replacement instructions, by the task instruction that each one replaces.
         threads: number of PyTorch threads.
 
     Raises:
@@ -60,7 +60,7 @@ class PolicyController:
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Return the files that determine the controller's behaviour; they contain the digest of the weights."""
+        """Return the files that determine the controller's behaviour; they contain the SHA-256 of the weights."""
         return [Path(checkpoint) / CONFIG_JSON, *([Path(checkpoint) / CLOUDS] if sees == "other" else [])]
 
     def __init__(
@@ -108,8 +108,8 @@ class PolicyController:
     def observation_spec(self) -> ObservationSpec:
         """Observations needed at the next step.
 
-        While a chunk is executed only the robot's own state is needed, so no cloud is rendered. A policy with a history
-        needs every observation in full.
+        While a chunk is executed, the controller needs only the robot's state, so no cloud is rendered. A policy with a
+        history needs a cloud at every step.
         """
         executes = bool(self._plan) and self._policy.config.history == 1
         return PROPRIOCEPTIVE if executes else self._policy.observation
@@ -140,8 +140,8 @@ class PolicyController:
         self._step = observation.step
         looks = observation.cloud is not None
         if not looks and not self._plan and self._acted:
-            # The controller was not asked for some steps in the middle of a chunk. The arm waits for one step so that
-            # the next observation has a cloud.
+            # Control steps were skipped in the middle of a chunk. The arm waits for one step, so that the next
+            # observation has a cloud.
             arm = np.asarray(observation[STATE], dtype=np.float32)[: self._policy.action.arm]
             return np.append(arm, np.float32(observation.gripper_command))
         if looks or not self._plan:

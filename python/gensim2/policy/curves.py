@@ -27,11 +27,11 @@ class _Point(BaseModel):
 
 
 class Curves:
-    """Training curves in ``curves.jsonl``, and in ``tensorboard/`` if TensorBoard is installed.
+    """Writes training curves to ``curves.jsonl``, and to ``tensorboard/`` if TensorBoard is installed.
 
     Args:
-        folder: folder of both.
-        step: step from which training resumes; later points are dropped, because these steps are repeated.
+        folder: folder in which both are created.
+        step: step from which training resumes; points after this step are deleted, because training repeats them.
     """
 
     def __init__(self, folder: Path, step: int) -> None:
@@ -57,7 +57,7 @@ class Curves:
 
 
 def read_curves(folder: Path) -> list[dict[str, Any]]:
-    """Return the points in a training folder in order, without an incomplete last line.
+    """Return the curve points in a training folder in order; an incomplete last line is ignored.
 
     Raises:
         InputError: the file cannot be read, or a line is not a valid point.

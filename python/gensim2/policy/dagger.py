@@ -1,4 +1,4 @@
-"""DAgger: roll the policy out, let the planner label the states it reached, and train on with these labels."""
+"""DAgger: roll out the policy, let the planner label the visited states, and continue training with these labels."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import TaskInput, read_task_inputs
 
 PURPOSE = "policy/relabels"
-"""Purpose of the seeds of relabelled scenes, which differ from those of demonstrations and evaluations."""
+"""Name from which the seeds of DAgger scenes are derived; other purposes, such as evaluations, have other names."""
 ROUNDS = "rounds"
-"""Folder of the earlier rounds' policies and labels."""
+"""Name of the folder with the policies of earlier rounds and with all labels."""
 EPISODES = 20
 """Default number of episodes for each task and round."""
 
@@ -50,23 +50,23 @@ def train_rounds(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
-    """Train on demonstrations, then repeat with the planner's labels of the policy's own rollouts (DAgger).
+    """Train on demonstrations, then on states of the policy's rollouts with actions from the planner (DAgger).
 
     Each round starts from the weights of the round before and trains on the demonstrations and all labels so far.
 
     Args:
         source: demonstrations.
-        folders: their data sets, which determine tasks and objects of the new scenes; the scenes' seeds are new.
-        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes all steps.
-        out: folder of the last checkpoint; ``rounds/`` has the earlier ones and the labels.
-        rounds: number of rounds after the first training.
+        folders: data sets of the demonstrations. Rollouts use their tasks and objects, with new seeds.
+        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes the full number of steps.
+        out: folder of the last checkpoint; its subfolder ``rounds/`` has the earlier checkpoints and the labels.
+        rounds: number of rounds of rollouts and training after the first training.
         episodes: number of rollouts for each task and round.
         start, resume, device: as for :func:`~gensim2.policy.train.train_policy`.
         workers: simulator processes.
-        assets: folder of the objects; None: the folder recorded in the data sets.
+        assets: folder of the objects; None: the folder that the data sets name.
 
     Returns:
-        The last training, with the steps and the CPU time of all trainings. The rollouts' CPU time is not included.
+        Result of the last training, with the steps and the CPU time of all trainings, without the CPU time of rollouts.
 
     Raises:
         InputError: a task has several steps or no joint, ``out`` has a policy of other rounds, or an argument is
@@ -106,7 +106,7 @@ def train_rounds(
 
 
 def _check_free(out: Path, resume: bool, rounds: int) -> None:
-    """Refuse, before the first round, an output folder that the last round could not replace."""
+    """Check before the first round that the last round can write its checkpoint to the output folder."""
     if not holds_training(out):
         return
     begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()
@@ -126,7 +126,7 @@ def _relabel(
     workers: int,
     progress: Progress,
 ) -> Relabels:
-    """Return the labels of one task and round, from ``path`` if they exist already."""
+    """Return the labels of one task and round; read them from ``path`` if the file exists."""
     from gensim2.core.processes import Execution, Job, results
     from gensim2.rollout.runner import EpisodeRunner
 
@@ -146,7 +146,7 @@ def _relabel(
 
 
 def _inputs(dataset: DataSet, tasks: Sequence[str]) -> list[TaskInput]:
-    """Return the tasks of a data set with the strategies that made its episodes."""
+    """Return the tasks of a data set with the strategies that its episodes were planned with."""
     record, found = dataset.record, []
     for name in dataset.tasks:
         if name in tasks:

@@ -1,4 +1,4 @@
-"""Decode the episodes of data sets once into memory-mapped arrays."""
+"""Decode the episodes of data sets into memory-mapped arrays, which are cached on disk."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gensim2.rollout.record import Episode
 Array = npt.NDArray[Any]
 
 FILES = {XYZ: "xyz", RGB: "rgb", ACTION: "actions", **{column: column for column in STORED}}
-"""File names in the cache, by array."""
+"""File name of each array in the cache."""
 
 VERSION = 1
 """Version of the cache's layout, which is part of its folder's name."""
@@ -36,12 +36,12 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class DecodedEpisode:
-    """Position of one episode in the arrays.
+    """Rows that one episode has in the arrays.
 
     Attributes:
         task, language: name and instruction of the task.
         first: row of its first frame.
-        steps: T, number of actions; the episode has T + 1 frames, the last one after the last action.
+        steps: T, number of actions. The episode has T + 1 frames; the last frame follows the last action.
     """
 
     task: str
@@ -52,16 +52,16 @@ class DecodedEpisode:
 
 @dataclass(frozen=True)
 class DecodedData:
-    """All successful episodes of some data sets.
+    """Successful episodes of one or several data sets.
 
     Attributes:
         robot: name of the robot profile.
-        observation: rendered observations.
-        episodes: episodes in order.
-        arrays: memory-mapped, one row for each frame: ``pointcloud/xyz`` (0.1 mm, int16), ``pointcloud/rgb`` (uint8),
-            the columns of proprioception and ``action`` (float32). An episode's last action is repeated. If noise was
-            added to the commands, ``action`` has the commands without noise.
-        record: record of the data for checkpoints.
+        observation: observation spec of the rendered episodes.
+        episodes: episodes in the order of their rows.
+        arrays: memory-mapped arrays with one row for each frame: ``pointcloud/xyz`` (int16, units of 0.1 mm),
+            ``pointcloud/rgb`` (uint8), proprioception and ``action`` (float32). The last frame repeats the last action.
+            ``action`` has the commands before noise was added.
+        record: description of the data for checkpoints.
     """
 
     robot: str
@@ -84,7 +84,7 @@ class _Row:
 
 
 def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Progress = NULL_PROGRESS) -> DecodedData:
-    """Return the successful, rendered episodes, from the cache if they were decoded before.
+    """Return the successful, rendered episodes of data sets; use the cache if it has them.
 
     Args:
         folders: rendered data sets; episodes that are not rendered are left out and reported to ``progress``. An
@@ -93,28 +93,28 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
 
     Raises:
         InputError: a data set cannot be read or was not rendered, robots or observations differ, a task is unknown, or
-            a number is not finite; names the file.
+            a number is not finite; the message names the file.
     """
     sets = [DataSet.open(folder) for folder in folders]
     if not sets:
-        raise InputError("at least one is needed", field="--data")
+        raise InputError("at least one data set is needed", field="--data")
     robots = {each.record.scene.robot for each in sets}
     if len(robots) > 1:
-        raise InputError(f"were recorded with several robots: {', '.join(sorted(robots))}", field="--data")
+        raise InputError(f"were recorded with different robots: {', '.join(sorted(robots))}", field="--data")
     spec = sets[0].observation_spec()
     for each in sets[1:]:
         spec.require(each.observation_spec(), str(each.path), of=str(sets[0].path))
     if "pointcloud" not in spec.modalities:
-        raise InputError("holds no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
+        raise InputError("has no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
     found = list(_rows(sets, tasks))
     if not found:
-        raise InputError("have no successful episode", field="--data")
+        raise InputError("contain no successful episode", field="--data")
     held = _once(found)
     if len(held) < len(found):
         progress.message(f"{len(found) - len(held)} of {len(found)} episodes occur in several data sets and count once")
     rows = [each for each in held if each.rendered]
     if not rows:
-        raise InputError("have no rendered episode", field="--data", remedy="run `gensim2 render` on them")
+        raise InputError("contain no rendered episode", field="--data", remedy="run `gensim2 render` on them")
     if len(rows) < len(held):
         left_out = f"{len(held) - len(rows)} of {len(held)} episodes have no observations and are left out"
         progress.message(f"{left_out} (`gensim2 render` with --resume makes them)")
@@ -156,7 +156,7 @@ def _rows(sets: Sequence[DataSet], tasks: Sequence[str]) -> Iterator[_Row]:
 
 
 def _once(rows: Sequence[_Row]) -> list[_Row]:
-    """Return each episode once, preferring a rendered copy."""
+    """Remove duplicate episodes; keep a rendered copy if there is one."""
     found: dict[tuple[str, str, str | None], _Row] = {}
     for each in rows:
         key = (each.store.name, each.language, each.row.episode_digest)
@@ -166,7 +166,7 @@ def _once(rows: Sequence[_Row]) -> list[_Row]:
 
 
 def _digest(rows: Sequence[_Row], robot: str, spec: ObservationSpec) -> str:
-    """Return a digest of the episodes, their instructions and the observation settings."""
+    """Return a SHA-256 of the episodes, their instructions and the observation settings."""
     found = hashlib.sha256(json.dumps([robot, spec.to_dict()], sort_keys=True).encode())
     for each in rows:
         found.update(f"{each.store.name}\n{each.language}\n{each.row.episode_digest}\n".encode())
@@ -181,7 +181,7 @@ def _episodes(rows: Sequence[_Row]) -> Iterator[DecodedEpisode]:
 
 
 def _whole(place: Path, episodes: Sequence[DecodedEpisode]) -> bool:
-    """Return whether all cached arrays have their full length; after a power cut files may be missing or short."""
+    """Return whether all cached arrays are complete; after a power failure files may be missing or truncated."""
     frames = episodes[-1].first + episodes[-1].steps + 1
     try:
         found = [np.load(place / f"{file}.npy", mmap_mode="r") for file in FILES.values()]

@@ -1,4 +1,4 @@
-"""Draw training batches from demonstrations."""
+"""Sample training batches from demonstrations."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 class Demonstrations:
-    """Frames of successful episodes with the chunk of actions that follows each; all tasks are sampled equally often.
+    """Frames of successful episodes, each with the chunk of actions that follows. All tasks are sampled equally often.
 
     Frames in which arm and fingers wait at the start or the end of an episode are left out.
 
     Args:
         data: decoded episodes.
-        config: settings of the policy, which give history and horizon.
+        config: settings of the policy; they determine the number of past frames and the length of a chunk.
     """
 
     def __init__(self, data: DecodedData, config: PolicyConfig) -> None:
@@ -84,9 +84,9 @@ class Demonstrations:
             rows: (B,) frame numbers.
 
         Returns:
-            Columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy uses them. Before an
-            episode's first frame the history repeats that frame. After the last trained frame the arm's target stays
-            and the end is marked.
+            Observation columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy uses them.
+            Frames before the start of an episode repeat its first frame. Actions after the last trained frame repeat
+            the last target and are marked as past the end.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
@@ -106,13 +106,13 @@ class Demonstrations:
         return Shuffled(from_steps(self._arrays[XYZ][rows]), np.array(self._arrays[RGB][rows]))
 
     def _taught(self, first: int, length: int) -> npt.NDArray[np.bool_]:
-        """Return which frames (T,) of an episode are used for training."""
+        """Return a mask (T,) of the frames of an episode that are used for training."""
         own = slice(first, first + length)
         widths = self._arrays[GRIPPER][own, 0]
         return taught_frames(self._arrays[ACTION][own, : self.action.arm], widths, self.action.control_hz)
 
     def _find_keyframes(self, firsts: npt.NDArray[np.int64], lengths: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return the rows (F, K) of the next keyframes after each frame."""
+        """Return the rows (F, K) of the next K keyframes after each of F frames."""
         found = np.empty((len(self._first), self._config.keyframes), dtype=np.int64)
         for first, length in zip(firsts, lengths, strict=True):
             own = slice(first, first + length)

@@ -1,4 +1,4 @@
-"""Select the devices of a training."""
+"""Select the devices that a training runs on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gensim2.core.errors import InputError
 
 
 def read_devices(names: str) -> tuple[torch.device, ...]:
-    """Return the devices of a training; the first one has the optimizer's state.
+    """Return the devices of a training. The optimizer's state is on the first device.
 
     Args:
         names: ``"auto"`` for the first GPU or else the CPU, or PyTorch device names separated by commas, such as
@@ -32,12 +32,12 @@ def read_devices(names: str) -> tuple[torch.device, ...]:
             raise InputError(message, field="device", remedy="use cpu or auto") from error
         found.append(device)
     if len({device.type for device in found}) > 1:
-        raise InputError(f"{names!r} are devices of several kinds", field="device", remedy="give GPUs only")
+        raise InputError(f"{names!r} mixes CPU and GPU devices", field="device", remedy="give GPUs only")
     return tuple(found)
 
 
 def share_of(batch: int, devices: Sequence[torch.device]) -> int:
-    """Return the number of samples that each device takes of a batch.
+    """Return the number of samples of a batch that each device processes.
 
     Raises:
         InputError: the batch is not a multiple of the number of devices.

@@ -1,4 +1,4 @@
-"""Check that a controller runs on the robot that its policy was trained for."""
+"""Check that a policy runs on the robot that it was trained for."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     from gensim2.perception import Observation
 
 FARTHEST = 0.02
-"""Largest accepted distance (m) between the tool's observed position and its position by the policy robot's kinematics.
+"""Maximum distance (m) between the observed tool position and the position computed for the policy's robot.
 """
 
 
 def check_robot(name: str, observation: Observation, folder: Path) -> None:
-    """Check that the observed tool position agrees with the kinematics of the policy's robot.
+    """Check that the observed tool position matches the kinematics of the robot that the policy was trained for.
 
     Args:
         name: name of the policy's robot.
-        observation: observation of the present robot.
+        observation: observation of the robot that the policy is to control.
         folder: folder of the checkpoint, for the message.
 
     Raises:
-        CheckpointError: the positions differ, or the number of joints does.
+        CheckpointError: the tool positions or the numbers of joints differ.
     """
     profile = robot(name)
     state: Any = np.asarray(observation[STATE], dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Evaluate a policy and its control experiments on the same scenes with the same success criteria."""
+"""Evaluate a policy and its control experiments on the same scenes."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from gensim2.rollout.run import Stop
 from gensim2.rollout.worker import chain
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
-"""Control experiments beside a policy: the policy with all points at the origin, the policy with clouds of other
-scenes, an arm that stands still, and the planner with full knowledge of the scene.
+"""Control experiments: the policy with all points at the origin, the policy with clouds of other scenes, an arm that
+does not move, and the planner with the true state of the scene.
 """
 CONTROLS: tuple[Control, ...] = get_args(Control)
 
 CONTROL_EPISODES = 30
-"""Default number of episodes of each task for a control experiment; their scenes are the policy's first ones."""
+"""Default number of episodes of each task in a control experiment, run on the first scenes of the evaluation."""
 
 KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim2.policy.controller:PolicyController"
 NO_OP = "gensim2.policy.no_op:NoOpPolicy"
@@ -58,7 +58,7 @@ class PolicyResult:
 
     Attributes:
         policy: results of the policy.
-        controls: results of the control experiments by name; the expert has one result for each task.
+        controls: results of the control experiments by name. ``"expert"``, the planner, has one result for each task.
     """
 
     policy: EvaluationResult
@@ -66,22 +66,22 @@ class PolicyResult:
 
     @property
     def cpu_s(self) -> float:
-        """Total CPU time of the policy and its controls, s."""
+        """Total CPU time of the policy and of its control experiments, s."""
         others = (each for several in self.controls.values() for each in several)
         return self.policy.cpu_s + sum(each.cpu_s for each in others)
 
     def mean_of(self, control: str, task: str) -> float | None:
-        """Return a control's success rate on a task; None if it was not run."""
+        """Return the success rate of a control experiment on a task; None if it was not run."""
         found = self.rows(control).get(task)
         return None if found is None else float(found["held_mean"])
 
     def control_episodes(self, task: str) -> int:
-        """Return the number of episodes of a task that each control ran; 0 for none."""
+        """Return the number of episodes of a task in each control experiment."""
         counts = (found[task]["episodes"] for found in map(self.rows, self.controls) if task in found)
         return max(counts, default=0)
 
     def rows(self, control: str) -> dict[str, dict[str, Any]]:
-        """Return a control's results by task, without the records of the episodes."""
+        """Return a control experiment's result for each task, without the records of its episodes."""
         found = {}
         for each in self.controls.get(control, ()):
             for row in each.rows:
@@ -91,18 +91,18 @@ class PolicyResult:
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the policy's results as plain data, with the controls' rows by name under ``controls``."""
+        """Return the results as plain data; ``controls`` has the rows of each control experiment."""
         controls = {name: list(self.rows(name).values()) for name in self.controls}
         told = {**self.policy.to_dict(), "schema_version": SCHEMA_VERSION}
         return {**told, "controls": controls, "cpu_s": round(self.cpu_s, 3)}
 
 
 def policy_controller(checkpoint: Path | str, **arguments: Any) -> ControllerSpec:
-    """Return the controller of a checkpoint, for any kind of head.
+    """Return the specification of the controller that runs a checkpoint.
 
     Args:
-        checkpoint: folder, or ``"builtin"``.
-        arguments: further arguments of the controller.
+        checkpoint: folder of the checkpoint, or ``"builtin"``.
+        arguments: additional arguments of the controller.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -155,16 +155,17 @@ def evaluate_policy(
     Args:
         checkpoint: folder, or ``"builtin"``.
         controls: control experiments, as for :func:`read_controls`.
-        control_episodes: episodes of each task for a control; at most ``episodes``.
-        arguments: further arguments of the policy's controller.
-        out: output folder; each control gets a folder in it.
+        control_episodes: number of episodes of each task in a control experiment, at most ``episodes``.
+        arguments: additional arguments of the policy's controller.
+        out: output folder, with a subfolder for each control experiment.
         tasks, episodes, stop, data, videos, seed, runs, resume, progress, scene: as for
             :func:`~gensim2.evaluation.evaluate`.
 
     Raises:
         CheckpointError: the checkpoint cannot be used with this robot or these tasks.
-        InputError, NotRunError: a control is unknown, the checkpoint has no clouds for ``"shuffled"``, or as for
+        InputError: a control is unknown, or the checkpoint has no clouds for ``"shuffled"``; or as for
             :func:`~gensim2.evaluation.evaluate`.
+        NotRunError: as for :func:`~gensim2.evaluation.evaluate`.
     """
     controls, names = read_controls(controls), [tasks] if isinstance(tasks, str) else list(tasks)
     check_counts(control_episodes=control_episodes)

@@ -1,4 +1,4 @@
-"""Export policies for other programs, by ``torch.export`` or as ONNX."""
+"""Export policies for use without gensim2, with ``torch.export`` or as ONNX."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ FORMATS: tuple[Format, ...] = get_args(Format)
 NOISE, OUTPUT = "noise", "action"
 
 TOLERANCE = 1e-5
-"""Largest accepted error of an exported value v, relative to 1 + abs(v)."""
+"""Maximum error of an exported value v, relative to 1 + abs(v)."""
 
 
 class Exported(nn.Module):  # type: ignore[misc]
-    """A network with tensor inputs: ``cloud``, ``proprio``, then ``text`` and ``noise`` if the network uses them."""
+    """Network whose inputs are tensors: ``cloud``, ``proprio``, and ``text`` and ``noise`` if the network uses them."""
 
     def __init__(self, network: PolicyNetwork) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ class Exported(nn.Module):  # type: ignore[misc]
 
 
 def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, torch.Tensor]:
-    """Return random inputs of one prediction, around the mean of the training data."""
+    """Return random inputs for one prediction, drawn around the mean of the training data."""
     network, config = checkpoint.network, checkpoint.config
     generator = torch.Generator().manual_seed(seed)
     arm, points = checkpoint.action.arm, checkpoint.observation.cloud.points
@@ -66,21 +66,21 @@ def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, tor
 
 
 def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
-    """Write a policy's network for batches of one, and compare its output with the original.
+    """Export a policy's network with batch size 1, and compare its output with the original.
 
-    ``<name>.json`` is written beside the file, with names and shapes of the inputs, instructions, observation spec and
-    action format. Inputs are those of :class:`~gensim2.policy.frames.Inputs`; the user transforms clouds and poses into
-    the policy's frame. For a keypose policy the JSON file also has ``points_order``, the order in which the network
-    takes the rows of the observed cloud, and ``classes``, the meaning of its output classes (the last, ``null``, is
-    "done").
+    The function also writes ``<name>.json`` with the names and shapes of the inputs, the instructions, the observation
+    spec and the action format. Inputs are as in :class:`~gensim2.policy.frames.Inputs`; the user transforms clouds and
+    poses into the policy's frame. For a keypose policy the JSON file also has ``points_order``, the order of the
+    cloud's rows at the network's input, and ``classes``, the meaning of the output classes (the last class, ``null``,
+    means "done").
 
     Args:
         folder: folder of the checkpoint.
         out: file to write.
-        to: format.
+        to: format, one of ``FORMATS``.
 
     Returns:
-        ``file``, ``format``, ``inputs``, ``difference``.
+        ``file``, ``format``, ``inputs`` (shapes by name), and ``difference`` (maximum error of the exported output).
 
     Raises:
         InputError: the format is unknown, the checkpoint cannot be used, or the exported output differs by more than
@@ -111,7 +111,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
         difference = max(difference, float(((found - expected).abs() / (1 + expected.abs())).max()))
     if not difference <= TOLERANCE:
         out.unlink()
-        raise InputError(f"differs from the policy by {difference:.1e}, and was removed", file=out)
+        raise InputError(f"was removed, because its output differs from the policy's by {difference:.1e}", file=out)
     about: dict[str, Any] = {
         "schema_version": 1,
         "inputs": {name: list(inputs[name].shape) for name in module.names},
@@ -129,7 +129,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
 
 
 def exported(file: Path, to: Format) -> Callable[[dict[str, torch.Tensor]], torch.Tensor]:
-    """Load an exported policy and return it as a function of its inputs by name."""
+    """Load an exported policy as a function that takes the inputs as keyword arguments."""
     if to == "torch":
         module = torch.export.load(io.BytesIO(file.read_bytes())).module()
         return lambda inputs: module(*inputs.values())

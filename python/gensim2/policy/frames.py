@@ -1,8 +1,8 @@
-r"""Inputs of the network from observations, in a frame that turns with the robot's first joint.
+r"""Convert observations to inputs of the network, in a frame that rotates with the robot's first joint.
 
 The first joint of a robot such as the Panda turns about the z axis of its base. Clouds and tool poses are rotated by
 :math:`R_z(-q_1)` and :math:`q_1` itself is left out, so the inputs do not change if scene and robot are rotated
-together about that axis. Actions are relative to the present joints and do not change either. The policy therefore
+together about that axis. Actions are relative to the present joints, so they do not change either. The policy therefore
 behaves identically at any yaw.
 """
 
@@ -32,10 +32,10 @@ class Inputs:
     """Inputs of the network, in the policy's frame and in SI units.
 
     Attributes:
-        cloud: (B, T, N, C): x, y, z (m), then with ``colour`` red, green, blue (0 to 1), then with ``tool_frame`` the
-            point in the tool's frame (m).
-        proprio: (B, T, P): with ``joints`` the arm's joints, of which the first is relative to the present frame; with
-            ``velocity`` their velocities; the tool's position and 6-D rotation; the gripper's width and last command.
+        cloud: (B, T, N, C) points: x, y, z (m); with ``colour`` also red, green, blue (0 to 1); with ``tool_frame``
+            also the coordinates in the tool frame (m).
+        proprio: (B, T, P) robot state: with ``joints`` the arm's joints, the first one relative to its present value;
+            with ``velocity`` joint velocities; the tool's position and 6-D rotation; the gripper's width and command.
     """
 
     cloud: torch.Tensor
@@ -48,7 +48,7 @@ def cloud_size(config: PolicyConfig) -> int:
 
 
 def proprio_size(config: PolicyConfig, arm: int) -> int:
-    """Return P, the size of proprioception, for an arm with ``arm`` joints."""
+    """Return P, the number of proprioception values, for an arm with ``arm`` joints."""
     return arm * (config.joints + config.velocity) + 3 + 6 + 2
 
 
@@ -108,9 +108,9 @@ def tool_in(proprio: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, torch.Tensor]:
-    """Return the observation of the scene and robot rotated by ``angle`` (B,), rad, about the base's z axis.
+    """Return the observation after rotating scene and robot by ``angle`` (B,), rad, about the base's z axis.
 
-    Actions relative to the present joints are unchanged; in absolute actions the first joint differs by the angle.
+    The rotation leaves relative actions unchanged. In absolute actions it adds the angle to the first joint.
     """
     R = turn_matrix(angle)
     found = dict(seen)
@@ -129,10 +129,10 @@ def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, to
 
 
 def check_turns(profile: RobotProfile, config: PolicyConfig) -> None:
-    """Check that a robot can use the ``turned`` frame: its first joint must turn it about the z axis of its base.
+    """Check that a robot can use the ``turned`` frame: its first joint must rotate about the z axis of its base.
 
     Raises:
-        InputError: the first joint does not; names the remedy.
+        InputError: the first joint has another axis; the message names the remedy.
     """
     if config.frame != "turned":
         return

@@ -1,4 +1,4 @@
-"""Prepare batches for the network and compute the gradients of a share of a batch."""
+"""Prepare batches for the network, and compute the gradients of a batch or of one device's part of it."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 class GradientStep:
-    """Gradients of a network on its device, for all samples of a step or for one share of them.
+    """Computes gradients of a network on its device, for all samples of a step or for one device's part of them.
 
     Args:
         training: training settings; ``amp`` enables bfloat16 on a GPU.
         table: encoded instructions, on the network's device.
-        size: number of samples in a step.
-        number: index of the share; each share draws other samples.
+        size: number of samples that this device processes in a step.
+        number: index of the device's part; every part draws different samples.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class GradientStep:
         self._bfloat16 = training.amp and table.device.type == "cuda"
 
     def __call__(self, step: int) -> float:
-        """Compute the gradients of a step into the parameters and return the loss."""
+        """Store the gradients of a step in the network's parameters, and return the loss."""
         draw = rng(self._training.seed, self._purpose, step)
         where = self._table.device
         generator = torch.Generator(where).manual_seed(int(draw.integers(2**62)))

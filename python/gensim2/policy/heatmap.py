@@ -1,4 +1,4 @@
-"""Heatmaps over the points of a cloud: a place is the weighted mean of the points plus an offset at each point."""
+"""Predict places by heatmaps: a place is the weighted mean of the points, each shifted by a predicted offset."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OFFSET = 0.1
 
 
 def fourier_features(positions: torch.Tensor, bands: Sequence[float]) -> list[torch.Tensor]:
-    """Return the sine and the cosine of positions (..., 3), m, for each of the bands, 1/m."""
+    """Return sines and cosines of positions (..., 3), m, at each of the frequencies ``bands``, 1/m."""
     angles = [2 * math.pi * band * positions for band in bands]
     return [wave(each) for each in angles for wave in (torch.sin, torch.cos)]
 
@@ -23,9 +23,9 @@ def places_of(points: torch.Tensor, logits: torch.Tensor, offsets: torch.Tensor)
     r"""Return the places :math:`p = \sum_i w_i (x_i + o_i)` of K heatmaps, (B, K, 3), m.
 
     Args:
-        points: (B, N, 3), m.
-        logits: (B, N, K) logits of the weights.
-        offsets: (B, N, K, 3), in units of ``OFFSET``.
+        points: (B, N, 3) points of the clouds, m.
+        logits: (B, N, K) logits of the weights :math:`w`.
+        offsets: (B, N, K, 3) offsets :math:`o`, in units of ``OFFSET``.
     """
     return (logits.softmax(1)[..., None] * (points[:, :, None] + OFFSET * offsets)).sum(1)
 
@@ -34,9 +34,9 @@ def heat_loss(points: torch.Tensor, logits: torch.Tensor, places: torch.Tensor) 
     """Return the cross-entropy (B, K) of heatmaps against Gaussians around ``places``.
 
     Args:
-        points: (B, N, 3), m.
+        points: (B, N, 3) points of the clouds, m.
         logits: (B, N, K) logits of the heatmaps.
-        places: (B, K, 3), m.
+        places: (B, K, 3) true places, m.
     """
     away = (points[:, :, None] - places[:, None]).square().sum(-1)
     hot = (-away / (2 * WIDTH**2)).softmax(1)

@@ -1,4 +1,4 @@
-"""Keyframes of demonstrations: frames in which the hand nearly stands still (James and Davison 2022, C2F-ARM)."""
+"""Find keyframes of demonstrations: frames in which the hand nearly stands still (James and Davison 2022, C2F-ARM)."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import numpy.typing as npt
 from scipy.signal import find_peaks
 
 KEY_POSITIONS, KEY_ROTATIONS = "keyframe_positions", "keyframe_rotations"
-"""Names of targets (B, K, 3), m, and (B, K, 3, 3): the tool's pose at its next keyframes, in its present frame. NaN if
-unknown.
+"""Names of the targets for the tool's pose at its next K keyframes, in the present tool frame: positions (B, K, 3), m,
+and rotations (B, K, 3, 3). Unknown poses are NaN.
 """
 REST = 0.3
-"""Speed (rad/s) of the fastest joint's target below which a slow moment of the arm counts as a keyframe."""
+"""Speed (rad/s) of the fastest joint below which a local minimum of the speed is a keyframe."""
 APART = 5
-"""Smallest number of control steps between two keyframes."""
+"""Minimum number of control steps between two keyframes."""
 MOVES = 0.1
-"""Speed (rad/s) of the fastest joint's target above which the arm counts as moving."""
+"""Speed (rad/s) of the fastest joint above which the arm counts as moving."""
 BEFORE, BEHIND = 1, 3
-"""Control steps before the arm starts to move, and after it has stopped, that are still used for training."""
+"""Number of frames before the arm starts, and after it has stopped, that are still used for training."""
 FINGERS = 1e-3
 """Change of the finger distance (m) in a control step above which the fingers count as moving."""
 
 
 def keyframes(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArray[np.int64]:
-    """Return the frame numbers of an episode's keyframes in order; the last one is where the arm has stopped.
+    """Return the frame numbers of an episode's keyframes in order. At the last keyframe the arm has stopped.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.
@@ -42,9 +42,9 @@ def keyframes(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArra
 def taught_frames(
     actions: npt.NDArray[np.float32], widths: npt.NDArray[np.float32], control_hz: float
 ) -> npt.NDArray[np.bool_]:
-    """Return which frames (T,) are used for training.
+    """Return a mask (T,) of the frames that are used for training.
 
-    Before the arm starts, and after it has stopped, all frames look alike and would teach the policy to wait, so they
+    Frames before the arm starts and after it has stopped look alike and would teach the policy to wait, so most of them
     are left out. Frames at the start in which the fingers move are kept.
 
     Args:
@@ -64,9 +64,9 @@ def taught_frames(
 
 
 def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.NDArray[np.int64]:
-    """Return the next keyframes after each frame, (frames, count); the last keyframe is repeated.
+    """Return the numbers (frames, count) of the next keyframes after each frame.
 
-    A keyframe counts as next until one step before it.
+    A keyframe is the next one up to the frame before it. After the last keyframe, its number is repeated.
     """
     first = np.searchsorted(keys, np.arange(frames) + 1, side="right")
     found: npt.NDArray[np.int64] = keys[np.minimum(first[:, None] + np.arange(count), len(keys) - 1)]
@@ -74,6 +74,6 @@ def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.
 
 
 def _speed(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArray[np.float32]:
-    """Return the speed (T - 1,), rad/s, of the fastest joint's target."""
+    """Return the speed (T - 1,), rad/s, at which the target of the fastest joint moves."""
     found: npt.NDArray[np.float32] = np.abs(np.diff(actions, axis=0)).max(1, initial=0.0) * control_hz
     return found

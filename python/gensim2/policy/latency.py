@@ -23,14 +23,14 @@ from gensim2.sim import HeadlessEnv
 
 TASK = "CloseBox"
 WARM_UP = 10
-"""Number of first decisions that are not measured."""
+"""Number of decisions before the measurement starts."""
 
 
 class Stopwatch:
-    """Times repeated passes through the same stages.
+    """Measures the duration of stages in repeated passes.
 
     Args:
-        stages: names of the stages in order; ``total`` is added.
+        stages: names of the stages in order; the stage ``total`` is added.
     """
 
     def __init__(self, *stages: str) -> None:
@@ -42,12 +42,12 @@ class Stopwatch:
         return len(self._passes)
 
     def begin(self) -> None:
-        """Start a pass, and discard an unfinished one."""
+        """Start a pass, and discard the previous pass if it is unfinished."""
         self._marks = []
         self.mark()
 
     def mark(self) -> None:
-        """End the present stage and start the next one."""
+        """End the current stage and start the next one."""
         self._marks.append((time.perf_counter(), time.process_time()))
 
     def keep(self) -> None:
@@ -59,7 +59,7 @@ class Stopwatch:
         """Return milliseconds by stage: ``p50`` and ``p95`` of wall time, and the median ``cpu`` time.
 
         Args:
-            warm_up: number of first passes that are left out.
+            warm_up: number of passes at the beginning that are left out.
         """
         times = np.array(self._passes[warm_up:])  # (passes, stages, wall and CPU)
 
@@ -75,7 +75,7 @@ class Latency:
     """Latency of one kind of policy, ms of wall time.
 
     Attributes:
-        encoder, head, points, device: the network, with fresh weights, which take the same time.
+        encoder, head, points, device: settings of the measured network, which has random weights.
         parameters: number of weights.
         p50, p95: percentiles by stage: ``observation`` (rays, cloud, proprioception), ``inputs`` (transform into the
             policy's frame), ``network``, ``total``.
@@ -107,16 +107,16 @@ def measure_latencies(
     settings: dict[str, Any] | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure decisions of batch size 1 in a live scene; for ``keypose`` only the network, without the planner.
+    """Measure decisions with batch size 1 in a simulated scene. For ``keypose`` the planner is not measured.
 
     Args:
-        heads, encoders: names; all combinations are measured.
+        heads, encoders: names of heads and encoders; all combinations are measured.
         points: number of points in a cloud.
-        decisions: number of measured decisions, after ``WARM_UP`` others.
+        decisions: number of measured decisions, after ``WARM_UP`` unmeasured ones.
         threads: number of PyTorch threads.
         device: device of the network.
-        assets: objects of the scene.
-        settings: further policy settings.
+        assets: folder of the scene's objects, or the name of a built-in set.
+        settings: other settings of the policies.
 
     Returns:
         ``rows`` of :class:`Latency`, ``threads``, ``decisions``, and the machine's ``load`` at the start.

@@ -1,4 +1,4 @@
-"""``learn.json``, the record of a ``gensim2 learn`` run: its arguments, step counts and data cost."""
+"""Read and write ``learn.json``, the record of a ``gensim2 learn`` run: arguments, gradient steps and CPU times."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class LearnRecord(RunSettings):
         minutes: CPU minutes for data and training.
         objects: number of generated training objects of each class; None: the ``instances`` of ``scene``.
         generated: number of generated objects of each class in addition to those of ``scene``.
-        verify: leave out scenes whose plans fail in simulation.
+        verify: whether scenes whose plans fail in simulation are left out.
         noise: depth noise of the cameras; None for exact depth.
         text, text_model: requested text encoder of a policy of several tasks, and its weights.
-        settings: requested network and training settings.
-        start: folder of the policy to start from, with the digest of its ``config.json``; None: train from scratch.
+        settings: network and training settings that the user gave.
+        start: folder of the policy to start from, and the SHA-256 of its ``config.json``; None: train from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
-        steps: gradient steps by policy folder, fixed when its training started.
-        data_cpu_s: CPU time of the data by policy folder, s, including copied demonstrations.
-        episodes: demonstrations of each task by policy folder, for policies of action chunks.
+        steps: number of gradient steps by policy folder, fixed when the training of the policy starts.
+        data_cpu_s: CPU time (s) of the demonstrations by policy folder, including copied ones.
+        episodes: number of demonstrations of each task by policy folder, for action-chunk policies.
     """
 
     FREE = frozenset({"steps", "data_cpu_s", "episodes", "demonstrations_of", "start"})
@@ -69,7 +69,7 @@ class LearnRecord(RunSettings):
     episodes: dict[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences to another record; the policy to start from may have been moved to another folder."""
+        """Yield the differences to another record. A different folder of the same starting policy is no difference."""
         yield from super().differences(now)
         was, given = ((each.start or (None, None))[1] for each in (self, now))
         yield from differing("start", was, given)
@@ -77,12 +77,12 @@ class LearnRecord(RunSettings):
             yield from differing("demonstrations", self.demonstrations_of, now.demonstrations_of)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the present folder of the policy to start from."""
+        """Return this record with the starting policy's current folder, taken from ``now``."""
         return self.model_copy(update={"start": now.start})
 
     @property
     def is_of_plans(self) -> bool:
-        """Return whether the policies are keypose policies, which train on plans; others train on episodes."""
+        """Return whether the policies are keypose policies, which train on plans and not on episodes."""
         return self.policy == "keypose"
 
     @property
@@ -97,10 +97,10 @@ class LearnRecord(RunSettings):
 
 
 class LearnFolder(ResumableFolder[LearnRecord]):
-    """Folder of a run, with its own lock, because the trainings in it lock their folders as well.
+    """Folder of a run. It has its own lock file, because each training in it locks its folder, too.
 
     Raises:
-        InputError: the folder has a run and ``resume`` is false, a run with other arguments, or another policy.
+        InputError: the folder has a run with other arguments or another policy, or has a run and ``resume`` is false.
     """
 
     def __init__(self, out: Path, record: LearnRecord, resume: bool) -> None:
@@ -110,38 +110,38 @@ class LearnFolder(ResumableFolder[LearnRecord]):
         out = self.path
         folders = (out, *(out / name for name in settings.tasks))
         if not (out / LEARN_JSON).exists() and any(map(holds_training, folders)):
-            raise InputError("contains a policy from another training", file=out, remedy="choose another --out")
+            raise InputError("has a policy of another command", file=out, remedy="choose another --out")
         return super()._opened(settings)
 
 
 def check_demonstrations(other: Path, record: LearnRecord) -> None:
-    """Refuse another run's demonstrations if they differ from those that this run would make.
+    """Raise an error if another run's demonstrations differ from the ones that this run would make.
 
     Raises:
-        InputError: the folder has no run, or a run with other arguments; names the field.
+        InputError: the folder has no run, or a run with other arguments; the message names the field.
     """
     there = read_record(other / LEARN_JSON, LearnRecord, REFUSED)
     if there.is_of_plans is not record.is_of_plans:
         kinds = {True: "plans", False: "episodes"}
-        message = f"its demonstrations are {kinds[there.is_of_plans]}, not {kinds[record.is_of_plans]}"
+        message = f"its demonstrations are {kinds[there.is_of_plans]}, this policy needs {kinds[record.is_of_plans]}"
         raise InputError(message, file=other, field="policy")
     for name in DATA_FIELDS:
         was, now = getattr(there, name), getattr(record, name)
         if was != now:
-            raise InputError(f"it has {was!r}, not {now!r}", file=other / LEARN_JSON, field=name)
+            raise InputError(f"the other run has {was!r}, this run has {now!r}", file=other / LEARN_JSON, field=name)
     if record.is_of_plans:  # plan files contain the clouds
         record.observation.require(there.observation, str(other / LEARN_JSON), of="what is asked for")
 
 
 def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) -> None:
-    """Copy a policy's demonstrations from ``record.demonstrations_of`` if there are none yet.
+    """Copy a policy's demonstrations from ``record.demonstrations_of``, unless the policy already has some.
 
-    Only the episodes are copied, not their rendered observations, if the observation spec differs.
+    If the observation spec differs, the rendered observations are not copied.
 
     Args:
-        record: record of the run, to which the demonstrations' cost is added.
+        record: record of the run; the CPU time of the copied demonstrations is added to it.
         key: the policy's folder relative to ``out`` and to the other run.
-        folder: the policy's folder as a full path.
+        folder: absolute path of the policy's folder.
         out: folder of the run.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Settings of ``gensim2 learn``: defaults for each kind of policy, changes from a file, and the observation spec."""
+"""Determine the settings of ``gensim2 learn``: defaults for each kind of policy, a settings file, and observations."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from gensim2.policy.keypose.training import POLICY, TRAINING
 from gensim2.policy.starting import SPEC, with_noise
 
 CHUNK_SPEC = ObservationSpec.of({"points": 256, "candidates": 2048, "robot": "none"})
-"""Observations of a policy of action chunks: the scene without the robot."""
+"""Observation spec of action-chunk policies: point clouds without the robot's points."""
 CHUNK_POLICY = PolicyConfig(keyframes=3, seen_points=192)
-"""Network settings of a policy of action chunks; the user chooses the head."""
+"""Default network settings of action-chunk policies; the user chooses the head."""
 CHUNK_TRAINING = TrainConfig(arm_noise=0.06, threads=1)
 KNOWN_POINTS = 64
-"""Number of points in a cloud of keypoints and corners; no task of the library has more."""
+"""Number of points in a cloud of keypoints and bounding-box corners; no task of the library needs more."""
 OF_CHUNKS = (
     "history",
     "stride",
@@ -36,8 +36,7 @@ OF_CHUNKS = (
     "colour_jitter",
     "arm_noise",
 )
-"""Settings that only policies of action chunks have. Keypose policies see a single uncoloured cloud in the turned
-frame.
+"""Settings of action-chunk policies only. A keypose policy sees one uncoloured cloud in the ``turned`` frame.
 """
 ELSEWHERE = {
     "head": "say it with --policy",
@@ -47,7 +46,7 @@ ELSEWHERE = {
     "seed": "say it with --seed",
     "ways": "it is the number of strategies that are taught",
 }
-"""Settings that ``gensim2 learn`` sets itself, each with the option that controls it."""
+"""Settings that ``gensim2 learn`` sets itself, each with advice on the option to use instead."""
 
 
 def learn_configs(
@@ -57,12 +56,12 @@ def learn_configs(
 
     Args:
         policy: name of the head.
-        settings: fields of either that differ from the defaults.
-        file: file of the settings, for messages.
+        settings: fields of network or training settings that differ from the defaults.
+        file: file that contains the settings, for error messages.
 
     Raises:
-        InputError: a field is unknown, invalid, set by ``learn`` itself, or only for the other kind of policy; names
-            file and field.
+        InputError: a field is unknown or invalid, ``learn`` sets it itself, or another kind of policy has it; the
+            message names file and field.
     """
     for name, remedy in ELSEWHERE.items():
         if name in settings:
@@ -70,20 +69,22 @@ def learn_configs(
     strangers, kind = (OF_CHUNKS, "action chunks") if policy == "keypose" else (OF_KEYPOSES, "keyposes")
     for name in strangers:
         if name in settings:
-            raise InputError(f"is of policies of {kind}", file=file, field=name, remedy="leave it out, or say --policy")
+            raise InputError(
+                f"applies only to {kind}", file=file, field=name, remedy="leave it out, or change --policy"
+            )
     network, training = (POLICY, TRAINING) if policy == "keypose" else (CHUNK_POLICY, CHUNK_TRAINING)
     made = configs({**network.to_dict(), **training.to_dict(), **settings, "head": policy}, file=file)
     if made[0].encoder == "state" and made[0].points is not None and made[0].points < KNOWN_POINTS:
-        message = f"must be at least {KNOWN_POINTS} of the encoder state"
+        message = f"must be at least {KNOWN_POINTS} for the encoder state"
         raise InputError(message, file=file, field="points", remedy="leave it out")
     return made
 
 
 def observation_of(policy: PolicyConfig, noise: DepthNoise | None) -> ObservationSpec:
-    """Return the observation spec that fits a policy's number of points and its encoder.
+    """Return the observation spec for a policy's number of points and encoder.
 
     Raises:
-        InputError: there is camera noise, but the encoder does not read depth clouds.
+        InputError: camera noise is requested, but the policy's encoder does not use depth images.
     """
     spec = SPEC if policy.head == "keypose" else CHUNK_SPEC
     cloud = spec.cloud

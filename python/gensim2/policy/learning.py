@@ -1,4 +1,4 @@
-"""``gensim2 learn``: make data, train a policy, evaluate it with its controls, and write a report."""
+"""Create training data, train a policy, evaluate it, and write a report (``gensim2 learn``)."""
 
 from __future__ import annotations
 
@@ -39,8 +39,7 @@ from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs
 from gensim2.scenes.config import SceneArguments
 
 SCENES = 2000
-"""Default for the largest number of scenes of each task; in a training of minutes, more scenes do not make motions more
-accurate.
+"""Default maximum number of scenes of each task; more scenes do not help a training that lasts minutes.
 """
 OBJECTS = 200
 """Default number of generated training objects of each class for keypose policies."""
@@ -58,7 +57,7 @@ class Learned:
         demonstrations: number of training plans or episodes by task.
         data_cpu_s: CPU time of the data, s.
         trained: result of the training.
-        measured: evaluation of the policy and its controls.
+        measured: evaluation of the policy and of its control experiments.
     """
 
     folder: Path
@@ -82,7 +81,7 @@ class LearnResult:
         record: arguments of the run.
         test_instances: name of the set of objects used for evaluation.
         seen_objects: evaluated objects (``class/id``) that were also used for training.
-        learned: one policy for each task, or one for all.
+        learned: the learned policies: one policy for each task, or a single policy for all tasks.
     """
 
     out: str
@@ -137,36 +136,38 @@ def learn(
 
     Args:
         tasks: names of library tasks, or folders with task.yaml and strategies/.
-        policy: name of the head: ``"keypose"``, trained on plans, or a head of action chunks, trained on episodes.
-        minutes: CPU minutes for data and training of each task. If a GPU trains, the time left by the data counts as
-            wall time. Evaluation time is not limited.
-        multi_task: train one policy for all tasks; ``minutes`` is then the total.
-        scenes: largest number of planned scenes of each task.
-        episodes, control_episodes: evaluation episodes of each task for the policy and for each control.
+        policy: name of the policy's head. ``"keypose"`` learns from plans; other heads predict action chunks and learn
+            from simulated episodes.
+        minutes: CPU minutes for data and training of each task. Training on a GPU may take the remaining time as wall
+            time. The limit does not include evaluation.
+        multi_task: whether to train one policy for all tasks; ``minutes`` is then the total.
+        scenes: maximum number of planned scenes of each task.
+        episodes, control_episodes: number of evaluation episodes of each task, for the policy and for each control.
         controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`; None: all.
         videos: number of recorded episodes of each task.
-        objects: number of generated training objects of each class, chosen by the seed, beyond those listed in the
-            library. None: the ``instances`` of ``scene``; if these are not given either, ``OBJECTS`` generated objects,
-            or the training split of real ones.
-        generated: for plans: number of generated training objects of each class in addition to a folder's objects. Both
-            share the data's time in proportion to their numbers.
-        verify: for plans: leave out scenes whose plans fail in simulation; plans are not simulated otherwise.
-        start: folder of a keypose policy of several tasks from ``learn``, or ``"builtin"``. The new policy starts from
-            its weights and plans, learns ``tasks`` in addition, and is evaluated on all tasks. The builtin policy has
-            no plans, so some scenes of its tasks are planned again, which counts towards ``minutes``.
-        demonstrations: folder of another run of ``learn`` with the same tasks, objects and seed, whose demonstrations
-            are copied; more are made if their share of ``minutes`` is not used up.
-        noise: camera noise in all data and in the evaluation, with errors of pose, depth and clock drawn for each
-            episode. None: exact depth.
-        text: text encoder of a policy of several tasks; None: the encoder of ``start``, else ``"small"``.
-        text_model: folder or hub name of the weights of a pretrained text encoder; None: CLIP's on the hub.
+        objects: number of generated training objects of each class, chosen by the seed, in addition to the library's
+            objects. None: the ``instances`` of ``scene``. If these are not given either: ``OBJECTS`` generated objects,
+            or the training split of real objects.
+        generated: number of generated training objects of each class in addition to a folder's objects, for
+            ``"keypose"``. The time for data is divided in proportion to the numbers of objects.
+        verify: whether to simulate the plans and leave out scenes in which they fail, for ``"keypose"``.
+        start: folder of a keypose policy of several tasks that ``learn`` trained, or ``"builtin"``. The new policy
+            starts from its weights and plans, learns ``tasks`` in addition, and is evaluated on all tasks. The builtin
+            policy comes without plans, so scenes of its tasks are planned again; this time counts towards ``minutes``.
+        demonstrations: folder of another run of ``learn`` with the same tasks, objects and seed. Its demonstrations are
+            copied, and more are collected if ``minutes`` permits.
+        noise: camera noise in training data and evaluation; each episode has random errors of camera pose, depth and
+            clock. None: exact depth.
+        text: text encoder of a policy of several tasks; None: the encoder of ``start``, by default ``"small"``.
+        text_model: folder or hub name of the weights of a pretrained text encoder; None: CLIP from the hub.
         settings: network and training settings that differ from the defaults, by name (:mod:`gensim2.policy.config`),
             or a YAML file; not together with ``start``.
-        test_instances: objects for the evaluation. None: ``new`` if the policy learns from ``objects``; otherwise
-            ``test`` if all classes have such a split, else ``new``.
-        out: output folder. A single policy's checkpoint is written into it; several get a folder each, named by task.
+        test_instances: objects for the evaluation. None: ``new`` if ``objects`` is given or a class has no test split,
+            else ``test``.
+        out: output folder. A single policy's checkpoint is written into it; of several policies, each has a subfolder
+            named by its task.
         workers: number of processes that plan and simulate.
-        resume: continue the run in ``out``.
+        resume: whether to continue the run in ``out``.
         device: device of the training, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
@@ -189,19 +190,19 @@ def learn(
     config, training = learn_configs(policy, settings, file=file)
     share_of(training.batch, devices)
     if settings and start is not None:
-        message = "is of a policy that goes on from no other, and --from has its own settings"
+        message = "cannot be given together with --from: the new policy has the settings of the policy it starts from"
         raise InputError(message, file=file, field="--config", remedy="leave it out")
     if verify and policy != "keypose":
         raise InputError(
-            "applies to plans, but action-chunk policies learn from episodes, which are always simulated",
+            "applies only to keypose policies; action-chunk policies learn from episodes, which are always simulated",
             field="verify",
         )
     if generated is not None and policy != "keypose":
         raise InputError(
-            "applies to plans, but action-chunk policies learn from episodes", field="generated", remedy="leave it out"
+            "applies only to keypose policies, which learn from plans", field="generated", remedy="leave it out"
         )
     if objects is not None and "instances" in scene:
-        raise InputError("contradicts instances", field="objects", remedy="give either")
+        raise InputError("cannot be given together with instances", field="objects", remedy="give only one")
     train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}
     if not tasks:
         raise InputError("names no task", field="tasks")
@@ -224,7 +225,7 @@ def learn(
     together = multi_task or begun is not None
     several = together and (begun is not None or len(given) > 1)
     check_text(text, text_model, [one.spec.description for one in given] if several else (), begun)
-    # Earlier tasks are evaluated as well, on objects that were not used to train them.
+    # Tasks of the starting policy are evaluated, too, on objects that were not used for training.
     before = [] if start is None else taught_before(start, known, seed=seed, **scene)
     listed = [*(given if objects is None else ()), *before]
     if test_instances is None:

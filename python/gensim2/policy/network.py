@@ -1,4 +1,4 @@
-"""The whole network: encoders, trunk and head."""
+"""Assemble the network of a policy: encoders, trunk and head."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CLOUD, PROPRIO, TEXT = "cloud", "proprio", "text"
 """
 
 SMALLEST = 1e-2
-"""Smallest scale of proprioception, rad or m."""
+"""Minimum scale by which proprioception is divided, rad or m."""
 
 
 class PolicyNetwork(nn.Module):  # type: ignore[misc]
@@ -62,9 +62,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         self.head = make_head(config, arm, self.encoder.feature_width)
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set all normalization from a large batch, once before training; it is kept in buffers.
+        """Compute all normalization from a large batch, once before training; it is stored in buffers.
 
-        All three coordinates share one scale, so distances keep their proportions.
+        The x, y and z coordinates of points have the same scale, so that shapes are not distorted.
         """
         cloud = batch[CLOUD].flatten(0, -2).double()
         self.cloud_mean.copy_(cloud.mean(0))
@@ -79,7 +79,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         """Return the inputs of the head.
 
         Args:
-            generator: random generator of the pointer's points, in training only.
+            generator: random generator that samples points for the keyframe pointer in training; None otherwise.
         """
         cloud = (batch[CLOUD] - self.cloud_mean) / self.cloud_scale
         own = (batch[PROPRIO] - self.proprio_mean) / self.proprio_scale
@@ -130,7 +130,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
-        """Return rows (B, P) of points (B, N, C): one from each of P equal ranges, the middle or a random one."""
+        """Return indices (B, P) of points (B, N, C): one from each of P equal ranges, its middle or a random index."""
         count = points.shape[1]
         looked_at = min(self.config.seen_points, count)
         within = torch.full((len(points), looked_at), 0.5, device=points.device)
@@ -140,8 +140,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return rows.long().clamp(max=count - 1)
 
     def _first_look(self, points: torch.Tensor) -> torch.Tensor:
-        """Return rows (B, K) of points (B, N, 3): the first ``seen_points``, and ``spread_points`` by farthest point
-        sampling.
+        """Return indices (B, K) of points (B, N, 3): the first ``seen_points``, and ``spread_points`` spread points.
+
+        The spread points are found by farthest point sampling.
         """
         count = points.shape[1]
         rows = torch.arange(min(self.config.seen_points, count), device=points.device).expand(len(points), -1)

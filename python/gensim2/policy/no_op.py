@@ -1,4 +1,4 @@
-"""A control experiment: a controller that does not move."""
+"""Provide a controller that does not move, for control experiments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STEPS = 20
 
 
 class NoOpPolicy:
-    """Hold the arm at its initial joints with open fingers.
+    """Keeps the arm at its initial joints and the fingers open.
 
     Args:
         arm: number of the arm's joints.

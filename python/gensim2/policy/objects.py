@@ -1,4 +1,4 @@
-"""Training and evaluation objects of a policy."""
+"""Choose the objects on which a policy is evaluated."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from gensim2.rollout.inputs import TaskInput, has_instances, read_all_task_input
 
 
 def unseen_instances(given: Sequence[TaskInput]) -> str:
-    """Return the name of a set of objects that was not used for training on the given tasks.
+    """Return the name of a set of objects that training on the given tasks did not use.
 
-    The sets ``test``, the ``test-N`` that belongs to a ``train-N`` used in training, and ``new`` are tried in this
-    order.
+    The function tries ``test`` (``test-N`` if training used ``train-N``), then ``new``.
 
     Raises:
-        InputError: no set exists for all classes.
+        InputError: neither set has objects of all classes.
     """
     others = (one.instances.replace("train", "test") for one in given if one.instances.startswith("train-"))
     for word in dict.fromkeys(("test", *others, "new")):
@@ -27,7 +26,7 @@ def unseen_instances(given: Sequence[TaskInput]) -> str:
         if all(found) and not shared_objects(given, word):
             return word
     raise InputError(
-        "a class has neither a test split nor new objects outside the training objects",
+        "a class has neither a test split nor objects that training does not use",
         field="test_instances",
         remedy="choose with --test-instances all|ID",
     )
@@ -37,11 +36,11 @@ def check_test_instances(tasks: Sequence[str], seed: int, **given: Unpack[Rollou
     """Check that tasks can be run with the evaluation objects.
 
     Args:
-        tasks: names or folders.
-        given: scene and rollout arguments, with ``instances`` the name of the evaluation objects.
+        tasks: names or folders of the tasks.
+        given: scene and rollout arguments; ``instances`` is the name of the set of evaluation objects.
 
     Raises:
-        InputError: a task cannot be run with them.
+        InputError: a task cannot be run with these objects.
     """
     for task in tasks:
         try:
@@ -53,7 +52,7 @@ def check_test_instances(tasks: Sequence[str], seed: int, **given: Unpack[Rollou
 
 
 def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
-    """Return the articulated objects, ``class/id``, that are used in training and also belong to the set ``word``.
+    """Return the articulated training objects, ``class/id``, that also belong to the set named ``word``.
 
     Raises:
         InputError: a class has no objects in the set.
@@ -68,6 +67,6 @@ def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
 
 
 def words(given: Sequence[TaskInput], tasks: str | Sequence[str]) -> dict[str, str]:
-    """Return the names or folders that a user gave for tasks, by task name."""
+    """Return, by task name, the name or folder that the user gave for each task."""
     named = (tasks,) if isinstance(tasks, str) else tuple(tasks)
     return dict(zip((one.spec.name for one in given), named, strict=True))

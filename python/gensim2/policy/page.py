@@ -1,4 +1,4 @@
-"""``report.html`` of ``gensim2 learn``: results, training curves, videos, and causes of failures."""
+"""Write the report of ``gensim2 learn``: results, training curves, videos, and causes of failures."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 REPORT = "report.html"
 SEEDS = 5
-"""Largest number of seeds listed for a cause of failure."""
+"""Maximum number of seeds listed for a cause of failure."""
 NAMED = 3
-"""Largest number of a policy's tasks that are listed by name; more are only counted."""
+"""Maximum number of a policy's tasks that are listed by name; a larger number of tasks is only counted."""
 CONTROLS = {"blind_mean": "blind", "shuffled_mean": "shuffled", "no_op_mean": "no-op", "expert_mean": "expert"}
-"""Titles of optional columns, shown if they were measured."""
+"""Titles of columns for control experiments; only measured columns are shown."""
 EXPLAINED = {
     "blind_mean": "the policy with its point cloud blanked out. A policy that uses its cloud fails here.",
     "shuffled_mean": "the policy with the point clouds of other scenes. A policy that uses its cloud fails here.",
     "no_op_mean": "an arm that does not move. Its success rate should be 0, otherwise the task solves itself.",
     "expert_mean": "the planner that made the training data, on the same scenes: what the policy could reach.",
 }
-"""Meaning of each control."""
+"""Description of each control experiment."""
 _WIDTH, _HEIGHT = 400.0, 100.0
 
 
@@ -113,7 +113,7 @@ def _objects(episode: Episode) -> str:
 
 
 def _curve(losses: Sequence[float], steps: int) -> dict[str, Any]:
-    """Return the points of a loss curve in its box, with 0 at the bottom and the largest loss at the top."""
+    """Return the points of a loss curve in pixels; loss 0 is at the bottom of the box, the largest loss at the top."""
     top, last = max(*losses, 1e-9), max(len(losses) - 1, 1)
     corners = ((_WIDTH * n / last, _HEIGHT * (1.0 - loss / top)) for n, loss in enumerate(losses))
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)

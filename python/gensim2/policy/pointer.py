@@ -1,10 +1,10 @@
-r"""Pointer: predicts the hand's pose at its next keyframes and gives each prediction to the trunk as a token.
+r"""Predict the hand's poses at its next keyframes, and pass each prediction to the trunk as a token.
 
-A maximum over the points loses their positions. The pointer therefore has two stages. The first stage sees a subset of
-the points and predicts, for each keyframe, a heatmap and an offset at each point; their mean
-:math:`p = \sum_i w_i (x_i + o_i)` is the predicted place. The second stage sees the points of the whole cloud near such
-a place, with Fourier features of their coordinates, and refines positions and rotations of the hand. Everything is in
-the tool's frame, so that a prediction is directly the motion that an action has to make.
+Max-pooling over points loses their positions, so this pointer predicts places in two stages. The first stage sees a
+subset of the points. For each keyframe it predicts a heatmap :math:`w` and an offset :math:`o` at each point; the
+predicted place is :math:`p = \sum_i w_i (x_i + o_i)`. The second stage sees the points of the whole cloud near such a
+place, with Fourier features of their coordinates, and refines positions and rotations of the hand. All coordinates are
+in the tool frame, so that a prediction equals the motion that the arm has to make.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ BANDS = (1.0, 2.0, 4.0, 8.0, 16.0)
 NEAR = 96
 """Number of points in the second stage."""
 LOOKED_AT = 1
-"""Index of the keyframe around which the second stage looks; the first keyframe is often in free space."""
+"""Index of the keyframe on which the second stage is centred. It is not the first one, which is often in free space."""
 NOISE = 0.01
 """Standard deviation (m) of the noise on the second stage's origin in training."""
 METRE, CENTIMETRES = 0.05, 0.1
-"""Scales (m) of position corrections and of places."""
+"""Scales (m) by which position corrections and places are normalized."""
 _FEATURES = 3 + 6 * len(BANDS)
 
 
@@ -43,11 +43,11 @@ class Pointed:
     """Predictions of both stages, in the tool's frame.
 
     Attributes:
-        tokens: (B, K + 1, D) one token for each keyframe, and one of the second stage.
+        tokens: (B, K + 1, D) tokens: one for each of K keyframes, and one from the second stage.
         points: (B, P, 3) points of the first stage, m.
         logits: (B, P, K) logits of the heatmaps.
-        places: (B, K, 3) places by the first stage, m.
-        positions, six: (B, K, 3), m, and 6-D rotations (B, K, 6), by the second stage.
+        places: (B, K, 3) places predicted by the first stage, m.
+        positions, six: (B, K, 3) positions, m, and (B, K, 6) rotations in 6-D form, predicted by the second stage.
     """
 
     tokens: torch.Tensor
@@ -100,7 +100,7 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
             features: (B, P, G) features of these points.
             summary: (B, 3 D) tokens of the robot's state, the cloud and the instruction.
             cloud: (B, N, 3) points for the second stage in the tool's frame, m.
-            generator: random generator of the noise on the second stage's origin, in training only.
+            generator: random generator for noise on the second stage's origin in training; None otherwise.
         """
         inner = nn.functional.gelu(self.of_point(features) + self.of_summary(summary)[:, None])
         logits, offsets = self.heat(inner).unflatten(-1, (self.keyframes, 4)).split((1, 3), -1)
@@ -133,5 +133,5 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
 
 
 def _waves(positions: torch.Tensor) -> torch.Tensor:
-    """Return Fourier features (..., 33) of positions (..., 3), m."""
+    """Return positions (..., 3), m, with their Fourier features, (..., 33)."""
     return torch.cat([positions / CENTIMETRES, *fourier_features(positions, BANDS)], -1)

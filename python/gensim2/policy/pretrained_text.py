@@ -21,8 +21,8 @@ def embeddings(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
 
     Args:
         sentences: S sentences.
-        kind: ``"clip"``: the projection of CLIP's text encoder; ``"sentence"``: the mean of an encoder's tokens, as in
-            ``sentence-transformers`` (Reimers and Gurevych, Sentence-BERT, 2019).
+        kind: ``"clip"`` for the projected output of CLIP's text encoder, or ``"sentence"`` for the mean of a sentence
+            encoder's tokens (Sentence-BERT, Reimers and Gurevych 2019).
         model: folder of weights, or a name on the Hugging Face hub.
 
     Raises:
@@ -64,11 +64,11 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     transformers.utils.logging.disable_progress_bar()
     path = Path(model)
     if path.exists() and not (path / "config.json").is_file():
-        raise InputError("is not a folder of weights: it has no config.json", file=path, remedy=remedy)
+        raise InputError("is not a folder of model weights: it has no config.json", file=path, remedy=remedy)
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
     text: Any
     try:
-        # A folder of weights may refer to its own code, which transformers would offer to run.
+        # A folder of weights may contain code; transformers must not run it.
         tokenizer = transformers.AutoTokenizer.from_pretrained(model, trust_remote_code=False)
         text, told = load.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, output_loading_info=True
@@ -76,7 +76,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         missing = [name for name in told["missing_keys"] if "pooler" not in name]  # missing weights would stay random
         if missing:
             raise ValueError(
-                f"the weights belong to another model: {len(missing)} weights are missing, {min(missing)} among them"
+                f"these weights are of another model: {len(missing)} weights are missing, such as {min(missing)}"
             )
         text.eval()
         with torch.no_grad():
@@ -91,6 +91,6 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
 
 
 def _mean(tokens: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-    """Return the means (S, E) of tokens (S, L, E) under the mask (S, L)."""
+    """Return the means (S, E) of the tokens (S, L, E) at which the mask (S, L) is nonzero."""
     there = mask[..., None].to(tokens.dtype)
     return (tokens * there).sum(1) / there.sum(1)

@@ -1,9 +1,9 @@
-"""DAgger labels: states that the policy visits, each with the planner's actions from there.
+"""Create DAgger labels: states visited by the policy, each with the planner's actions from this state.
 
-At an episode's start the planner chooses a strategy and a hand pose at the contact. Until the object moves, the step is
-planned again every ``EVERY`` control steps from the arm's present state. Plans with the same strategy and pose become
-labels. There are no labels in the last part of the approach and after it, because a new plan would back off and
-approach again, unlike the demonstrations.
+At the start of an episode the planner chooses a strategy and a hand pose at the contact. Until the object moves, the
+step is planned again every ``EVERY`` control steps, from the arm's current state. A plan with the same strategy and
+contact pose as the first plan becomes a label. The last part of the approach and later states have no labels, because a
+new plan would move away and approach again, unlike a demonstration.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ Arrays = dict[str, npt.NDArray[Any]]
 EVERY = 8
 """Control steps between labels."""
 MOVED = 0.02
-"""Change of openness since the start above which the object was touched."""
+"""Change of openness since the start above which the object counts as touched."""
 NEAR, TURNED = 0.03, 0.3
-"""Largest differences (m, rad) of the hand's pose at the contact from that of the episode's first plan."""
+"""Maximum differences (m, rad) between contact poses of the hand that count as equal."""
 LAST = 0.5
-"""Share of the distance from approach pose to contact pose; closer to the contact, no labels are made."""
+"""No labels are made once the distance to the contact pose is below this fraction of the approach length."""
 SLOW = 0.02
-"""Velocity of a finger (m/s) below which it has reached its target."""
+"""Velocity of a finger (m/s) below which it counts as stopped."""
 STILL = 1e-3
 """Largest change of a joint target (rad) or of the gripper command that counts as no motion."""
 SHARE = 0.3
-"""Share of relabels in a batch, where there are any."""
+"""Fraction of DAgger labels in a batch, if there are labels."""
 
 _LANGUAGE: dict[str, Expected] = {"language": (np.str_, ())}
 _COLUMNS: dict[str, Expected] = {
@@ -71,7 +71,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """Roll the policy out in one scene, in a worker process, and return its labels.
 
     Returns:
-        Columns of batches: ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2); empty without labels.
+        Arrays of S labels by batch column: ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2); S may be 0.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -124,7 +124,7 @@ def _label(
     observation: Observation,
     horizon: int,
 ) -> npt.NDArray[np.float32] | None:
-    """Return the planner's actions (H, m + 2) from here, or None if its plan has another strategy or contact pose."""
+    """Return the planner's actions (H, m + 2) from the current state; None if the contact pose differs."""
     scene = env.scene_state()
     planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
     if planned.rank > 0 or not same_pose(began, planned):
@@ -152,7 +152,7 @@ def _from_fingers_on(
 
 
 def same_pose(one: StepPlan, other: StepPlan) -> bool:
-    """Return whether two plans have nearly the same hand pose at the contact."""
+    """Return whether the hand poses at the contact of two plans are nearly equal."""
     first, second = (_actuation(each) for each in (one, other))
     if first is None or second is None:
         return False
@@ -162,7 +162,7 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
 
 
 def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Return whether the hand is at or past the approach pose, where a new plan would back off."""
+    """Return whether the hand is at the approach pose or past it, where a new plan would move away first."""
     actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:
         return False
@@ -186,7 +186,7 @@ class Relabels:
     """DAgger training data of one task: visited states with the planner's actions as labels.
 
     Attributes:
-        language: instruction of the task.
+        language: instruction of the task, in natural language.
         arrays: arrays by name, as returned by :func:`relabel_episode`.
     """
 
@@ -228,7 +228,7 @@ class RelabelledSource:
 
     Args:
         demonstrations: the demonstrations.
-        relabels: labels, one file for each task and round, with the demonstrations' instructions.
+        relabels: labels of each task and round; their instructions must occur in the demonstrations.
     """
 
     def __init__(self, demonstrations: Demonstrations, relabels: Sequence[Relabels]) -> None:
@@ -240,7 +240,7 @@ class RelabelledSource:
         self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch with a share ``SHARE`` of labels, all files equally likely, and demonstrations otherwise."""
+        """Return a batch of demonstrations in which a fraction ``SHARE`` is replaced by labels."""
         few = round(SHARE * size) if self._relabels else 0
         found = self._demonstrations.draw(rng, size - few)
         if not few:

@@ -1,4 +1,4 @@
-"""Data-parallel training: replicas of a network in separate processes, each with a share of every batch."""
+"""Train with data parallelism: replicas of a network in separate processes process parts of every batch."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from gensim2.policy.network import PolicyNetwork
 from gensim2.policy.source import Source
 
 PATIENCE_S = 10.0
-"""Time limit for a replica to end, s."""
+"""Time limit for a replica's process to end, s."""
 
 
 class Replicas:
-    """Replicas of a network in further processes.
+    """Replicas of a network in separate processes.
 
-    Replicas have no state of their own. In each step they get the network's weights, and the mean of all gradients is
-    written to the network for its optimizer. Weights and gradients pass through shared memory of the host on any
-    device, which takes milliseconds for networks of a few million weights. Each replica has its own copy of the data.
+    In each step the replicas get the network's weights, and the mean of all gradients is stored in the network for its
+    optimizer. Weights and gradients pass through the host's shared memory, which takes milliseconds for a few million
+    weights. Each replica has its own copy of the data and no other state.
 
     Args:
         source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.
         table: encoded instructions, on the CPU.
-        share: number of samples of a step for each replica.
+        share: number of samples that each replica processes in a step.
         devices: devices of the replicas; if empty, no process is started.
 
     Attributes:
-        cpu_s: CPU time of the replicas' steps so far, s.
+        cpu_s: CPU time that the replicas have spent on steps, s.
 
     Raises:
         InputError: a device cannot be used.
@@ -76,11 +76,11 @@ class Replicas:
             self._end()
             if isinstance(error, RuntimeError) and "shared memory" in str(error):  # torch has no type of its own for it
                 remedy = "make room in /dev/shm, or train on one device"
-                raise InputError("there is too little shared memory", field="device", remedy=remedy) from error
+                raise InputError("the machine has too little shared memory", field="device", remedy=remedy) from error
             raise
 
     def begin(self, step: int) -> None:
-        """Start the gradients of a step with the network's present weights."""
+        """Start computing the gradients of a step with the network's current weights."""
         if self._replicas:
             _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
@@ -88,10 +88,10 @@ class Replicas:
                 pipe.send(step)
 
     def mean_with(self, loss: float) -> float:
-        """Wait for the replicas, set the network's gradients to the mean of all, and return the mean loss.
+        """Wait for the replicas, set the network's gradients to the mean over all devices, and return the mean loss.
 
         Args:
-            loss: loss of the network's own share.
+            loss: loss of the samples that the network itself has processed.
 
         Raises:
             InputError: a replica failed or was killed; the network's weights are unchanged.
@@ -109,7 +109,7 @@ class Replicas:
         return loss / count
 
     def _receive(self, number: int) -> tuple[float, float]:
-        """Return loss and CPU time of a replica's step, or zeros when it is ready for the first step."""
+        """Return the loss and the CPU time of a replica's step; zeros if the replica has only started."""
         process, pipe, _ = self._replicas[number]
         try:
             said: tuple[float, float] | str = pipe.recv()
@@ -157,7 +157,7 @@ def _replica(
     weights: torch.Tensor,
     gradients: torch.Tensor,
 ) -> None:
-    """Compute gradients for the step numbers received from the pipe, until it closes or sends None."""
+    """Compute gradients for each step number received from the pipe, until the pipe closes or sends None."""
     ignore_interrupts()
     for each in (signal.SIGTERM, signal.SIGHUP):  # sent to the whole group; the trainer ends its replicas
         signal.signal(each, signal.SIG_IGN)
@@ -182,7 +182,7 @@ def _replica(
 
 
 def _values(network: torch.nn.Module) -> list[torch.Tensor]:
-    """Return the weights and buffers that replicas get: all floating-point ones."""
+    """Return the floating-point weights and buffers, which are copied to the replicas."""
     with torch.no_grad():
         every = [*network.parameters(), *network.buffers()]
         return [each.detach() for each in every if each.is_floating_point()]

@@ -1,6 +1,4 @@
-"""Rotations as inputs and outputs of networks: the first two columns of the matrix, which are continuous (Zhou et al.
-2019).
-"""
+"""Convert rotations to the continuous 6-D form for networks: the matrix's first two columns (Zhou et al. 2019)."""
 
 from __future__ import annotations
 
@@ -8,7 +6,7 @@ import torch
 
 
 def matrix_of_quaternion(quaternion: torch.Tensor) -> torch.Tensor:
-    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), (w, x, y, z)."""
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4) in the order (w, x, y, z)."""
     w, x, y, z = quaternion.unbind(-1)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -19,12 +17,12 @@ def matrix_of_quaternion(quaternion: torch.Tensor) -> torch.Tensor:
 
 
 def six_of_matrix(matrix: torch.Tensor) -> torch.Tensor:
-    """Return the first and second column (..., 6) of rotation matrices (..., 3, 3)."""
+    """Return the first two columns, concatenated (..., 6), of rotation matrices (..., 3, 3)."""
     return torch.cat([matrix[..., :, 0], matrix[..., :, 1]], -1)
 
 
 def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
-    """Return rotation matrices (..., 3, 3) by Gram-Schmidt from two vectors (..., 6) that are not parallel."""
+    """Return rotation matrices (..., 3, 3) by Gram-Schmidt from pairs of vectors (..., 6) that are not parallel."""
     a, b = six[..., :3], six[..., 3:]
     x = torch.nn.functional.normalize(a, dim=-1, eps=1e-8)
     y = torch.nn.functional.normalize(b - (x * b).sum(-1, keepdim=True) * x, dim=-1, eps=1e-8)

@@ -1,4 +1,4 @@
-"""Instructions of an episode: the task's own or a replacement, encoded for the policy."""
+"""Encode the instruction of an episode, or a replacement for the instruction."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Unknown = Literal["refuse", "embed"]
 
 
 def embeds(word: str) -> bool:
-    """Return whether unknown instructions are embedded.
+    """Return whether the option ``word`` says that unknown instructions are encoded.
 
     Raises:
         InputError: ``word`` is not one of :data:`Unknown`.
@@ -28,7 +28,7 @@ def embeds(word: str) -> bool:
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Check replacement instructions, and return them by the instruction that they replace.
+    """Check replacement instructions, and return them by the instruction that each one replaces.
 
     Raises:
         InputError: ``says`` does not map strings to strings.
@@ -36,14 +36,14 @@ def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
     if says is None:
         return {}
     if not isinstance(says, Mapping) or not all(isinstance(each, str) for pair in says.items() for each in pair):
-        raise InputError("must map sentences to sentences", field="says")
+        raise InputError("must map instructions to instructions", field="says")
     return says
 
 
 def sentence_row(
     policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed: bool, text_model: str | None = None
 ) -> torch.Tensor:
-    """Return an encoded instruction (1, ...), from the checkpoint's table or by its text encoder.
+    """Return an encoded instruction (1, ...), from the checkpoint's table or from its text encoder.
 
     Chunk policies without a text encoder accept any instruction. Keypose policies do not, because their classes belong
     to tasks.
@@ -52,8 +52,8 @@ def sentence_row(
         policy: the checkpoint.
         sentence: the instruction.
         folder: folder of the checkpoint, for errors.
-        embed: whether an unknown instruction is embedded.
-        text_model: weights of the text encoder from the user, if gensim2 does not know them.
+        embed: whether to encode an instruction that the policy was not trained on.
+        text_model: folder or hub name of the text encoder's weights, if they are not one of gensim2's defaults.
 
     Raises:
         CheckpointError: the instruction is unknown and ``embed`` is false, or only the checkpoint names the encoder.

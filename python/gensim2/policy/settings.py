@@ -1,4 +1,4 @@
-"""Frozen dataclasses of settings from plain data, with help and range for each field."""
+"""Define settings as frozen dataclasses whose fields have help texts and allowed ranges."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def setting(
 
     Args:
         default: default value, which also determines the type; None stands for an optional integer.
-        text: help text, also of the command-line option.
+        text: help text of the field and of its command-line option.
         choices: allowed strings.
         low, high: inclusive bounds of a number.
     """
@@ -31,10 +31,10 @@ def setting(
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of settings dataclasses with fields from :func:`setting`.
+    """Base class of settings; the fields are defined with :func:`setting`.
 
     Raises:
-        InputError: a value has another type or is out of range; names the field.
+        InputError: a value has the wrong type or is out of range; the message names the field.
     """
 
     of_what: ClassVar[str] = "settings"
@@ -50,7 +50,7 @@ class Settings:
         """Return settings from plain data.
 
         Raises:
-            InputError: a field is unknown or invalid; names ``file`` and the field.
+            InputError: a field is unknown or invalid; the message names ``file`` and the field.
         """
         known = {each.name for each in fields(cls)}
         for name in values:

@@ -1,4 +1,4 @@
-"""Interface of training data: sources of batches, such as demonstrations or plans."""
+"""Define the interface of training data, such as demonstrations or plans."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Source(Protocol):
         action: format of the targets.
         observation: observation spec of the clouds.
         sentences: distinct instructions.
-        record: description of the data for checkpoints.
+        record: description of the data, which checkpoints contain.
     """
 
     robot: str

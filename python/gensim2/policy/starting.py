@@ -1,4 +1,4 @@
-"""Policies as starting points for further learning."""
+"""Check that learning can start from an existing policy."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
         noise: requested camera noise.
 
     Raises:
-        InputError: the policy is not a keypose policy of several tasks, already knows one of the tasks, has another
-            robot or other observations, or cannot be read.
+        InputError: the policy cannot be read, is not a keypose policy of several tasks, already knows one of the tasks,
+            or has another robot or other observations.
     """
     found = PolicyCheckpoint.load(start)
     if policy != "keypose" or found.action.kind != "keypose":
@@ -45,7 +45,7 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
         raise InputError(message, file=start, field="from", remedy=remedy)
     for one in given:
         if one.spec.name in found.data.tasks:
-            raise InputError("the policy knows it already", file=start, field=f"tasks.{one.spec.name}")
+            raise InputError("the policy already knows this task", file=start, field=f"tasks.{one.spec.name}")
     found.require_robot(given[0].scene.robot, start)
     found.observation.require(with_noise(found.observation, noise), "what is asked for", of=str(start))
     return found
@@ -56,12 +56,12 @@ def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSp
 
 
 def digest_of_start(start: Path) -> tuple[str, str]:
-    """Return folder and configuration digest of a policy, for the record of a run that starts from it."""
+    """Return a policy's folder and the SHA-256 of its configuration, for the record of a run that starts from it."""
     return str(start.resolve()), hashlib.sha256(read_input(start / CONFIG_JSON, MAX_RECORD)).hexdigest()
 
 
 def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Progress) -> list[str]:
-    """Return the tasks of a policy that the library has and whose objects are available.
+    """Return those tasks of a policy that are in the task library and whose objects are available.
 
     Args:
         assets: see :class:`~gensim2.scenes.config.SceneArguments`.
@@ -78,7 +78,7 @@ def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Pr
 
 
 def check_sentences(sentences: Sequence[str]) -> None:
-    """Refuse several tasks with the same instruction, which a policy could not distinguish.
+    """Check that all tasks have different instructions, because a policy could not distinguish them otherwise.
 
     Raises:
         InputError: two tasks have the same instruction.
@@ -95,19 +95,19 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
     Args:
         text: requested text encoder; None: the encoder of ``begun``, else ``"small"``.
         model: requested weights; None for the default.
-        sentences: instructions of the tasks trained together; empty if the policy ignores instructions.
-        begun: policy that learning starts from.
+        sentences: instructions of the tasks that one policy learns; empty if the policy ignores instructions.
+        begun: policy that learning starts from, or None.
 
     Raises:
-        InputError: the policy ignores instructions, ``begun`` has another encoder, or the weights cannot be loaded.
+        InputError: the policy ignores instructions, ``begun`` has a different encoder, or the weights cannot be loaded.
         MissingExtraError: ``transformers`` is not installed.
     """
     if begun is not None:
         had = begun.config.text
         if text not in (None, had):
-            raise InputError(f"must be {had}, as --from has it, is {text!r}", field="text")
+            raise InputError(f"must be {had}, the encoder of --from, is {text!r}", field="text")
         if model not in (None, begun.config.text_model):
-            raise InputError("is determined by --from", field="text_model", remedy="leave it out")
+            raise InputError("is determined by the policy of --from", field="text_model", remedy="leave it out")
         begun.require_text_model(model, "--from")
         prepare([*begun.sentences, *sentences], begun.config)
         return
@@ -120,7 +120,7 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
             "applies to pretrained encoders only", field="text_model", remedy="give --text clip or sentence"
         )
     if text == "none":
-        raise InputError("distinguishes the tasks and cannot be none", field="text")
+        raise InputError("cannot be none, because only the instruction distinguishes the tasks", field="text")
     if sentences:
         prepare(
             sentences, PolicyConfig.of({"text": text or "small", **({} if model is None else {"text_model": model})})

@@ -1,4 +1,4 @@
-"""Make demonstrations and train one policy of a ``learn`` run within its time budget."""
+"""Create demonstrations and train one policy of a ``learn`` run within its time budget."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ if TYPE_CHECKING:
     from gensim2.data.status import Status
 
 DATA_SHARE = 0.4
-"""Largest share of the CPU time that is used for data."""
+"""Maximum fraction of the CPU time that is used for data."""
 LEAST_STEPS, MAX_STEPS = 20, 10_000
-"""Largest number of gradient steps for one task; for several tasks it is multiplied by their number."""
+"""Minimum number of gradient steps, and maximum number of gradient steps for each task."""
 EPISODES, PORTION = 600, 25
-"""Largest number of demonstrations of each task, and number collected before the remaining time is checked again."""
+"""Maximum number of demonstrations of each task, and number collected between checks of the remaining time."""
 
 How = tuple[PolicyConfig, TrainConfig, ObservationSpec, str]
 """Network and training settings, observation spec, and devices of the training."""
 
 
 WARM_UP, PROBES, PROBE_S = 3, 5, 2.0
-"""Smallest number of steps, and smallest total time (s), for measuring the time of a step; the first steps are slow."""
+"""Measurement of the time of a step: unmeasured first steps, minimum number of steps, minimum total time (s)."""
 CPU = torch.device("cpu")
 OVERHEAD = 1.15
-"""Factor on a step's time for the optimizer and the averaged weights."""
+"""Factor on the measured time of a step that accounts for the optimizer and the averaged weights."""
 
 
 def seconds_a_step(
@@ -64,7 +64,7 @@ def seconds_a_step(
 
     Args:
         source, policy, training: settings of the training.
-        devices: devices that share a batch. CPU time of all devices on CPUs, wall time otherwise.
+        devices: devices that divide a batch. The time is the CPU time of all devices for CPUs, the wall time for GPUs.
     """
     torch.set_num_threads(training.threads or 1)
     ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
@@ -172,9 +172,9 @@ def teach_by_episodes(
     config, training, spec, device = how
     collected = None
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
-        # The record has the CPU time and the number of episodes of earlier calls.
+        # The record has the CPU time and the number of episodes of earlier iterations and runs.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        # A data set may not get fewer episodes than it was started with, by --demonstrations or by an interrupted call.
+        # A copied data set, or the data set of an interrupted run, must not shrink.
         record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)
@@ -207,7 +207,7 @@ def teach_by_episodes(
 
 
 def _begun_with(data: Path) -> int:
-    """Return the number of episodes of each task in an existing data set's record; 0 without a data set."""
+    """Return the number of episodes of each task in the record of a data set; 0 if the data set does not exist."""
     from gensim2.data.dataset import DATASET_JSON, DataSet
 
     return DataSet.open(data).record.episodes if (data / DATASET_JSON).exists() else 0
@@ -223,7 +223,7 @@ class _CollectionProgress(NullProgress):
         self._progress.message(text)
 
     def update(self, status: Status) -> None:
-        """Advance by the episodes tried since the last update."""
+        """Advance the progress by the number of episodes tried since the last update."""
         self._progress.advance(status.tried - self._counted)
         self._counted = status.tried
 
@@ -231,7 +231,7 @@ class _CollectionProgress(NullProgress):
 def _decide_steps(
     record: LearnRecord, key: str, tasks: int, seconds: Callable[[], float], out: Path, progress: Progress
 ) -> None:
-    """Fix the number of gradient steps by the remaining CPU time, once; a resumed run takes the same number."""
+    """Compute the number of gradient steps from the remaining CPU time; a resumed run keeps the recorded number."""
     if key not in record.steps:
         left = 60.0 * record.minutes - record.data_cpu_s[key]
         each = seconds()
@@ -245,12 +245,12 @@ def _decide_steps(
 
 
 def _hearing(policy: PolicyConfig, record: LearnRecord, tasks: int) -> PolicyConfig:
-    """Return the network settings with a text encoder if there are several tasks."""
+    """Return the network settings; with several tasks, they have a text encoder."""
     text = (record.text or "small") if tasks > 1 else "none"
     told = {"text": text, "text_model": record.text_model or policy.text_model}
     return PolicyConfig.of({**policy.to_dict(), **told})
 
 
 def key_of(folder: Path, out: Path) -> str:
-    """Return the key of a policy in a run's record: its folder relative to the run's."""
+    """Return the key of a policy in the record of a run: the policy's folder relative to the run's folder."""
     return str(folder.relative_to(out))

@@ -1,8 +1,8 @@
-"""Text encoders, which turn an instruction into one token of the trunk.
+"""Encode an instruction as one token of the trunk.
 
-Each encoder has two parts. :func:`prepare` encodes instructions once, without gradients, into rows of a table, and a
-module turns rows into tokens. A checkpoint contains the table of its training instructions, so the weights of a
-pretrained encoder are needed for new instructions only.
+An encoder has two parts. :func:`prepare` encodes instructions once, without gradients, as rows of a table; a module
+turns rows into tokens. A checkpoint contains the table of its training instructions, so only new instructions need the
+weights of a pretrained encoder.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
 MAX_EMBEDDING = 16_384
-"""Longest embedding; CLIP's has 512 numbers."""
+"""Maximum length of an embedding; CLIP's embeddings have 512 numbers."""
 WORDS, PIECES, BUCKETS = 24, 12, 2048
-"""Limits of the small encoder: words in an instruction, pieces in a word, and rows of the table of pieces."""
+"""Limits of the small encoder: words in an instruction, pieces (the word and trigrams) of a word, and hash buckets."""
 
 
 def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
@@ -35,7 +35,7 @@ def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
         (S, 24, 12) pieces for ``small``, (S, E) embeddings for ``clip`` and ``sentence``, (S, 0) for ``none``.
 
     Raises:
-        InputError: the weights cannot be loaded; names folder and remedy.
+        InputError: the weights cannot be loaded; the message names folder and remedy.
         MissingExtraError: ``transformers`` is not installed.
     """
     if config.text == "none":
@@ -50,7 +50,7 @@ def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Sh
 
     Args:
         sentences: S, number of instructions.
-        found: shape of the table in a file, which gives the length of pretrained embeddings.
+        found: shape of a table that was read from a file; it determines the length of pretrained embeddings.
     """
     if config.text == "small":
         return Shape("I64", (sentences, WORDS, PIECES))
@@ -61,21 +61,20 @@ def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Sh
 
 
 def check_table(table: torch.Tensor, config: PolicyConfig, file: Path) -> None:
-    """Refuse piece numbers that the small encoder has no weights for.
+    """Check that the small encoder has weights for all indices in a table.
 
     Raises:
-        InputError: names the file.
+        InputError: an index is out of range; the message names the file.
     """
     if config.text == "small" and not bool(((table >= 0) & (table < BUCKETS)).all()):
         raise InputError(f"must lie in 0..{BUCKETS - 1}", file=file, field="sentences", remedy="train again")
 
 
 def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | None:
-    """Return the module that turns rows of the table into tokens (B, width), or None if the policy ignores
-    instructions.
+    """Return the module that turns table rows into tokens (B, width); None if the policy ignores instructions.
 
     Args:
-        row: shape of a row.
+        row: shape of a row of the table.
     """
     if config.text == "none":
         return None
@@ -85,7 +84,7 @@ def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | N
 
 
 def pieces(sentence: str) -> torch.Tensor:
-    """Return hashed indices (24, 12) of a sentence's words and their trigrams, 0 as padding.
+    """Return hashed indices (24, 12) of a sentence's words and of the words' trigrams, padded with 0.
 
     Unknown words share trigrams with known ones, for example "opened" with "open".
     """
@@ -101,10 +100,10 @@ def pieces(sentence: str) -> torch.Tensor:
 
 
 class SmallText(nn.Module):  # type: ignore[misc]
-    """Text encoder with learned pieces of words, trained with the policy.
+    """Text encoder with learned embeddings of words and trigrams, trained with the policy.
 
-    Pieces are averaged over each word; an MLP gets the mean and the maximum over the words. It has about 200,000
-    parameters at width 192. New words are understood only by the trigrams that they share with training words.
+    Embeddings are averaged over each word; an MLP gets the mean and the maximum over the words. The encoder has about
+    200,000 parameters at width 192. It understands a new word only by trigrams that also occur in training words.
 
     Args:
         width: size of the token.

@@ -1,4 +1,4 @@
-"""Training loop of all policies, independent of the head and the source of data."""
+"""Train policies with any head on any source of data."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FITTED = 1024
 """Number of samples from which the normalization is computed."""
 
 TRAINING = "training"
-"""Folder of training state and curves, inside the checkpoint's folder."""
+"""Name of the subfolder of a checkpoint's folder with training state and curves."""
 
 
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -48,10 +48,10 @@ _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 
 @contextlib.contextmanager
 def deferred_signals() -> Iterator[Callable[[], bool]]:
-    """Defer SIGINT, SIGTERM and SIGHUP to the end of the block; yield a function that tells whether one has come.
+    """Defer SIGINT, SIGTERM and SIGHUP to the end of the block, so that no optimizer step is interrupted.
 
-    A signal inside an optimizer step would leave it half done. The first deferred signal is raised again at the end.
-    Ignored signals stay ignored. Outside the main thread nothing is deferred.
+    The context yields a function that returns whether a signal has arrived. At the end the first deferred signal is
+    raised again. Ignored signals stay ignored. Outside the main thread no signal is deferred.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
@@ -83,7 +83,7 @@ class TrainResult:
         checkpoint: policy with the averaged weights.
         loss: mean loss of the last logged interval.
         steps: total number of steps.
-        cpu_s: CPU time of all steps, s, including those before a resume.
+        cpu_s: CPU time of all steps, s, including the steps before the training was resumed.
         parameters: number of weights.
     """
 
@@ -128,20 +128,20 @@ def train_policy(
 ) -> TrainResult:
     """Train a policy and write its checkpoint with the averaged weights of the last step.
 
-    On the same CPU model, with the same number of threads and devices, an interrupted and resumed training gives the
-    same bytes as an uninterrupted one.
+    On the same CPU model, with the same number of threads and devices, a resumed training produces the same bytes as an
+    uninterrupted training.
 
     Args:
-        config: settings of the network; with ``start``, those of the starting policy.
-        out: folder of the checkpoint; ``training/`` in it has state and curves.
+        config: settings of the network; with ``start``, the settings of the starting policy.
+        out: folder of the checkpoint; its subfolder ``training/`` has state and curves.
         start: checkpoint whose weights and normalization the training starts from, with a fresh optimizer.
-        resume: continue an interrupted training in ``out``.
-        device: as for :func:`~gensim2.policy.devices.read_devices`; several devices share each batch.
+        resume: whether to continue an interrupted training in ``out``.
+        device: as for :func:`~gensim2.policy.devices.read_devices`; each batch is divided among several devices.
 
     Raises:
         InputError: settings and data do not fit together, ``out`` has another training, or another process uses
             ``out``.
-        KeyboardInterrupt: after a signal, once the state is written.
+        KeyboardInterrupt: a signal has arrived; the state is written first.
     """
     with FolderLock(out):
         return _train(source, config, training, out, start, resume, device, progress)
@@ -170,7 +170,7 @@ def _train(
             message, field="points", remedy=f"render with --points {config.points}, or train with {points}"
         )
     if training.yaw > 0 and config.frame == "base" and source.action.kind != "joint-relative":
-        raise InputError("needs joint-relative actions, or frame: turned", field="yaw")
+        raise InputError("needs a policy with joint-relative actions or with frame: turned", field="yaw")
     if training.arm_noise > 0 and (source.observation.cloud.robot != "none" or config.head == "keypose"):
         message = "is of action chunks and clouds without the robot"
         raise InputError(message, field="arm_noise", remedy="render with --keep-robot none, or leave it out")
@@ -233,7 +233,7 @@ def _run(
     devices: Sequence[torch.device],
     progress: Progress,
 ) -> float:
-    """Take all remaining steps on all devices and return the mean loss of the last logged interval."""
+    """Run all remaining steps on all devices, and return the mean loss of the last logged interval."""
     share = share_of(training.batch, devices)
     gradients = GradientStep(state.network, source, config, training, table.to(devices[0]), share)
     with Replicas(state.network, source, config, training, table, share, devices[1:]) as others:
@@ -254,7 +254,7 @@ def take_steps(
     progress: Progress = NULL_PROGRESS,
     more_cpu_s: Callable[[], float] = lambda: 0.0,
 ) -> float:
-    """Take all remaining steps and return the mean loss of the last logged interval.
+    """Run all remaining steps, and return the mean loss of the last logged interval.
 
     Args:
         state: state of the training, which is saved to ``folder`` at intervals and at the end.
@@ -263,11 +263,11 @@ def take_steps(
         folder: folder for the state and the loss curves.
         identity: all settings and data that determine the result of the training.
         progress: listener.
-        more_cpu_s: CPU seconds that other processes have spent since the call.
+        more_cpu_s: function that returns the CPU time (s) that other processes have spent since the call.
 
     Raises:
-        InputError: the loss is not finite, or the gradients cannot be had; the state is written.
-        KeyboardInterrupt: after a signal, once the state is written.
+        InputError: the loss is not finite, or computing the gradients failed; the state is written first.
+        KeyboardInterrupt: a signal has arrived; the state is written first.
     """
     parameters = [parameter for parameter in state.network.parameters() if parameter.requires_grad]
     curves = Curves(folder, state.step)
@@ -320,7 +320,7 @@ def holds_training(folder: Path) -> bool:
 
 
 def learning_rate(step: int, training: TrainConfig) -> float:
-    """Return the learning rate of a step, from 0: linear warm-up, then a cosine to zero one step after the last."""
+    """Return the learning rate of a step (counted from 0): linear warm-up, then cosine decay to zero."""
     warmup = min(training.warmup, training.steps // 2)
     if step < warmup:
         return training.learning_rate * (step + 1) / warmup
@@ -344,7 +344,7 @@ def optimizer_of(network: torch.nn.Module, training: TrainConfig) -> torch.optim
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
 def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, step: int) -> None:
-    """Update the moving averages; the first steps use a smaller decay, so that the initial weights are forgotten."""
+    """Update the moving averages, with a smaller decay in the first steps to forget the initial weights."""
     share = 1.0 - min(decay, (1 + step) / (10 + step))
     pairs = list(zip(average.parameters(), network.parameters(), strict=True))
     torch._foreach_lerp_([a for a, _ in pairs], [b for _, b in pairs], share)
@@ -356,7 +356,9 @@ def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source)
     start.require_robot(source.robot, "--from")
     start.observation.require(source.observation, "the data", of="--from")
     if start.action != source.action:
-        raise InputError(f"has actions {start.action}, the data {source.action}", file="--from", field="action")
+        raise InputError(
+            f"has actions {start.action}, but the data have {source.action}", file="--from", field="action"
+        )
     mine, its = network.config.to_dict(), start.config.to_dict()
     for name in mine:
         grows = name == "ways" and mine[name] > its[name]

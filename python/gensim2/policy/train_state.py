@@ -1,4 +1,4 @@
-"""State of a training on disk, from which it resumes bit for bit."""
+"""Save and load the state of a training, so that the training resumes exactly."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Record(RunSettings):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the settings that differ if the digests do; records of earlier versions have fewer settings."""
+        """Yield the settings that differ, if the SHA-256 differs; earlier versions recorded fewer settings."""
         if self.identity == now.identity:
             return
         theirs = json.loads(json.dumps(now.settings))
@@ -54,7 +54,7 @@ class Identity:
     """Settings and data that determine the result of a training.
 
     Attributes:
-        parts: plain data by name; ``"policy"`` and ``"training"`` are stored setting by setting, others as a digest.
+        parts: plain data by name. ``"policy"`` and ``"training"`` are stored setting by setting, others as SHA-256.
     """
 
     parts: Mapping[str, Any]
@@ -66,7 +66,7 @@ class Identity:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Return the settings of policy and training, and the digests of all other parts."""
+        """Return the settings of policy and training, and the SHA-256 of each other part."""
         others = {
             name: _digest(part) for name, part in self.parts.items() if name not in ("policy", "training", "data")
         }
@@ -88,16 +88,16 @@ def _digest(value: Any) -> str:
 class TrainState:
     """Weights, averaged weights, optimizer moments, and progress of a training.
 
-    There is no further state: random numbers of a step depend only on the seed and the step number.
+    This is the complete state, because the random numbers of a step depend only on seed and step number.
 
     Attributes:
         network: the trained network.
-        average: exponential moving average of its weights; buffers are copied.
+        average: network with the exponential moving average of the weights; its buffers are copies.
         optimizer: AdamW over the network's parameters.
         step: number of steps taken.
         cpu_s: CPU time of these steps, s.
         losses: losses since the last point of the curves.
-        loss: mean loss at the last point of the curves; None without a point, or in the state of an earlier version.
+        loss: mean loss at the last point of the curves; None if there is no point, or in states of earlier versions.
     """
 
     network: nn.Module
@@ -138,7 +138,7 @@ class TrainState:
         """Load a state to resume from.
 
         Raises:
-            InputError: the state is damaged, or belongs to another training or version of gensim2.
+            InputError: the state is damaged, or belongs to another training or to another version of gensim2.
         """
         record = read_record(folder / STATE_JSON, _Record, _REMEDY)
         record.require_same(self._record(identity, record.file, record.sha256), folder / STATE_JSON)

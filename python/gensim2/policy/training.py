@@ -1,4 +1,4 @@
-"""``gensim2 train``: train a policy on demonstrations and write its checkpoint."""
+"""Train a policy on demonstrations and write its checkpoint (``gensim2 train``)."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def train(
         config: YAML file of settings (:mod:`gensim2.policy.config`).
         settings: settings by name, which take precedence over the file.
         tasks: names of the tasks; empty for all tasks of the data.
-        start: checkpoint to start from, with other data or tasks; its architecture is used unless ``settings`` differ.
-        resume: continue an interrupted training in ``out``.
+        start: checkpoint whose weights the training starts from; its architecture is the default for ``settings``.
+        resume: whether to continue an interrupted training in ``out``.
         device: as for :func:`~gensim2.policy.devices.read_devices`.
         dagger: number of DAgger rounds (:mod:`gensim2.policy.dagger`), each with the same number of gradient steps.
-        dagger_episodes: rollouts of each task and DAgger round.
+        dagger_episodes: number of rollouts of each task in a DAgger round.
         workers: simulator processes of the DAgger rounds.
         assets: folder of the objects in the DAgger rounds; None: the folder recorded in the data sets.
 
@@ -67,7 +67,7 @@ def train(
         policy, training = read_config(config, **given) if config is not None else configs(given)
     if policy.head == "keypose":
         raise InputError(
-            "a keypose policy cannot learn from demonstrations",
+            "a keypose policy learns from plans, not from demonstrations",
             field="head",
             remedy="use `gensim2 learn --policy keypose`",
         )
@@ -99,7 +99,7 @@ def train(
 
 
 def read_flat(path: Path) -> dict[str, Any]:
-    """Return only the settings that a file contains."""
+    """Return the settings that a file contains, without defaults."""
     from gensim2.core.yaml_files import read_yaml
 
     read_config(path)

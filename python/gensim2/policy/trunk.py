@@ -1,4 +1,4 @@
-"""Pre-LN transformer over a readout token, the instruction, and the cloud and proprioception of each frame."""
+"""Pre-LN transformer over a readout token, the instruction's token, and tokens of each frame's cloud and state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Attention(nn.Module):  # type: ignore[misc]
         self.out = nn.Linear(width, width)
 
     def forward(self, tokens: torch.Tensor, memory: torch.Tensor) -> torch.Tensor:
-        """Return (B, S, D): tokens (B, S, D) attend to memory (B, M, D)."""
+        """Return the result (B, S, D) of attention from tokens (B, S, D) to memory (B, M, D)."""
         query = self._split(self.query(tokens))
         key, value = (self._split(each) for each in self.key_value(memory).chunk(2, -1))
         seen = nn.functional.scaled_dot_product_attention(query, key, value)
@@ -33,11 +33,11 @@ class Attention(nn.Module):  # type: ignore[misc]
 
 
 class Block(nn.Module):  # type: ignore[misc]
-    """Pre-LN block: self-attention, optional attention to a memory, and an MLP.
+    """Pre-LN block: self-attention, optional cross-attention to a second sequence of tokens, and an MLP.
 
     Args:
         width, heads: as for :class:`Attention`.
-        memory: whether the block attends to a memory.
+        memory: whether the block also attends to a second sequence of tokens.
     """
 
     def __init__(self, width: int, heads: int, *, memory: bool = False) -> None:
@@ -75,7 +75,7 @@ class Trunk(nn.Module):  # type: ignore[misc]
         self.norm = nn.LayerNorm(width)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Return (B, S, D), the readout first, for tokens (B, S - 1, D)."""
+        """Return output tokens (B, S, D), the readout first, for input tokens (B, S - 1, D)."""
         tokens = torch.cat([self.readout.expand(len(tokens), -1, -1), tokens], 1) + self.places
         for block in self.blocks:
             tokens = block(tokens)

@@ -108,8 +108,7 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Maximum velocity, acceleration and jerk of m arm joints, each (m,), in rad or m per s, s^2 and s^3.
-    """
+    """Maximum velocity, acceleration and jerk of m arm joints, each (m,), in rad or m per s, s^2 and s^3."""
 
     velocity: Array
     acceleration: Array

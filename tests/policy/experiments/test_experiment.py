@@ -135,7 +135,7 @@ def test_a_first_training_of_every_arm_goes_before_second_ones_and_figures_stand
         (("[CloseBox, OpenBox]", "[CloseBox, OpenBok]"), "OpenBok"),
         (("[CloseBox, OpenBox]", "[CloseBox, OpenDishwasher]"), "has no other words for"),
         (("[CloseBox, OpenBox]", "[CloseBox, OpenBok]"), "arms.split.tasks"),
-        (("[CloseBox, OpenBox]", "[CloseBox, CloseBox]"), "split has a task twice"),
+        (("[CloseBox, OpenBox]", "[CloseBox, CloseBox]"), "split lists a task twice"),
         (("[CloseTrashCan]", "[CloseBox]"), "CloseBox is listed as untaught, but an arm trains on it"),
     ],
 )

@@ -79,7 +79,7 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     # A policy of another command is not overwritten.
     (out / "learn.json").unlink()
     assert run(words) == 2
-    assert "contains a policy from another training" in capfd.readouterr().err
+    assert "has a policy of another command" in capfd.readouterr().err
 
 
 def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
@@ -191,12 +191,18 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     shutil.copytree(task_folder("CloseBox"), other)
     (other / "task.yaml").write_text((other / "task.yaml").read_text().replace("CloseBox", "CloseBoxToo"))
     for tasks, said in (
-        (["TurnOnFaucet", "--from", str(second)], "knows it already"),
+        (["TurnOnFaucet", "--from", str(second)], "already knows this task"),
         (["OpenBox", "--from", str(second), "--policy", "chunk"], "goes on from a keypose policy of several tasks"),
         (["OpenBox", "--from", str(tmp_path / "none")], "config.json"),
         (["OpenBox", "--from", str(second), "--noise", "d435"], "noise"),
-        (["OpenBox", "--from", str(second), "--text", "clip"], f"text: must be {policy.config.text}, as --from has it"),
-        (["OpenBox", "--from", str(second), "--text-model", "other"], "text_model: is determined by --from"),
+        (
+            ["OpenBox", "--from", str(second), "--text", "clip"],
+            f"text: must be {policy.config.text}, the encoder of --from",
+        ),
+        (
+            ["OpenBox", "--from", str(second), "--text-model", "other"],
+            "text_model: is determined by the policy of --from",
+        ),
         (["OpenBox", "--from", str(second), "--robot", "fetch"], "is for the robot 'panda'"),
         ([str(other), "--from", str(second)], "have the sentence 'close the box'"),
     ):
@@ -206,7 +212,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     shutil.rmtree(second / "data" / "CloseBox")
     words = ["learn", "OpenBox", "--from", str(second), *common, *own, "--out", str(tmp_path / "refused-too")]
     assert run(words) == 2
-    assert "the plans of its training are missing" in capfd.readouterr().err
+    assert "the folder lacks the plans that the policy was trained on" in capfd.readouterr().err
 
 
 def test_generated_objects_teach_beside_those_of_a_folder(
@@ -248,14 +254,14 @@ def test_generated_objects_teach_beside_those_of_a_folder(
     assert "HandCanOfTunaAcross: trained without generated objects, " in capfd.readouterr().err
     assert not (tmp_path / "half" / "data" / f"HandCanOfTunaAcross{BESIDE}").exists()
     assert run([*words[:1], *words[2:3], "--generated", "3", *rest, "--out", str(tmp_path / "none")]) == 2
-    assert "generated: none of these tasks can be taught on generated objects" in capfd.readouterr().err
+    assert "generated: none of these tasks can use generated objects" in capfd.readouterr().err
 
 
 def test_two_folders_of_plans_of_a_task_are_of_the_same_strategies() -> None:
     planned = made_up(4)
     assert PlannedSource([planned, made_up(4, seed=1)]).record.tasks == ("PushBar",)
     other = replace(planned, record=planned.record.model_copy(update={"ways": (("one",),)}))
-    with pytest.raises(InputError, match="two folders of plans of PushBar differ"):
+    with pytest.raises(InputError, match="both folders of PushBar must have the same settings"):
         PlannedSource([planned, other])
 
 
@@ -277,10 +283,10 @@ def test_what_cannot_be_done_is_said_before_anything_is_planned(
 ) -> None:
     for words, said in (
         (["--test-instances", "tset"], "test_instances: no"),
-        (["--objects", "5", "--instances", "train"], "contradicts instances"),
+        (["--objects", "5", "--instances", "train"], "cannot be given together with instances"),
         (["--policy", "chunk", "--verify"], "applies to plans"),
         (["--policy", "chunk", "--generated", "5"], "generated: applies to plans"),
-        (["--generated", "5"], "generated: are beside the objects of a folder"),
+        (["--generated", "5"], "generated: applies only if the tasks use the objects of a folder"),
         (["OpenBox", "--text", "clip"], "applies to multi-task policies only"),
         (["OpenBox", "--multi-task", "--text-model", "one"], "applies to pretrained encoders only"),
         (["OpenBox", "--multi-task", "--text", "sentence", "--text-model", str(tmp_path)], "it has no config.json"),
@@ -311,13 +317,13 @@ def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], s
         ("head: flow", [], "head: is not a setting of gensim2 learn (say it with --policy)"),
         ("encodr: mlp", [], "encodr: policy settings have no such field"),
         ("encoder: state", [], "encoder: state applies to action-chunk policies only"),
-        ("history: 2", [], "history: is of policies of action chunks"),
-        ("arm_noise: 0.1", [], "arm_noise: is of policies of action chunks"),
+        ("history: 2", [], "history: applies only to action chunks"),
+        ("arm_noise: 0.1", [], "arm_noise: applies only to action chunks"),
         ("ways: 3", ["--policy", "chunk"], "ways: is not a setting of gensim2 learn"),
-        ("hears: false", ["--policy", "chunk"], "hears: is of policies of keyposes"),
+        ("hears: false", ["--policy", "chunk"], "hears: applies only to keyposes"),
         ("{encoder: state, points: 8}", ["--policy", "chunk"], "points: must be at least 64 of the encoder state"),
         ("encoder: state", ["--policy", "chunk", "--noise", "d435"], "noise: is of depth pictures"),
-        ("batch: 16", ["--from", "builtin"], "--config: is of a policy that goes on from no other"),
+        ("batch: 16", ["--from", "builtin"], "--config: cannot be given together with --from"),
         ("[1]", [], "settings.yaml"),
     ],
 )

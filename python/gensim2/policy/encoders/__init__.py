@@ -1,4 +1,4 @@
-"""Point encoders, which turn a cloud into pooled tokens and, on request, a feature for each point."""
+"""Point encoders, which turn a cloud into pooled tokens and, on request, features of its points."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _KINDS: dict[str, Any] = {
 
 
 def make_encoder(config: PolicyConfig) -> PointEncoder:
-    """Return the configured encoder with fresh weights.
+    """Return the configured encoder with newly initialized weights.
 
     Raises:
-        InputError: ``config.points`` is missing, which the ``state`` encoder needs.
+        InputError: the encoder is ``state``, and ``config.points`` is not set.
     """
     more: dict[str, Any] = {"blocks": config.blocks} if config.encoder == "pointnext" else {}
     if config.encoder == "state":
         if config.points is None:
-            raise InputError("must equal the number of points in the data for the encoder state", field="points")
+            raise InputError("is required for the encoder state, as the number of points in the data", field="points")
         more = {"points": config.points}
     encoder: PointEncoder = _KINDS[config.encoder](cloud_size(config), **more)
     return encoder

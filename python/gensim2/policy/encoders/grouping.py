@@ -1,4 +1,4 @@
-"""Neighbourhoods of points in pure PyTorch: farthest point sampling, ball queries, interpolation."""
+"""Compute neighbourhoods of points in pure PyTorch: farthest point sampling, ball queries, interpolation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
     """
     last = (points - points.mean(1, keepdim=True)).square().sum(-1).argmax(1)
     found, nearest = [last], torch.full_like(points[..., 0], torch.inf)
-    # Axis by axis, because sums over a last dimension of length three take ten times as long.
+    # The axes are processed one by one, because a sum over a last dimension of length three takes ten times as long.
     x, y, z = (each.contiguous() for each in points.unbind(-1))
     for _ in range(count - 1):
         at = last[:, None]
@@ -33,20 +33,18 @@ def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
 
 
 def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Return squared distances (B, M, N) between points (B, M, 3) and (B, N, 3), without cancellation."""
+    """Return squared distances (B, M, N) between points (B, M, 3) and (B, N, 3), without cancellation errors."""
     return (a[:, :, None] - b[:, None]).square().sum(-1)
 
 
 def ball_query(points: torch.Tensor, centers: torch.Tensor, radius: float, count: int) -> torch.Tensor:
-    """Return the nearest points within a radius of each centre.
-
-    The nearest points are taken, not the first ones, so the result does not depend on the order of the points.
+    """Return the nearest points within a radius of each centre, independently of the order of the points.
 
     Args:
         points: (B, N, 3).
         centers: (B, M, 3).
         radius: radius of a group, in the unit of the points.
-        count: number of points; if fewer are within the radius, the nearest one is repeated.
+        count: number of points in a group; a group with fewer points repeats the nearest point.
 
     Returns:
         (B, M, count) int64 indices.
@@ -57,7 +55,7 @@ def ball_query(points: torch.Tensor, centers: torch.Tensor, radius: float, count
 
 
 def gathered(values: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
-    """Return the values (B, ..., C) at rows (B, ...) of ``values`` (B, N, C)."""
+    """Return the entries (B, ..., C) of ``values`` (B, N, C) at the indices ``rows`` (B, ...)."""
     flat = rows.flatten(1)
     found = torch.gather(values, 1, flat[..., None].expand(-1, -1, values.shape[-1]))
     return found.unflatten(1, rows.shape[1:])
@@ -69,10 +67,10 @@ def interpolated(points: torch.Tensor, known: torch.Tensor, values: torch.Tensor
     Args:
         points: (B, N, 3) points to interpolate at.
         known: (B, M, 3) points with known values.
-        values: (B, M, C).
+        values: (B, M, C) values at the known points.
 
     Returns:
-        (B, N, C).
+        (B, N, C) interpolated values.
     """
     distance, rows = squared_distances(points, known).topk(min(3, known.shape[1]), dim=-1, largest=False)
     weights = 1 / distance.clamp(min=1e-10)

@@ -1,4 +1,4 @@
-"""MLP encoders: a maximum over per-point features (PointNet without its transforms), or one MLP on the whole state."""
+"""MLP encoders: a PointNet without transforms, and an MLP on the concatenated points."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import torch
 from torch import nn
 
 ROWS = 1024
-"""Number of points that a CPU processes at once, so that intermediate results stay in its cache."""
+"""Number of points that the CPU processes at once, chosen so that intermediate results fit into its cache."""
 
 
 class StateEncoder(nn.Module):  # type: ignore[misc]
-    """MLP 256-256 on all points of a cloud together; a point's feature is its own beside the pooled one.
+    """MLP on the concatenated points of a cloud. A point's feature is its own linear feature and the pooled token.
 
     Args:
-        channels: C, numbers for each point.
-        points: N.
+        channels: C, number of channels of a point.
+        points: N, number of points in a cloud.
     """
 
     tokens, width, feature_width = 1, 256, 64 + 256
@@ -43,13 +43,13 @@ class StateEncoder(nn.Module):  # type: ignore[misc]
 
 
 class MlpEncoder(nn.Module):  # type: ignore[misc]
-    """MLP 64-128-192 with LayerNorm on every point, then the maximum over the points.
+    """MLP 64-128-192 with LayerNorm on each point, followed by a maximum over the points.
 
-    Only the points that attain a maximum have a gradient, about 90 of 512. In training these points are found without
-    gradients and evaluated again with gradients, which gives the same result in less than half of the time.
+    Only points that attain a maximum have a gradient, about 90 of 512. Training first finds these points without
+    gradients, then evaluates only them with gradients. The result is the same in less than half of the time.
 
     Args:
-        channels: C, numbers for each point.
+        channels: C, number of channels of a point.
     """
 
     tokens, width, feature_width = 1, 192, 192
@@ -80,7 +80,7 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
         return values[of_row, column][:, None]
 
     def _winners(self, points: torch.Tensor) -> torch.Tensor:
-        """Return the index (B, F) of the point with the maximum of each feature."""
+        """Return, for each of F features, the index (B, F) of the point with its maximum."""
         batch, count, _ = points.shape
         clouds = max(ROWS // count, 1) if points.device.type == "cpu" else batch
         parts = [self.layers(part).max(1).indices for part in points.split(clouds)]  # argmax takes three times as long
@@ -89,5 +89,5 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the pooled token (B, 1, 192) and the features (B, N, 192)."""
         features = self.layers(points)
-        # amax would share the gradient among all points that attain the maximum.
+        # ``amax`` would divide the gradient among all points that attain the maximum.
         return features.max(1, keepdim=True).values, features

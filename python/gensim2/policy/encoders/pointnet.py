@@ -22,7 +22,7 @@ class Shared(nn.Module):  # type: ignore[misc]
 
 
 class Transform(nn.Module):  # type: ignore[misc]
-    """T-Net: predicts a 3 x 3 matrix for each cloud and starts at the identity."""
+    """T-Net, which predicts a 3 x 3 matrix for each cloud; initially the identity."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -38,10 +38,10 @@ class Transform(nn.Module):  # type: ignore[misc]
 
 
 class PointNetEncoder(nn.Module):  # type: ignore[misc]
-    """PointNet without the feature transform; a point's feature is its own beside that of the cloud.
+    """PointNet without the feature transform. A point's feature is its local feature followed by the cloud's feature.
 
     Args:
-        channels: C, numbers for each point.
+        channels: C, number of channels of a point.
     """
 
     tokens, width, feature_width = 1, 512, 64 + 512

@@ -19,7 +19,7 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
     """Set abstraction: an MLP and a maximum over the neighbours of sampled centres, with a residual connection.
 
     Args:
-        inner, outer: number of features of a point, and of a centre.
+        inner, outer: number of input features of a point, and of output features of a centre.
         stride: ratio of points to centres.
         radius: radius of the balls, in normalized coordinates.
     """
@@ -74,8 +74,8 @@ class PointNextEncoder(nn.Module):  # type: ignore[misc]
     maximum.
 
     Args:
-        channels: C, numbers for each point.
-        blocks: inverted residual blocks in each stage; 0 is PointNeXt-S, larger numbers lead to B, L and XL.
+        channels: C, number of channels of a point.
+        blocks: number of inverted residual blocks in each stage; 0 is PointNeXt-S, and B, L and XL have more blocks.
     """
 
     tokens, width, feature_width = 1, 512, 32 + 512
@@ -97,9 +97,7 @@ class PointNextEncoder(nn.Module):  # type: ignore[misc]
         return self._run(points)[0]
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pooled token (B, 1, 512) and the features (B, N, 544): the stem's and the last stage's,
-        interpolated.
-        """
+        """Return the pooled token (B, 1, 512) and point features (B, N, 544): stem and interpolated last stage."""
         pooled, stem, centers, deep = self._run(points)
         return pooled, torch.cat([stem, interpolated(points[..., :3], centers, deep)], -1)
 

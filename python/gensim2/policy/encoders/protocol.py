@@ -1,4 +1,4 @@
-"""Interface of point encoders."""
+"""Define the interface of point encoders."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import torch
 class PointEncoder(Protocol):
     """Encoder of normalized points (B, N, C), whose first three channels are coordinates.
 
-    Encoders are ``torch.nn.Module`` in pure PyTorch. Except for :class:`StateEncoder`, which identifies points by their
-    index, the result does not depend on the order of the points.
+    Encoders are PyTorch modules. Only the result of :class:`StateEncoder` depends on the order of the points.
 
     Attributes:
         tokens: K, number of pooled tokens of a cloud.

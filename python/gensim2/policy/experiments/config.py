@@ -1,4 +1,4 @@
-"""Configurations of experiments: the training data of each policy and its evaluations."""
+"""Read the configuration of an experiment: training data and evaluations of each policy."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class Arm(BaseModel):
 
     Attributes:
         name: name of the policy and of its folder.
-        objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of the run.
-        count: number of generated training objects of each class; None: the training split. With real objects these are
-            added to the real ones.
+        objects: training objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of the run.
+        count: number of generated training objects of each class, in addition to the real ones if ``objects`` is
+            ``"real"``. None: only the training split.
         tasks: names of library tasks; one policy learns all of them.
         minutes_a_task: CPU minutes for data and training of each task; None: as in the experiment.
-        start: name of an earlier policy with the same objects. Training starts from the weights and demonstrations of
-            that policy and only adds the tasks that it lacks. None: train from scratch.
+        start: name of an earlier policy with the same objects. Training starts from its weights and demonstrations, and
+            only the additional tasks are new. None: train from scratch.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -45,18 +45,16 @@ class Arm(BaseModel):
     @model_validator(mode="after")
     def _tasks_differ(self) -> Arm:
         if len(set(self.tasks)) < len(self.tasks):
-            raise ValueError(f"{self.name} has a task twice")
+            raise ValueError(f"{self.name} lists a task twice")
         return self
 
     @property
     def is_split(self) -> bool:
-        """Return whether the policy trains on a split of listed objects, so that seen and unseen objects can be
-        distinguished.
-        """
+        """Return whether the policy trains on a split, so that seen and unseen objects are distinguished."""
         return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:
-        """Return the tasks that this policy adds to those of the policy ``start``."""
+        """Return the tasks of this policy that the policy ``start`` lacks."""
         return tuple(name for name in self.tasks if start is None or name not in start.tasks)
 
 
@@ -67,16 +65,16 @@ class ExperimentConfig(BaseModel):
         title, about: title and description in the report.
         seeds: number of trainings of each policy.
         minutes_a_task: CPU minutes for data and training of each task of a policy.
-        scenes: largest number of planned scenes of each task.
-        episodes, control_episodes: number of evaluation episodes of each task, for the policy and without the cloud.
-        unseen: name of the set of objects that a training does not see.
-        tenth: tenth (0 to 9) of each class's objects that the first training leaves out; each further training leaves
-            out the next one.
-        transfer: also evaluate policies trained on generated objects on real objects.
-        text, text_model: text encoder, and folder or hub name of its weights; None: defaults of
+        scenes: maximum number of planned scenes of each task.
+        episodes, control_episodes: number of evaluation episodes of each task, with the point cloud and without it.
+        unseen: name of the set of objects that no policy is trained on.
+        tenth: which tenth (0 to 9) of each class's objects the first training leaves out for evaluation. Each later
+            training leaves out the next tenth.
+        transfer: whether to evaluate policies trained on generated objects also on real objects.
+        text, text_model: text encoder, and folder or hub name of its weights; None: the defaults of
             :func:`~gensim2.policy.learning.learn`.
-        sentences: also evaluate with the opposite instruction and with paraphrases.
-        untaught: tasks that no policy is trained on, for a further evaluation with their own instructions.
+        sentences: whether to evaluate also with the opposite instruction and with paraphrases.
+        untaught: tasks that no policy is trained on; every policy is evaluated on them, too.
         arms: policies to train, in the order of the report.
     """
 
@@ -101,7 +99,7 @@ class ExperimentConfig(BaseModel):
     @model_validator(mode="after")
     def _names_differ(self) -> ExperimentConfig:
         if len({arm.name for arm in self.arms}) < len(self.arms):
-            raise ValueError("two arms share a name")
+            raise ValueError("two arms have the same name")
         for name in self.untaught:
             if any(name in arm.tasks for arm in self.arms):
                 raise ValueError(f"{name} is listed as untaught, but an arm trains on it")
@@ -119,12 +117,12 @@ class ExperimentConfig(BaseModel):
                 raise ValueError(f"{arm.name} and {arm.start}, which it starts from, have different objects")
             if len(start.tasks) < 2 or not set(start.tasks) < set(arm.tasks):
                 raise ValueError(
-                    f"{arm.name} must have all tasks of {arm.start}, of which there must be several, and further tasks"
+                    f"{arm.name} must add tasks to those of {arm.start}, and {arm.start} must have several tasks"
                 )
         return self
 
     def words(self, arm: Arm, number: int) -> tuple[str, str]:
-        """Return the names of the training objects and of the unseen objects of one training.
+        """Return the names of the object sets for training and for the evaluation on unseen objects.
 
         Args:
             number: index of the training, from 0.
@@ -139,20 +137,20 @@ class ExperimentConfig(BaseModel):
 
 
 def config_of(name: Name, *, small: bool = False) -> ExperimentConfig:
-    """Return a configuration that comes with the package.
+    """Return the configuration of an experiment that comes with the package.
 
     Args:
         name: name of the experiment.
-        small: the variant that runs in a few minutes.
+        small: whether to return the small variant, which runs in a few minutes.
     """
     return read_experiment(CONFIGS / f"{name}{'_small' if small else ''}.yaml")
 
 
 def read_experiment(path: Path) -> ExperimentConfig:
-    """Read a configuration from a YAML file.
+    """Read the configuration of an experiment from a YAML file.
 
     Raises:
-        InputError: the file cannot be read, or a field is unknown or invalid; names file and field.
+        InputError: the file cannot be read, or a field is unknown or invalid; the message names file and field.
     """
     from gensim2.core.yaml_files import read_yaml
 

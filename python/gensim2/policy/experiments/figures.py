@@ -1,4 +1,4 @@
-"""Success rates of an experiment, computed from the evaluation episodes of its policies."""
+"""Compute the success rates of an experiment from its evaluation episodes."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 @dataclass(frozen=True)
 class Rate:
-    """Number of successful episodes.
+    """Number of successful episodes and number of all episodes.
 
     Attributes:
-        held, episodes: successful episodes, and all episodes.
+        held, episodes: number of episodes that pass the ``held`` verdict, and of all episodes.
     """
 
     held: int
@@ -35,12 +35,12 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % Wilson interval of the success rate; episodes of several tasks count as draws from one rate."""
+        """95 % Wilson interval of the success rate, which treats the episodes of all tasks as one sample."""
         return interval(self.held, self.episodes)
 
     @staticmethod
     def total(rates: Sequence[Rate]) -> Rate:
-        """Return the sum of several counts."""
+        """Return the sum of the counts of several rates."""
         return Rate(sum(rate.held for rate in rates), sum(rate.episodes for rate in rates))
 
     def to_dict(self, name: str) -> dict[str, Any]:
@@ -53,10 +53,10 @@ def difference(one: Rate, other: Rate) -> tuple[float, tuple[float, float]]:
     """Return the difference ``one - other`` of two success rates with its 95 % interval (Newcombe 1998).
 
     Raises:
-        ValueError: one of them has no episodes.
+        ValueError: one of the rates has no episodes.
     """
     if one.mean is None or other.mean is None:
-        raise ValueError("there are no episodes")
+        raise ValueError("a success rate without episodes has no difference to another")
     gap = one.mean - other.mean
     (low_1, high_1), (low_2, high_2) = one.interval, other.interval
     below = sqrt((one.mean - low_1) ** 2 + (high_2 - other.mean) ** 2)
@@ -70,18 +70,18 @@ class TaskFigures:
 
     Attributes:
         name: name of the task.
-        rates: results by kind of evaluation; kinds without an evaluation are missing.
+        rates: success rate for each kind of evaluation that was run.
     """
 
     name: str
     rates: Mapping[Kind, Rate]
 
     def rate(self, kind: Kind) -> Rate:
-        """Return the result of one kind of evaluation; 0 of 0 episodes if there was none."""
+        """Return the success rate of one kind of evaluation; 0 of 0 episodes if it was not run."""
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:
-        """Return the success rates with all episodes counted as seen, for a task whose objects were all trained on."""
+        """Return the rates with all episodes counted as seen, for a task without unseen objects."""
         rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
         return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
@@ -94,9 +94,10 @@ class TaskFigures:
 
 
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
-    """Return the mean success rates over tasks and the loss on unseen objects.
+    """Return the mean success rates over tasks, and the loss on unseen objects compared with seen ones.
 
-    All tasks count equally. ``said_mean`` is the success rate on unseen objects of the tasks that have an opposite.
+    All tasks count equally. ``said_mean`` is the success rate with the correct instruction, on the tasks that have an
+    opposite instruction.
     """
     totals = {kind: Rate.total([each.rate(kind) for each in tasks]) for kind in KINDS}
     told: dict[str, Any] = {}
@@ -113,7 +114,7 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
 
 
 def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
-    """Return the difference of two kinds over the tasks that have both."""
+    """Return the difference between two kinds of evaluations, over the tasks that have both."""
     both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
     first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
     found = difference(first, second) if both else None
@@ -124,5 +125,5 @@ def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> di
 
 
 def _evaluated(tasks: Sequence[TaskFigures]) -> int:
-    """Return the number of episodes on seen and unseen objects, without controls and other instructions."""
+    """Return the number of episodes on seen and unseen objects, without controls and changed instructions."""
     return sum(each.rate(kind).episodes for each in tasks for kind in ("seen", "unseen"))

@@ -1,4 +1,4 @@
-"""Write an experiment's ``report.html``, with error bars and tables, from its JSON result."""
+"""Write an experiment's ``report.html``, with a figure and tables, from its JSON result."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def write_page(told: Mapping[str, Any]) -> Path:
     """Write the report of an experiment and return its path.
 
     Args:
-        told: result as of :meth:`ExperimentResult.to_dict`.
+        told: result, as returned by :meth:`ExperimentResult.to_dict`.
 
     Raises:
         WriteError: the folder cannot be written to.
@@ -74,9 +74,9 @@ def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
 
 
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the geometry of the figure: a point with its interval for each policy and kind, rates from 0 to 1 upwards.
+    """Return the geometry of the figure: a success rate with its interval for each policy and kind of evaluation.
 
-    If all policies state their number of training objects, the horizontal axis is logarithmic in that number.
+    If every policy states its number of training objects, this number is the horizontal axis, on a logarithmic scale.
     """
     counts = [arm["count"] for arm in arms]
     counted = all(count is not None for count in counts) and len(set(counts)) > 1
@@ -101,6 +101,6 @@ def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _up(share: float) -> float:
-    """Return the vertical pixel position of a share; pixel rows count downwards."""
+    """Return the vertical pixel position of a rate from 0 to 1; pixel rows count downwards."""
     top = 10.0
     return top + (1.0 - share) * (HEIGHT - BOTTOM - top)

@@ -38,17 +38,17 @@ SENTENCES = Path(__file__).parent / "sentences.yaml"
 
 
 def opposites(tasks: Sequence[TaskSpec]) -> dict[str, str]:
-    """Return, for each instruction, the instruction that moves the same joint of the same class the other way.
+    """Return, for each instruction, the instruction of the task that moves the same joint in the opposite direction.
 
     Args:
-        tasks: tasks of one policy. Scenes of both directions look alike, so only the instruction distinguishes them.
+        tasks: tasks of one policy. Scenes of two opposite tasks look alike, so only the instruction distinguishes them.
     """
     ends = {(name, opens): task.description for task in tasks for name, opens in [_end(task)] if name is not None}
     return {sentence: ends[name, not opens] for (name, opens), sentence in ends.items() if (name, not opens) in ends}
 
 
 def _end(task: TaskSpec) -> tuple[str | None, bool]:
-    """Return the class of a task's only object and whether its joint is to open; (None, False) for other goals."""
+    """Return the class of the task's only object, and whether the task opens it; (None, False) for other tasks."""
     things, goal = list(task.objects.values()), task.success
     if len(things) == 1 and len(goal) == 1 and isinstance(goal[0], ArticulatedOpen | ArticulatedClosed):
         return things[0].asset_class, isinstance(goal[0], ArticulatedOpen)
@@ -56,9 +56,9 @@ def _end(task: TaskSpec) -> tuple[str | None, bool]:
 
 
 def rephrased(tasks: Sequence[TaskSpec]) -> list[dict[str, str]]:
-    """Return paraphrases of the tasks' instructions, each as a map from the original sentence.
+    """Return sets of paraphrases; each set maps every task's instruction to a paraphrase.
 
-    The number of maps is the smallest number of paraphrases of any task.
+    The number of sets is the smallest number of paraphrases that a task has.
 
     Raises:
         InputError: the package has no paraphrase of an instruction.
@@ -74,12 +74,12 @@ def rephrased(tasks: Sequence[TaskSpec]) -> list[dict[str, str]]:
 
 
 class ExperimentRecord(RunSettings):
-    """Content of ``experiment.json``: settings that a resumed run must share.
+    """Content of ``experiment.json``: settings that a resumed run must repeat.
 
     Attributes:
         config: configuration of the experiment.
         seed: seed of the first training of each policy.
-        assets: folder of the real objects, or ``"builtin"`` for none.
+        assets: folder of the real objects; ``"builtin"`` if the run has no real objects.
     """
 
     FREE = frozenset({"config.title", "config.about"})
@@ -91,7 +91,7 @@ class ExperimentRecord(RunSettings):
 
 
 class _Progressed(BaseModel):
-    """Number of trainings that are missing in a result file."""
+    """Number of trainings that remain, as read from a result file."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -108,7 +108,7 @@ class ArmResult:
         checkpoints: checkpoint folders, one for each training.
         demonstrations: number of demonstrations in all trainings.
         cpu_s: CPU time of data and training in all trainings, s.
-        before_s: CPU time of the earlier policy from which the training started, s.
+        before_s: CPU time that the starting policy took, s.
     """
 
     arm: Arm
@@ -119,7 +119,7 @@ class ArmResult:
     before_s: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data; ``cpu_s`` includes the earlier policy from which the training started."""
+        """Return the result as plain data; ``cpu_s`` includes the CPU time of the starting policy."""
         return {
             **self.arm.model_dump(mode="json"),
             **summary(self.tasks),
@@ -137,8 +137,7 @@ class ExperimentResult:
         out: output folder.
         record: settings of the run.
         arms: results in the order of the configuration.
-        skipped: reason for each policy, or task of a policy (``policy/task``), that could not be run, or not on real
-            objects.
+        skipped: reason for each policy or task (``policy/task``) that was not run, at least not on real objects.
         remaining: number of trainings still to be done.
     """
 
@@ -149,8 +148,9 @@ class ExperimentResult:
     remaining: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data: means over all tasks of all policies, ``tasks`` with one row for each task
-        of each policy, and ``arms`` with one row for each policy.
+        """Return the result as plain data: means over all tasks of all policies, and rows for tasks and policies.
+
+        ``tasks`` has one row for each task of each policy, ``arms`` one row for each policy.
         """
         return {
             "schema_version": SCHEMA_VERSION,
@@ -189,7 +189,7 @@ def run_experiment(
         assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without it, policies for real objects are skipped.
         workers: number of processes that plan and simulate.
         resume: continue the run in ``out``.
-        device: device of the trainings, as for :func:`~gensim2.policy.devices.read_devices`.
+        device: device for training, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
         InputError: an argument is invalid, ``out`` has other content, or no policy can be trained.
@@ -201,7 +201,7 @@ def run_experiment(
     arms, skipped = runnable(record)
     if not arms:
         name, reason = next(iter(skipped.items()))
-        raise InputError(f"none of the arms can run with these objects: {name} {reason}", field="assets")
+        raise InputError(f"no arm can run with these objects; {name}: {reason}", field="assets")
     with ResumableFolder(out, EXPERIMENT_JSON, record, holds="an experiment", resume=resume, alone=False):
         from gensim2.policy.experiments.page import write_page
 
@@ -212,7 +212,7 @@ def run_experiment(
             if (out / RESULT_JSON).exists()
             else total
         )
-        # Seeds are the outer loop so that a long experiment has a first result of every policy early.
+        # The outer loop is over seeds, so that a long experiment has a first result of every policy early.
         for done in range(total):
             number, arm = done // len(arms), arms[done % len(arms)]
             progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
@@ -228,9 +228,9 @@ def run_experiment(
 
 
 def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
-    """Return the policies with the tasks that can be run, and the reason for each policy or task that cannot.
+    """Return the policies and tasks that can be run, and a reason for every policy or task that cannot.
 
-    This check is cheap and comes before any training.
+    This check takes little time and precedes all training.
 
     Raises:
         InputError: a task is unknown, or an instruction has no paraphrase.
@@ -276,7 +276,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Return whether at least one task that the policy adds has any number of generated objects."""
+    """Return whether generated objects suit at least one task that the policy adds."""
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
         try:
@@ -288,7 +288,7 @@ def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
 
 
 def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
-    """Return the tasks of a policy for which no unseen objects exist: tasks with rigid objects only."""
+    """Return the tasks of a policy that have no unseen objects, because all their objects are rigid."""
     library, tasks = open_library(_assets(arm, record)), map(load_task, arm.tasks)
     return frozenset(
         task.name
@@ -314,8 +314,8 @@ class _Training:
 
     Attributes:
         learned: the trained policy.
-        before_s: CPU time of the policy that it starts from, s.
-        tables: evaluations by kind.
+        before_s: CPU time of the policy that this training starts from, s.
+        tables: evaluation results for each kind of evaluation.
     """
 
     learned: Learned
@@ -412,7 +412,7 @@ def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], record: Ex
 
 @dataclass(frozen=True)
 class _Measurement:
-    """An evaluation other than the one on unseen objects."""
+    """An evaluation that is run in addition to the evaluation on unseen objects."""
 
     kind: Kind
     folder: str

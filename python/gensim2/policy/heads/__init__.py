@@ -24,7 +24,7 @@ _KINDS: dict[str, Any] = {
 
 
 def make_head(config: PolicyConfig, arm: int, features: int) -> Head:
-    """Return the configured head with fresh weights.
+    """Return the configured head with newly initialized weights.
 
     Args:
         arm: m, number of the arm's joints.

@@ -1,8 +1,9 @@
-"""Action chunks: their columns and their normalization.
+"""Define the columns of action chunks, and normalize chunks.
 
-A chunk is (B, H, m + 2). The first m columns are targets of the arm's joints relative to the present joints, rad or m.
-Then come the gripper command from -1 (closed) to 1 (open), and a mark that is 1 if the episode has ended by that step
-and -1 otherwise. Relative targets do not change if scene and robot are rotated together about the base.
+A batch of B chunks of H actions is (B, H, m + 2). The first m columns are targets of the arm's joints relative to the
+present joints, rad or m. The next column is the gripper command from -1 (closed) to 1 (open). The last column is the
+end mark: 1 if the episode has ended by this step, else -1. Relative targets do not change if scene and robot are
+rotated together about the base.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import torch
 from torch import nn
 
 ACTION = "action"
-"""Name of the target: chunks (B, H, m + 2)."""
+"""Name of the batch column with the target chunks (B, H, m + 2)."""
 
 EXTRA = 2
 """Number of action columns after those of the arm."""
@@ -25,10 +26,11 @@ SMALLEST = 1e-3
 class ActionScale(nn.Module):  # type: ignore[misc]
     """Mean and standard deviation of each joint target of a chunk; gripper and end mark are not scaled.
 
-    Late steps of a chunk move farther than early ones, so each step has its own scale.
+    Each step of a chunk has its own scale, because late steps are farther from the present joints than early ones.
 
     Args:
-        horizon, arm: H and m.
+        horizon: H, number of actions in a chunk.
+        arm: m, number of the arm's joints.
     """
 
     mean: torch.Tensor
@@ -51,5 +53,5 @@ class ActionScale(nn.Module):  # type: ignore[misc]
         return (chunk - self.mean) / self.scale
 
     def restored(self, normal: torch.Tensor) -> torch.Tensor:
-        """Return chunks in rad and m."""
+        """Undo the normalization: return chunks in rad and m."""
         return normal * self.scale + self.mean

@@ -1,6 +1,6 @@
 """Heads that regress a chunk with a mean absolute error: an MLP, or a transformer with one query for each step.
 
-The transformer is that of ACT without its latent variable.
+The transformer is the decoder of ACT, without ACT's latent variable.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class TransformerHead(DecodingHead):
 
 
 class ChunkHead(ActionHead):
-    """MLP from the readout to all actions of a chunk at once; arguments as of ``ActionHead``."""
+    """MLP that predicts all actions of a chunk at once from the readout token; arguments as for ``ActionHead``."""
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
         super().__init__(config, arm, features)

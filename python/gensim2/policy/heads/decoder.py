@@ -38,12 +38,12 @@ class ActionDecoder(nn.Module):  # type: ignore[misc]
         self.leave = nn.Linear(config.width, arm + EXTRA)
 
     def forward(self, chunk: torch.Tensor, level: torch.Tensor, tokens: torch.Tensor) -> torch.Tensor:
-        """Return chunks (B, H, m + 2).
+        """Return the decoder's prediction (B, H, m + 2), in the format of a chunk.
 
         Args:
             chunk: (B, H, m + 2) noisy chunk, normalized.
             level: (B,) noise level from 0 (none) to 1.
-            tokens: (B, S, D) of the trunk.
+            tokens: (B, S, D) tokens of the trunk.
         """
         found = self.enter(chunk) + self.places + self.level(sinusoids(level, self.width))[:, None]
         for block in self.blocks:
@@ -52,7 +52,7 @@ class ActionDecoder(nn.Module):  # type: ignore[misc]
 
 
 def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
-    """Return sines and cosines (B, width) of levels (B,) from 0 to 1, with periods from 2 pi / 1000 to 20 pi."""
+    """Return sinusoidal features (B, width) of noise levels (B,), 0 to 1, with periods from 2 pi / 1000 to 20 pi."""
     half = width // 2
     rates = torch.exp(torch.linspace(math.log(1000.0), math.log(0.1), half, device=level.device))
     angles = level[:, None] * rates
@@ -60,12 +60,12 @@ def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
 
 
 class ActionHead(nn.Module):  # type: ignore[misc]
-    """Base of heads that predict chunks of normalized actions.
+    """Base class of heads that predict chunks of normalized actions.
 
     Args:
         config: configuration of the policy.
         arm: m, number of the arm's joints.
-        features: unused.
+        features: unused, because these heads need no features of the points.
     """
 
     wants_features = False
@@ -81,7 +81,7 @@ class ActionHead(nn.Module):  # type: ignore[misc]
 
 
 class DecodingHead(ActionHead):
-    """Base of heads whose decoder attends to the trunk's tokens; arguments as of ``ActionHead``."""
+    """Base class of heads whose decoder attends to the trunk's tokens; arguments as for ``ActionHead``."""
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
         super().__init__(config, arm, features)

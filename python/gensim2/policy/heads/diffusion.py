@@ -1,8 +1,8 @@
 r"""Heads that denoise a chunk: diffusion (Ho et al. 2020), sampled by DDIM (Song et al. 2021), and rectified flow.
 
-With the share :math:`\bar\alpha_t` of the signal, a noisy chunk is
-:math:`x_t = \sqrt{\bar\alpha_t}\, x_0 + \sqrt{1 - \bar\alpha_t}\,\epsilon`. The network predicts :math:`x_0`, which
-works better in imitation learning than predicting :math:`\epsilon` and needs few denoising steps.
+A noisy chunk with the signal fraction :math:`\bar\alpha_t` is :math:`x_t = \sqrt{\bar\alpha_t}\, x_0 + \sqrt{1 -
+\bar\alpha_t}\,\epsilon`. The network predicts :math:`x_0`, which works better in imitation learning than predicting
+:math:`\epsilon` and needs few denoising steps.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from gensim2.policy.heads.protocol import Context
 
 LARGEST = 5.0
-"""Largest absolute value of a predicted normalized chunk, in standard deviations; larger values are clipped."""
+"""Bound (in standard deviations) to which values of a predicted normalized chunk are clipped."""
 
 
 class FlowHead(DecodingHead):
@@ -37,7 +37,7 @@ class FlowHead(DecodingHead):
         self.noise, self.steps = self.size, config.denoise_steps
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
-        """Return the mean squared error of velocities at random times."""
+        """Return the mean squared error of predicted velocities at random times t."""
         chunk = self.scale.normalized(batch[ACTION])
         made = {"generator": generator, "device": chunk.device}
         noise = torch.randn(chunk.shape, **made)
@@ -55,10 +55,9 @@ class FlowHead(DecodingHead):
 
 
 def signal_shares(levels: int) -> torch.Tensor:
-    r"""Return the signal shares :math:`\bar\alpha_t` (levels,), float64, of the cosine schedule (Nichol and Dhariwal
-    2021).
+    r"""Return the signal fractions :math:`\bar\alpha_t` (levels,), float64, of the cosine schedule.
 
-    The shares decrease with t.
+    The fractions decrease with t (Nichol and Dhariwal 2021).
     """
     t = torch.linspace(0.0, 1.0, levels + 1, dtype=torch.float64)
     f = torch.cos((t + 0.008) / 1.008 * math.pi / 2).square()
@@ -67,9 +66,9 @@ def signal_shares(levels: int) -> torch.Tensor:
 
 
 def ddim_levels(levels: int, steps: int) -> list[int]:
-    """Return evenly spaced noise levels for DDIM's steps, starting at the noisiest, ``levels - 1``.
+    """Return evenly spaced noise levels for the steps of DDIM, starting at the highest level, ``levels - 1``.
 
-    The last step goes to zero noise.
+    After the last of these levels, DDIM goes to zero noise.
     """
     return [levels - 1 - levels * step // steps for step in range(steps)]
 
@@ -78,9 +77,9 @@ def ddim_step(noisy: torch.Tensor, clean: torch.Tensor, now: torch.Tensor, then:
     """Return the less noisy chunk after one deterministic DDIM step.
 
     Args:
-        noisy: chunk with signal share ``now``.
+        noisy: chunk with the signal fraction ``now``.
         clean: predicted chunk without noise.
-        now, then: signal shares before and after the step, scalars from 0 to 1.
+        now, then: signal fractions before and after the step, scalars from 0 to 1.
     """
     noise = (noisy - now.sqrt() * clean) / (1 - now).sqrt()
     return then.sqrt() * clean + (1 - then).sqrt() * noise
@@ -95,7 +94,7 @@ class DiffusionHead(DecodingHead):
         self.register_buffer("shares", signal_shares(self.levels).float())
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
-        """Return the mean squared error of chunks predicted from noisy ones of random levels."""
+        """Return the mean squared error of chunks predicted from noisy chunks at random noise levels."""
         chunk = self.scale.normalized(batch[ACTION])
         made = {"generator": generator, "device": chunk.device}
         level = torch.randint(0, self.levels, (len(chunk),), **made)
@@ -112,7 +111,7 @@ class DiffusionHead(DecodingHead):
             if index == len(levels) - 1:
                 return self.scale.restored(clean)
             chunk = ddim_step(chunk, clean, self.shares[level], self.shares[levels[index + 1]])
-        raise AssertionError("there is at least one step")
+        raise AssertionError("DDIM needs at least one step")
 
     def _clean(self, noisy: torch.Tensor, level: torch.Tensor, context: Context) -> torch.Tensor:
         return self.decoder(noisy, (level + 1).to(noisy.dtype) / self.levels, context.tokens)

@@ -1,12 +1,12 @@
-r"""Keypose head: predicts a strategy, a place on the cloud and hand poses about it, for the planner to execute.
+r"""Keypose head: predicts a strategy, a place in the scene, and hand poses near that place, for the planner to execute.
 
-The network runs in two stages. The first stage sees a subset of the points. It predicts a class for each strategy of
-each task step (and one for "done") and, for a given strategy, a heatmap and an offset at each point. Their mean
-:math:`p = \sum_i w_i (x_i + o_i)` is the place where the hand acts. The second stage sees the points near that place,
-with :math:`p` as the origin and Fourier features of the coordinates. It refines :math:`p` and predicts the program:
-positions relative to the place, 6-D rotations, gripper commands, and times. Strategies are never averaged, because
-each has its own heatmap and program. Both stages are trained together: the second one gets the true place with noise,
-not the first one's prediction.
+The network has two stages. The first stage sees a subset of the points. It predicts the probability of each class;
+every strategy of every task step is a class, and "done" is the last class. For a given class it predicts a heatmap
+:math:`w` and an offset :math:`o` at each point. The hand acts at the place :math:`p = \sum_i w_i (x_i + o_i)`. The
+second stage sees the points near that place, with :math:`p` as the origin and Fourier features of the coordinates. It
+refines :math:`p` and predicts the program: positions relative to the place, 6-D rotations, gripper commands, and times.
+Every strategy has its own heatmap and program, so the network never averages over strategies. Both stages are trained
+together; in training the second stage gets the true place with noise, not the prediction of the first stage.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 WAY, POSITIONS, ROTATIONS = "keypose_way", "keypose_positions", "keypose_rotations"
 GRIPPER, SECONDS, FORCE = "keypose_gripper", "keypose_seconds", "keypose_force"
 """Names of targets: class (B,), positions (B, K, 3) in m, rotations (B, K, 3, 3), gripper commands (B, K + 1), times
-(B, K) in s, force (B,) in N. For "done", the last class, only the class is used.
+(B, K) in s, force (B,) in N. Samples of the class "done" use only the class.
 """
 
 ANSWERS = 8
@@ -38,13 +38,13 @@ ANSWERS = 8
 BANDS = (2.0, 8.0)
 """Frequencies of the Fourier features, 1/m."""
 NEAR, FAR = 128, 64
-"""Points of the second stage: the nearest ones to the place, and a sample of the whole cloud."""
+"""Number of points that the second stage sees: nearest points to the place, and points sampled from the whole cloud."""
 NOISE = (0.01, 0.03)
-"""Standard deviations (m) of the noise on the second stage's origin in training, for half of the samples each. They
-correspond to the errors of a place refined once and of the first stage's place.
+"""Standard deviations (m) of the noise on the second stage's origin in training; each applies to half of the samples.
+They match the error of a place that was refined once, and the error of the first stage.
 """
 ROUNDS = 2
-"""Number of times that the second stage runs, each time around the place that the run before predicted."""
+"""Number of times that the second stage runs; each run is centred on the place predicted by the previous run."""
 METRE, CENTIMETRES = 0.05, 0.1
 """Scales (m) that normalize positions."""
 FORCE_SCALE = 2.0  # N
@@ -58,7 +58,7 @@ _SIZES = (3, 3 * (KEYPOSES - 1), 6 * KEYPOSES, KEYPOSES + 1, KEYPOSES, 1)
 
 @dataclass(frozen=True)
 class Programs:
-    """Predictions of the second stage; each attribute has the shape of the target of the same name."""
+    """Predictions of the second stage. Each attribute has the same shape as the target with the same name."""
 
     positions: torch.Tensor
     rotations: torch.Tensor
@@ -99,15 +99,15 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         self.center: torch.Tensor
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set the mean of the actuation positions from a batch of targets."""
+        """Compute the mean actuation position from a batch of targets."""
         live = batch[WAY] < self.ways - 1
         if live.any():
             self.center.copy_(batch[POSITIONS][live, ACTUATION].mean(0))
 
     def grown(self, theirs: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-        """Return another head's weights, which has fewer classes, extended to this head's classes.
+        """Extend the weights of a head with fewer classes to the classes of this head.
 
-        The other head's classes keep their indices, "done" stays last, and the new classes keep this head's weights.
+        The classes of the smaller head keep their indices, and "done" stays last. New classes have this head's weights.
         """
         mine = {name: value.clone() for name, value in self.state_dict().items()}
         for name, value in theirs.items():
@@ -150,7 +150,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
         """Return the programs of the most probable classes, (B, ``ANSWERS``, 2 + size of a program).
 
-        Each row is the probability, the class index, and the program (:mod:`gensim2.policy.keypose.answers`).
+        Each row has the probability, the class index, and the program (:mod:`gensim2.policy.keypose.answers`).
         """
         summary = context.tokens[:, 0]
         logits = self.way(summary)
@@ -219,10 +219,10 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
 
 
 def _turned(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
-    """Return the mean squared rotation error (B,) of rotations (B, K, 3, 3), with the fingers possibly swapped.
+    """Return the mean squared error (B,) of rotations (B, K, 3, 3), for the better of the two finger orders.
 
-    A half turn of a two-finger hand about its z axis changes nothing, but it must be the same in all poses of a
-    program.
+    Turning a two-finger hand by 180 degrees about its z axis swaps the fingers and changes nothing else. All poses of a
+    program must have the same finger order.
     """
     one = (found - true).square().sum((-2, -1)).mean(-1)
     swapped = true * torch.tensor([-1.0, -1.0, 1.0], device=true.device)

@@ -1,4 +1,4 @@
-"""Interface of heads."""
+"""Define the interface of heads."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Context:
     Attributes:
         tokens: (B, S, D) tokens of the trunk, the readout first.
         cloud: (B, N, 3) present point cloud in the policy's frame, m.
-        points: (B, P, 3) the points that have features; all points if no head needs features.
+        points: (B, P, 3) points that have features; all points of the cloud if the head does not need features.
         features: (B, P, G) features of ``points``; None if the head does not need them.
         sentence: (B, D) encoding of the instruction; None if the policy ignores it.
-        pointed: predictions of the pointer; None without a pointer.
+        pointed: predictions of the keyframe pointer; None without a pointer.
     """
 
     tokens: torch.Tensor
@@ -38,14 +38,14 @@ class Head(Protocol):
 
     Attributes:
         wants_features: whether the head needs features of the points.
-        noise: shape, without the batch, of the standard normal noise that :meth:`act` takes; empty for none.
+        noise: shape, without the batch axis, of the standard normal noise that :meth:`act` takes; may be empty.
     """
 
     wants_features: bool
     noise: tuple[int, ...]
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set the normalization of targets from a large batch, once before training; it is kept in buffers."""
+        """Compute the normalization of targets from a large batch, once before training; it is stored in buffers."""
         ...
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:

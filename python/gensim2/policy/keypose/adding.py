@@ -1,7 +1,7 @@
-"""Demonstrations of the tasks that a keypose policy already knows, for training it on further tasks.
+"""Provide plans of the tasks that a keypose policy already knows, for training it on additional tasks.
 
-``learn`` keeps the demonstrations beside a policy. The package's own policy comes without them; its tasks, which use
-generated objects only, are planned again.
+``gensim2 learn`` stores these plans in the policy's folder. The builtin policy comes without its plans, so its tasks,
+which use only generated objects, are planned again.
 """
 
 from __future__ import annotations
@@ -31,27 +31,26 @@ if TYPE_CHECKING:
     from gensim2.core.processes import Executor
 
 DATA = "data"
-"""Folder of a learned policy with the plans that trained it, one folder for each task."""
+"""Name of the folder with a policy's training plans; it has a subfolder for each task."""
 BESIDE = ".generated"
-"""Suffix of a task's second folder, for plans on generated objects in addition to a library's objects."""
+"""Suffix of a task's second folder of plans, with generated objects."""
 REHEARSED = 50
-"""Number of scenes of a known task that are planned again, so that the policy forgets little; they take about 4 s of
-CPU time.
+"""Number of scenes planned again for each known task, so that the policy does not forget it; about 4 s of CPU time.
 """
 REMEDY = "give a folder that gensim2 learn has made"
 
 
 def is_packaged(start: Path) -> bool:
-    """Return whether a folder is the package's own policy."""
+    """Return whether a folder is that of the builtin policy."""
     return start.resolve() == checkpoint_folder(BUILTIN).resolve()
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
-    """Return a policy's known tasks that were trained on listed objects of the present library, with these objects.
+    """Return those known tasks whose training objects are listed in the present library, with these objects.
 
     Args:
-        start: folder of the policy, as left by ``gensim2 learn``.
-        known: names of the policy's tasks.
+        start: folder of the policy, as written by ``gensim2 learn``.
+        known: names of the tasks that the policy knows.
 
     Raises:
         InputError: the folder has no plans.
@@ -67,12 +66,12 @@ def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpa
 
 
 def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]:
-    """Copy the plans that trained a policy to another policy's folder and return them in the order of the tasks.
+    """Copy a policy's training plans to the folder of another policy, and return the plans in the order of ``known``.
 
     Args:
-        start: folder of the policy, as left by ``gensim2 learn``.
+        start: folder of the policy, as written by ``gensim2 learn``.
         folder: folder of the other policy.
-        known: names of the first policy's tasks.
+        known: names of the tasks that the first policy knows.
 
     Raises:
         InputError: the folder has no plans.
@@ -91,7 +90,7 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
 def tasks_to_plan_again(
     start: Path, begun: PolicyCheckpoint, objects: int, *, seed: int, **scene: Unpack[SceneArguments]
 ) -> list[TaskInput]:
-    """Return the tasks of the package's own policy, to be planned again; none for any other policy.
+    """Return the tasks of the builtin policy, which have to be planned again; no tasks for any other policy.
 
     Args:
         start: folder of the policy.
@@ -99,7 +98,7 @@ def tasks_to_plan_again(
         scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are ignored.
 
     Raises:
-        InputError: the library lacks a strategy that the policy was trained with.
+        InputError: the task library lacks a strategy that the policy was trained with.
     """
     if not is_packaged(start):
         return []
@@ -111,7 +110,7 @@ def tasks_to_plan_again(
 
 
 def _as_taught(one: TaskInput, ways: Sequence[Way], start: Path) -> TaskInput:
-    """Return the task restricted to the strategies that the policy was trained with."""
+    """Return the task with only those strategies that the policy was trained with."""
     here = [(number, name) for number, step in enumerate(one.spec.steps) for name in step.strategies]
     was = [(way.step, way.name) for way in ways]
     if not set(was) <= set(here) or len({number for number, _ in was}) < len(one.spec.steps):
@@ -140,9 +139,9 @@ def plan_again(
     """Plan scenes of the tasks that a policy already knows, so that it does not forget them.
 
     Args:
-        known: the tasks.
-        folder: folder of the policy to extend.
-        executor: runs the shards.
+        known: tasks that the policy knows.
+        folder: folder of the new policy.
+        executor: executor that runs the shards of scenes.
 
     Returns:
         The plans by task, and the CPU time of planning, s.
@@ -165,11 +164,11 @@ def inputs_beside(
     seed: int,
     **scene: Unpack[SceneArguments],
 ) -> list[TaskInput]:
-    """Return the tasks with generated objects, in addition to the objects of a folder that they use already.
+    """Return the tasks with generated objects, for training that already uses the objects of a folder.
 
     Args:
-        tasks: names or folders.
-        given: the same tasks with objects of a folder.
+        tasks: names or folders of the tasks.
+        given: the same tasks with the objects of a folder.
         count: number of generated objects of each class.
         progress: progress listener; gets a message for each task that generated objects do not suit.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are ignored.
@@ -178,7 +177,7 @@ def inputs_beside(
         InputError: ``given`` has generated objects already, or generated objects suit no task.
     """
     if any(one.scene.assets == GENERATED for one in given):
-        message = "are beside the objects of a folder"
+        message = "applies only if the tasks use the objects of a folder"
         raise InputError(message, field="generated", remedy="give a folder with --assets, or --objects")
     found = []
     for task, one in zip(tasks, given, strict=True):
@@ -187,7 +186,7 @@ def inputs_beside(
         except InputError as error:
             progress.message(f"{one.spec.name}: trained without generated objects, {error.message}")
     if not found:
-        message = "none of these tasks can be taught on generated objects"
+        message = "none of these tasks can use generated objects"
         raise InputError(message, field="generated", remedy="leave it out")
     return found
 
@@ -208,9 +207,9 @@ def generated_input(task: str, count: int, *, seed: int, **scene: Unpack[SceneAr
 
 
 def _plans(start: Path, name: str) -> list[Path]:
-    """Return the folders of a task's plans, the one for generated objects last."""
+    """Return the folders of a task's plans; the folder for generated objects comes last."""
     folder = start / DATA / name
     if not folder.is_dir():
-        raise InputError("the plans of its training are missing", file=folder, remedy=REMEDY)
+        raise InputError("the folder lacks the plans that the policy was trained on", file=folder, remedy=REMEDY)
     beside = start / DATA / f"{name}{BESIDE}"
     return [folder, *([beside] if beside.is_dir() else [])]

@@ -1,4 +1,4 @@
-"""Predictions of the keypose head: strategies with their probability and program."""
+"""Read the predictions of the keypose head: strategies with their probabilities and programs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _SHAPES = ((KEYPOSES, 3), (KEYPOSES, 3, 3), (KEYPOSES + 1,), (KEYPOSES,), ())
 
 
 def order_of_points(count: int) -> npt.NDArray[np.int64]:
-    """Return the order (N,) in which a network sees the points of a cloud.
+    """Return the fixed random order (N,) in which a network sees the points of a cloud.
 
-    The first stage of the network uses only the first points. The fixed random order makes them a sample of the cloud.
+    The first stage of the network uses only the first points; the random order makes them a sample of the cloud.
     """
     return rng(0, "keypose/points").permutation(count)
 
@@ -33,8 +33,8 @@ class Answer:
     """One predicted strategy.
 
     Attributes:
-        way: index of its class.
-        chance: probability, 0 to 1.
+        way: index of the strategy's class.
+        chance: predicted probability, 0 to 1.
         program: program in the base frame; meaningless if the class is "done".
     """
 
@@ -44,11 +44,11 @@ class Answer:
 
 
 def answers(checkpoint: PolicyCheckpoint, observation: Observation, row: torch.Tensor) -> list[Answer]:
-    """Return the most probable strategies, most probable first.
+    """Return the most probable strategies, ordered by decreasing probability.
 
     Args:
         checkpoint: policy with a keypose head.
-        observation: observation as of the checkpoint's spec.
+        observation: observation as described by the checkpoint's spec.
         row: (1, ...) encoded instruction.
     """
     network, config = checkpoint.network, checkpoint.config

@@ -1,4 +1,4 @@
-"""Controller of keypose policies: observe, predict a strategy with its hand poses, plan and run the motion, repeat."""
+"""Run keypose policies: observe, predict a strategy with hand poses, plan the motion, execute it, and repeat."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from gensim2.rollout.controller import PROPRIOCEPTIVE
 Array = npt.NDArray[np.float64]
 
 MAX_LOOKS = 8
-"""Largest number of predictions in an episode, for each step of its task."""
+"""Maximum number of predictions in an episode for each step of the task."""
 MAX_TRIES = 2
 """Number of times that a strategy is tried before the others."""
 SURE = 0.8
-"""Smallest probability of "done" that ends the episode. It is high because an unnecessary motion does less harm than a
-missing one.
+"""Minimum probability of "done" that ends the episode. It is high because an unnecessary motion does less harm than a
+missing motion.
 """
 SURER = 10.0
-"""Smallest ratio of the odds of "done" to its odds at the first prediction that ends the episode. Nothing has been done
-at the first prediction, so its odds measure the network's bias in this scene.
+"""Factor by which the odds of "done" must have grown since the first prediction to end the episode. At the first
+prediction the task is not done, so its odds measure the network's bias in this scene.
 """
 UNEXPECTED = 0.15
-"""Factor on the probability of a strategy whose step is neither the last executed nor the next one. The order of steps
-is more reliable than their classification.
+"""Factor on the probability of a strategy whose step is neither the last executed step nor the next step. The known
+order of steps is more reliable than the predicted class.
 """
 OVERTRAVEL = 0.03
-"""Distance (m) by which a push continues beyond its program if the step moves a joint to an end of its range, which the
-cloud does not show exactly.
+"""Distance (m) by which a push is extended if the step moves a joint to an end of its range; the cloud does not show
+this end exactly.
 """
 RELEASES = 0.5
 """Gripper command above which the hand holds nothing."""
@@ -56,23 +56,22 @@ EMPTY = 0.003
 
 
 class KeyposeController:
-    """Run a keypose policy, which uses the point cloud, the robot's state, the instruction and the profile's table
-    height.
+    """Controller of a keypose policy.
 
-    Each prediction gives strategies with programs. The controller plans the most probable strategy that was not tried
-    too often and runs it without feedback: a collision-free motion to the object, then the hand poses of the program.
-    The arm then returns to its rest pose, unless the hand holds an object, and the network predicts again, until it
-    predicts that the task is done.
+    The network predicts strategies, each with a program of hand poses. The controller executes the most probable
+    strategy that was not tried too often, without feedback: a planned collision-free motion to the object, then the
+    hand poses. The arm then returns to its rest pose, unless the hand holds an object. This repeats until the network
+    predicts that the task is done. Inputs are point cloud, robot state, instruction and table height.
 
-    The first prediction selects the task of the episode: the one whose strategies have the largest total probability.
+    The first prediction selects the task of the episode, whose strategies have the largest total probability.
 
     Args:
         checkpoint: folder of a policy with a keypose head.
         sees: ablation of the point cloud; ``"all"`` for none.
-        says: maps a task's instruction to the instruction that the policy gets instead.
-        unknown_sentences: ``refuse`` instructions that were not in the training data, or ``embed`` them with the text
-            encoder.
-        text_model: folder or hub name of the text encoder's weights, if gensim2 does not know them.
+        says: replacement instructions, by the task instruction that each one replaces.
+        unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
+            ``"embed"`` encodes them with the text encoder.
+        text_model: folder or hub name of the text encoder's weights; needed if they are not one of gensim2's defaults.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -82,7 +81,7 @@ class KeyposeController:
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Return the files that determine the controller's behaviour; they contain the digest of the weights."""
+        """Return the files that determine the controller's behaviour; they contain the SHA-256 of the weights."""
         names = [CONFIG_JSON, WAYS_JSON, *([CLOUDS] if sees == "other" else [])]
         return [checkpoint_folder(checkpoint) / name for name in names]
 
@@ -99,7 +98,7 @@ class KeyposeController:
         self._folder, self._sight = folder, Sight.of(sees, folder)
         self._policy = PolicyCheckpoint.load(folder)
         if self._policy.action.kind != "keypose":
-            raise InputError(f"has a {self._policy.config.head} head", file=folder, remedy="give one with keyposes")
+            raise InputError(f"has the head {self._policy.config.head}", file=folder, remedy="give a keypose policy")
         self._ways = read_ways(folder, self._policy)
         self._profile = robot(self._policy.robot)
         self._executor = Executor(self._profile)
@@ -121,9 +120,7 @@ class KeyposeController:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Observations needed at the next step: the policy's own for a prediction, only the robot's state while the arm
-        moves.
-        """
+        """Observations needed at the next step: the policy's inputs, or only the robot's state while the arm moves."""
         return PROPRIOCEPTIVE if self._rows else self._policy.observation
 
     def reset(self, observation: Observation, seed: int) -> None:
@@ -161,12 +158,12 @@ class KeyposeController:
             self._holds = False
         if not self._holds:
             return action
-        # Fingers that have closed on an object press with the program's force at any finger distance.
+        # Once the fingers have closed on an object, they press with the program's force.
         command = grip_on(observation.gripper_width, self._force, self._profile)
         return np.append(action[:-1], command).astype(np.float32)
 
     def _look(self, observation: Observation) -> bool:
-        """Predict, and plan the next motion; return whether there is one."""
+        """Predict strategies and plan the next motion; return False if no motion is left to execute."""
         self.told["looks"] += 1
         seen = self._sight.altered(observation, self._seed)
         if not self._holds:  # an empty hand's fingers may be anywhere
@@ -180,7 +177,7 @@ class KeyposeController:
             self._done_at_first = sum(each.chance for each in found if each.way == len(self._ways))
         for answer in sorted(found, key=self._turn, reverse=True):
             if answer.way == len(self._ways):
-                # "Done" counts only after the last step was executed.
+                # "Done" ends the episode only after the last step was executed.
                 if self._steps in self._expected and self._is_done(answer.chance):
                     return False
                 continue
@@ -189,7 +186,7 @@ class KeyposeController:
         return False
 
     def _hear(self, found: Sequence[Answer]) -> frozenset[int]:
-        """Select the task with the largest total probability and return its strategies."""
+        """Select the task with the largest total probability, and return the predicted strategies of this task."""
         chances: dict[str, float] = defaultdict(float)
         for answer in found:
             if answer.way < len(self._ways):
@@ -207,7 +204,7 @@ class KeyposeController:
         return chance >= SURE and chance * (1.0 - first) >= SURER * first * (1.0 - chance)
 
     def _step(self, answer: Answer) -> int:
-        """Return the task step of an answer; for "done" the number of steps."""
+        """Return the index of the task step that a prediction belongs to; for "done" the number of steps."""
         return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
 
     def _weight(self, answer: Answer) -> float:

@@ -1,4 +1,4 @@
-"""Planned scenes on disk: shards of arrays, which are written atomically, and a record of their settings."""
+"""Store planned scenes on disk: shards of arrays, written atomically, and a record of the settings."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SHARD = 50
 """Number of scenes in a shard."""
 RECORD = "data.json"
 PURPOSE = "keypose/train"
-"""Purpose of the scenes' seeds, which differ from those of benchmarks and evaluations."""
+"""Name from which the seeds of training scenes are derived; benchmarks and evaluations have other names."""
 
 
 class PlannedRecord(RunSettings):
@@ -52,7 +52,7 @@ class PlannedRecord(RunSettings):
         observation: observation spec.
         seed: seed of the run.
         identity: digest of task, strategies and objects.
-        verified: whether scenes were left out whose plans fail in simulation.
+        verified: whether plans were executed in simulation, and scenes with failed plans were left out.
         to_end: indices of the steps that move a joint to an end of its range.
     """
 
@@ -91,7 +91,8 @@ _SHAPES: dict[str, Expected] = {
     "way": (np.int16, (None,)),
     "seed": (np.int64, (None,)),
 }
-"""Names of a shard's arrays (:func:`~gensim2.policy.keypose.examples.example`), which have one row for each example."""
+"""Data type and shape of a shard's arrays (:func:`~gensim2.policy.keypose.examples.example`); each has one row for each
+example."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +102,8 @@ class Planned:
     Attributes:
         record: settings of the scenes.
         arrays: arrays by name as in :func:`~gensim2.policy.keypose.examples.example`, one row for each example.
-        scenes: number of scenes drawn.
-        failed: number of scenes without a plan for some step, or whose plans failed in simulation, by reason.
+        scenes: number of scenes that were generated.
+        failed: number of scenes, by reason, in which planning a step failed or the plans failed in simulation.
         cpu_s: CPU time, s.
     """
 
@@ -119,7 +120,7 @@ class Planned:
 
     @property
     def demonstrations(self) -> int:
-        """Return the number of planned steps."""
+        """Return the number of planned steps, each of which is one demonstration."""
         return int((self.arrays["way"] >= 0).sum())
 
 
@@ -135,18 +136,18 @@ def plan_scenes(
     verify: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> Planned:
-    """Draw and plan scenes of a task, and keep the scenes that the folder already has.
+    """Generate and plan scenes of a task, in addition to the scenes that the folder already has.
 
     Args:
-        folder: folder for this task only.
-        executor: runs the shards; the data do not depend on it.
-        scenes: largest number of scenes, rounded up to whole shards.
-        cpu_limit: CPU time (s) after which no further shard is started.
-        verify: leave out scenes whose plans fail in simulation; a scene then takes ten times as long.
+        folder: folder that contains only the scenes of this task.
+        executor: executor that runs the shards; the data do not depend on it.
+        scenes: maximum number of scenes, rounded up to a multiple of ``SHARD``.
+        cpu_limit: CPU time (s) after which no new shard is started.
+        verify: whether to simulate the plans and leave out scenes in which they fail; this takes ten times as long.
 
     Raises:
         InputError: the folder has other content.
-        NotRunError: a shard could not be made.
+        NotRunError: a shard could not be created.
     """
     from gensim2.core.processes import Job, results
 
@@ -195,7 +196,7 @@ def make_shard(
     number: int,
     verify: bool = False,
 ) -> float:
-    """Make and write one shard in a worker process, and return the CPU time, s."""
+    """Create and write one shard in a worker process, and return the CPU time, s."""
     from gensim2.policy.keypose.examples import draw
 
     begin = time.process_time()
@@ -238,7 +239,7 @@ def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool =
 
 
 def _is_to_end(step: Step) -> bool:
-    """Return whether a step is done when joints are at an end of their range, and nothing else is required."""
+    """Return whether the only criterion of a step is that joints are at an end of their range."""
     return bool(step.done) and all(isinstance(each, ArticulatedOpen | ArticulatedClosed) for each in step.done)
 
 
@@ -262,7 +263,7 @@ def read_planned(folder: Path) -> Planned:
     sizes = {(each["points"].shape[1], each["joints"].shape[1]) for each in found}
     if len(sizes) > 1:
         raise InputError(
-            "two shards differ in the size of point clouds or joint vectors",
+            "the shards have point clouds or joint vectors of different sizes",
             file=folder,
             remedy="create the data again",
         )
@@ -272,7 +273,7 @@ def read_planned(folder: Path) -> Planned:
 
 
 def _check_classes(record: PlannedRecord, arrays: Mapping[str, npt.NDArray[Any]], folder: Path) -> None:
-    """Refuse examples of steps or strategies that are not in the record."""
+    """Raise an error if an example belongs to a step or strategy that is not in the record."""
     ways = [len(names) for names in record.ways]
     for step, way in set(zip(arrays["step"].tolist(), arrays["way"].tolist(), strict=True)):
         if way != -1 and not (step in range(len(ways)) and way in range(ways[step])):
@@ -295,5 +296,5 @@ def _read(path: Path) -> tuple[_About, dict[str, npt.NDArray[Any]]]:
     about = parse_record(told.encode(errors="surrogateescape"), TypeAdapter(_About), path, remedy, "about")
     require_shapes(arrays, _SHAPES if arrays else {}, path)
     if arrays.keys() - _SHAPES:
-        raise InputError(f"is damaged: has the unknown array {min(arrays.keys() - _SHAPES)}", file=path, remedy=remedy)
+        raise InputError(f"has the unknown array {min(arrays.keys() - _SHAPES)}", file=path, remedy=remedy)
     return about, arrays

@@ -1,4 +1,4 @@
-"""Training examples of keypose programs from scenes that are rendered and planned but not simulated."""
+"""Create training examples of keypose programs from scenes that are rendered and planned but not simulated."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from gensim2.tasks.strategies import Strategies
 Example = dict[str, npt.NDArray[Any]]
 
 OTHER_OPENNESS = 0.3
-"""Share of scenes in which a step's joint starts at a random position, as after a failed or a finished attempt."""
+"""Fraction of scenes in which a step's joint starts at a random position, as after an earlier attempt."""
 MAX_TOUCHING = 1
-"""Worst rank of a plan that is used for training: complete, with contact allowed on the way to the actuation pose."""
+"""Worst rank (``StepPlan.rank``) of a plan used for training: a complete motion that may touch the object early."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,7 @@ class Drawn:
 
     Attributes:
         examples: arrays by the names of :func:`example`; one example for each planned step and one for "done".
-        failed: reason why a step or the whole scene was left out (planner status or failure in simulation); None if
-            everything was planned.
+        failed: planner status or failure in simulation, if a step or the scene was left out; None if nothing was.
     """
 
     examples: tuple[Example, ...]
@@ -56,14 +55,14 @@ def draw(
     only: Mapping[str, Sequence[str]] | None = None,
     verify: bool = False,
 ) -> Drawn:
-    """Draw a scene and plan its steps in order, each from the state that the earlier plans predict.
+    """Generate a scene, and plan its steps in order; each plan starts from the state that the previous plan predicts.
 
     Args:
         scene: settings of the scene.
         strategies: strategies of the task, as plain data.
         seed: seed of the scene.
         only: names of the strategies to use, by step; None for all.
-        verify: also execute the plans in simulation, and leave the scene out if the task does not succeed.
+        verify: whether to execute the plans in simulation and leave the scene out if the task does not succeed.
     """
     env, task, profile = simulator(scene), scene.task, robot(scene.robot)
     env.reset(seed, other_openness(scene, seed))
@@ -105,7 +104,7 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
 
     Args:
         scene, seed: as for :func:`draw`.
-        taken: name and strategy by remaining step; earlier steps are done at the start of the episode.
+        taken: name and strategy for each step that is still to be done at the start of the episode.
     """
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.no_op import NoOpResult
@@ -114,12 +113,12 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
 
     env = simulator(scene)
     task = scene.task.model_copy(update={"steps": tuple(step for step in scene.task.steps if step.name in taken)})
-    # Strategies are named by step, because two steps may place an object by the same strategy and only one of them with
-    # a reduced tolerance.
+    # The names include the step, because two steps may use the same strategy, and only one of them with a reduced
+    # tolerance.
     ways = {step: {f"{step}/{name}": strategy.to_dict()} for step, (name, strategy) in taken.items()}
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(task, ways), chosen, robot(scene.robot), one_plan=True)
-    # Whether the goal is reached without the robot does not matter for a plan.
+    # Planning does not need to know whether the goal is reached without the robot.
     still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
     options = other_openness(scene, seed)
     episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode
@@ -155,7 +154,7 @@ def example(
 
 
 def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
-    """Return reset options for a random position of the first step's joint; None for scenes that start as usual."""
+    """Return reset options that start the first step's joint at a random position; None for the usual start."""
     generator = rng(seed, f"{scene.task.name}/keypose")
     anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
     first = scene.task.steps[0].object
@@ -164,7 +163,7 @@ def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
 
 
 def _left_anywhere(now: Scene, step: Step, measured: Measurement, generator: np.random.Generator) -> Scene:
-    """Return the scene of a later step, in some scenes with a random joint position."""
+    """Return the scene of a later step; in some scenes (``OTHER_OPENNESS``) its joint is at a random position."""
     anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
     joint = now.objects[step.object].joint
     if not anywhere or joint is None or now.held is not None or not any(map(criterion_is_of_joint, step.done)):
@@ -184,8 +183,8 @@ def planned_way(
 ) -> tuple[str, Strategy, StepPlan] | None:
     """Return the first strategy with a complete plan, its name and the plan; None without a complete plan.
 
-    Strategies are tried in the order of the step. A grasped object is first placed near the middle of the strategy's
-    tolerance, and anywhere within the tolerance only if no such plan exists.
+    Strategies are tried in the order in which the step lists them. The planner first tries to place a grasped object
+    near the middle of the strategy's tolerance. If this fails, it uses the full tolerance.
     """
     tried = list(ways.items())
     if scene.held is not None:

@@ -21,16 +21,17 @@ Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
 Free = Literal["planned", "but for touched", "table only", "straight"]
-"""How a free motion was found: clear of the cloud, clear of the cloud except for points that the arm touches at start
-or goal, clear of only the table and the robot itself, or not at all.
+"""Obstacles that a free motion avoids: the cloud; the cloud without points that the arm touches at start or goal; only
+the table and the robot itself; or nothing.
 """
 
 SHARE = 0.5
-"""Share of the joint limits that motions use, the same as the planner's."""
+"""Fraction of the joint limits that motions use, as in the planner."""
 ACCELERATION, JERK = 7.5, 3750.0
-"""Limits along a program's poses for robots without own limits, rad or m: those of a Panda's slowest joint."""
+"""Limits of joint acceleration and jerk, rad or m, for robots whose profile has no limits: those of the Panda's slowest
+joint."""
 LIMITS = ("limits", "velocity_limits", "acceleration_limits", "jerk_limits")
-"""Solver options that limit a robot's joints."""
+"""Names of the solver options that limit a robot's joints."""
 MARGIN = 0.005
 """Collision margin of free motions, m."""
 SAMPLES = 4000
@@ -42,8 +43,8 @@ class Execution:
 
     Attributes:
         actions: (N, m + 1).
-        free: method by which the free motion was found.
-        reached: number of the program's poses that are reached; ``KEYPOSES`` if it is complete.
+        free: planning mode in which the free motion to the object was found.
+        reached: number of the program's poses that the actions reach; ``KEYPOSES`` for the complete program.
         gripped: index of the first action after the fingers have acted at the actuation pose.
     """
 
@@ -62,7 +63,7 @@ class Executor:
     """Converts programs to actions for one robot.
 
     Attributes:
-        around: builds collision scenes from point clouds.
+        around: converter of point clouds to collision scenes.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -90,9 +91,9 @@ class Executor:
         Args:
             program: program in the base frame.
             q: (n,) present joints, rad or m.
-            command: last gripper command.
-            seen: obstacles and grasped object.
-            further: distance (m) by which a push continues beyond its end, if the arm can reach it.
+            command: last gripper command, -1 to 1.
+            seen: obstacle points and points of the grasped object.
+            further: distance (m) by which a push is extended, if the arm can follow the extension.
         """
         q = np.clip(q, self._profile.model.lower, self._profile.model.upper)
         program, path = self._followed(program, q, seen, further)
@@ -116,7 +117,7 @@ class Executor:
     def _followed(
         self, program: KeyposeProgram, q: Array, seen: Seen, further: float
     ) -> tuple[KeyposeProgram, JointPath | None]:
-        """Return the program to execute, a push extended if the arm can follow it, and its joint path."""
+        """Return the program to execute and its joint path. A push is extended if the arm can follow the extension."""
         depth = self.around.depth_in(seen)
         longer, path = None, None
         if further > 0.0 and program.is_push:
@@ -159,9 +160,7 @@ class Executor:
         return "straight"
 
     def _scenes(self, q: Array, goal: Array, seen: Seen) -> Iterator[tuple[Free, kpam.Scene]]:
-        """Yield planning scenes from the strictest to the least strict; each is used only if the one before has no
-        motion.
-        """
+        """Yield collision scenes with fewer and fewer obstacles; the next scene is tried if planning in one fails."""
         yield "planned", self.around.scene(seen)
         untouched = self.around.untouched(seen, q, goal)
         if len(untouched.standing) < len(seen.standing):
@@ -170,9 +169,9 @@ class Executor:
             yield "table only", self.around.bare
 
     def _segments(self, program: KeyposeProgram, path: JointPath) -> list[tuple[int, int, int]]:
-        """Return first waypoint, last waypoint and final pose of each stretch between two rests.
+        """Return, for each segment between two stops, its first waypoint, last waypoint and final pose (indices).
 
-        The arm rests at the actuation pose, wherever the fingers act, before it retreats, and at the end.
+        The arm stops at the actuation pose, at poses where the fingers move, before the retreat, and at the end.
         """
         reached = [number for number in range(KEYPOSES) if path.at[number] >= 0]
         rests = {ACTUATION, KEYPOSES - 2, reached[-1]}
@@ -185,7 +184,7 @@ class Executor:
         return found
 
     def _timed(self, program: KeyposeProgram, path: JointPath, first: int, last: int) -> Array:
-        """Return samples (N, m) of a stretch, no faster than the program's times."""
+        """Return samples (N, m) of a segment, which is executed no faster than the program's times allow."""
         slowest = np.zeros(len(path.joints) - 1)
         for number in range(1, KEYPOSES):
             begin, end = path.at[number - 1], path.at[number]
@@ -241,7 +240,7 @@ class _Rows:
             self.dwell(target, command, self._profile.gripper_steps)
 
     def actions(self) -> Row:
-        """Return the actions (N, m + 1): arm targets, ahead by the drives' delay, and gripper commands."""
+        """Return the actions (N, m + 1): gripper commands, and arm targets that compensate tracking delays."""
         positions = np.array(self._positions, dtype=np.float32)
         targets = self._profile.simulated_targets(positions, np.array(self._ends))
         return np.column_stack([targets, self._commands]).astype(np.float32)

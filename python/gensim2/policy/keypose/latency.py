@@ -1,4 +1,4 @@
-"""Measure the time from an observation to the start of the motion of a keypose policy, including planning."""
+"""Measure how long a keypose policy takes from an observation to the start of the motion, including planning."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.sim import HeadlessEnv
 from gensim2.tasks.library import load_task, task_names
 
 WARM_UP = 2
-"""Number of first predictions that are not measured."""
+"""Number of predictions before the measurement starts."""
 
 
 def measure_looks(
@@ -29,18 +29,18 @@ def measure_looks(
     assets: str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure the predictions of a keypose policy in episodes of the tasks that it knows.
+    """Measure the duration of predictions of a keypose policy in episodes of the tasks that it knows.
 
     Args:
         checkpoint: folder of the policy.
         looks: number of measured predictions, after ``WARM_UP`` unmeasured ones.
         threads: number of PyTorch threads.
-        assets: objects of the scenes.
+        assets: folder of the scenes' objects, or the name of a built-in set.
 
     Returns:
-        ``rows``: milliseconds by stage (``observation``: rays, cloud, proprioception; ``decision``: network and
-        planner), with ``p50`` and ``p95`` of wall time and the median ``cpu`` time; ``looks``, ``threads``, and the
-        machine's ``load`` at the start.
+        ``rows``: for the stages ``observation`` (rays, cloud, proprioception) and ``decision`` (network and planner),
+        ``p50`` and ``p95`` of the wall time and the median ``cpu`` time, ms; ``looks``; ``threads``; and ``load``, the
+        machine's load average at the start.
 
     Raises:
         InputError: the checkpoint is not a keypose policy, or knows no task of the library.

@@ -1,4 +1,4 @@
-"""Joint waypoints of a keypose program, by inverse kinematics of the hand poses."""
+"""Compute joint waypoints of a keypose program by inverse kinematics of its hand poses."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Array = npt.NDArray[np.float64]
 STEP, TURN = 0.015, 0.08
 """Distance (m) and angle (rad) between the hand poses along a path."""
 JUMP = 0.35
-"""Joint difference (rad or m) between consecutive poses above which they are on different branches."""
+"""Joint difference (rad or m) between consecutive poses above which the arm would have to change its posture."""
 GRAZE = 0.01
-"""Penetration (m) into the cloud that is tolerated, since points are modelled as balls."""
+"""Tolerated penetration (m) into the cloud, because points are modelled as balls."""
 BRANCHES = 8
-"""Number of arm postures tried at the actuation pose, for either orientation of the fingers."""
+"""Number of arm postures tried at the actuation pose, for each of the two finger orders."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class JointPath:
 
     Attributes:
         joints: (W, n) waypoints, starting at the approach pose.
-        at: (KEYPOSES,) waypoint index of each pose of the program; -1 if it is not reached.
+        at: (KEYPOSES,) waypoint index of each pose of the program; -1 for poses that are not reached.
         touches: number of waypoints at which the arm collides with the table or itself.
-        depth: deepest penetration into the cloud, m.
+        depth: maximum penetration of the arm into the cloud, m.
     """
 
     joints: Array
@@ -52,23 +52,23 @@ class JointPath:
 
     @property
     def rank(self) -> tuple[int, int, float]:
-        """Sort key, larger is better; depth is rounded to a centimetre so that ties keep the nearest posture."""
+        """Sort key, larger is better. Rounding the depth to 1 cm keeps the nearest of several similar postures."""
         return self.reached, -self.touches, -round(self.depth, 2)
 
 
 def joint_path(
     program: KeyposeProgram, q: Array, scene: kpam.Scene, depth: Callable[[Array], float]
 ) -> JointPath | None:
-    """Return the joint path of the first arm posture that follows the whole program clear of the cloud.
+    """Return the joint path of the first arm posture that executes the complete program without touching the cloud.
 
-    If there is none, return the path that follows the program furthest, and among these the one with the least
-    penetration; None if the actuation pose is out of reach.
+    If every posture fails, return the path that executes most of the program, with the least penetration among equals.
+    Return None if the actuation pose is out of reach.
 
     Args:
         program: hand poses in the base frame.
-        q: (n,) present joints; near postures are tried first.
+        q: (n,) present joints; postures close to them are tried first.
         scene: the robot and the known obstacles.
-        depth: function of joints (W, n) that returns the arm's deepest penetration (m) into the cloud.
+        depth: function of joints (W, n) that returns the arm's maximum penetration (m) into the cloud.
     """
     best: JointPath | None = None
     for path in _paths(program, q, scene):
@@ -83,7 +83,7 @@ def joint_path(
 
 
 def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[JointPath]:
-    """Yield the joint path of each arm posture at the actuation pose, without its depth."""
+    """Yield a joint path for each arm posture at the actuation pose; ``depth`` is not yet computed."""
     poses = program.poses
     turned = poses.copy()
     turned[:, :3, :2] *= -1.0  # half a turn about the approach axis
@@ -97,7 +97,7 @@ def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[Joi
 
 
 def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
-    """Follow the program from the actuation pose back to the approach and on to the end, as far as possible."""
+    """Follow the program as far as possible from the actuation pose, back to the approach and on to the end."""
     at = np.full(KEYPOSES, -1)
     back = _follow(poses[ACTUATION], poses[APPROACH], acting, scene)
     way = [] if back is None else back[::-1]
@@ -116,7 +116,7 @@ def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
 
 
 def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array] | None:
-    """Return joints along the straight line between two poses, without the first; None if the arm cannot follow it."""
+    """Return joints along the line between two poses, without the first pose; None if the line is out of reach."""
     found: list[Array] = []
     for pose in between(begin, end):
         near = scene.ik(pose, q, max_solutions=1)
@@ -128,7 +128,7 @@ def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array
 
 
 def between(begin: Array, end: Array) -> Array:
-    """Return poses (N, 4, 4) along the straight line between two poses, without the first; none if both are equal."""
+    """Return N poses (N, 4, 4) along the line between two poses, without the first pose; N is 0 for equal poses."""
     turns = Rotation.from_matrix(np.stack([begin[:3, :3], end[:3, :3]]))
     angle = (turns[0].inv() * turns[1]).magnitude()
     count = int(np.ceil(max(np.linalg.norm(end[:3, 3] - begin[:3, 3]) / STEP, angle / TURN) - 1e-6))

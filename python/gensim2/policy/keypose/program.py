@@ -1,4 +1,4 @@
-"""Keypose programs: the hand poses of a motion, the gripper command at each, and the times between them."""
+"""Describe motions as keypose programs: hand poses, gripper commands at the poses, and times between the poses."""
 
 from __future__ import annotations
 
@@ -21,23 +21,24 @@ APPROACH, ACTUATION, PATH, RETREAT = 0, 1, slice(2, 2 + PATH_POSES), 2 + PATH_PO
 KEYPOSES = 3 + PATH_POSES
 """Number of poses in a program: approach, actuation pose, path, and retreat."""
 TURN_LENGTH = 0.15
-"""Path length (m) that counts as equal to a turn of the hand by one radian."""
+"""Path length (m) that a rotation of the hand by one radian counts as."""
 SAME_COMMAND = 0.1
-"""Largest difference of gripper commands that needs no extra time."""
+"""Gripper commands that differ by at most this amount count as equal and take no time."""
 LONGEST = 3.0
-"""Largest extension of a push, as a multiple of the last quarter of its path."""
+"""Maximum extension of a push, as a multiple of the last quarter of its path."""
 _DENSE = 200
 
 
 @dataclass(frozen=True)
 class KeyposeProgram:
-    """One task step as hand poses, independent of the robot.
+    """Motion of one task step as K hand poses, independent of the robot.
 
     Attributes:
         positions: (K, 3) hand positions in the base frame, m.
         rotations: (K, 3, 3) hand rotations in the base frame.
-        gripper: (K + 1,) commands from -1 to 1: before the arm moves, then after the fingers have acted at each pose.
-        seconds: (K,) time from the previous pose, s; the first is unused, because the planner times the free motion.
+        gripper: (K + 1,) commands from -1 to 1: first the command before the arm moves, then the command at each pose.
+        seconds: (K,) time from the previous pose to each pose, s. The first entry is unused, because the planner times
+            the free motion.
         force: force of each finger on the grasped object, N; 0 without an object.
     """
 
@@ -51,7 +52,7 @@ class KeyposeProgram:
         shapes = {"positions": (KEYPOSES, 3), "rotations": (KEYPOSES, 3, 3), "gripper": (KEYPOSES + 1,)}
         for name, shape in (*shapes.items(), ("seconds", (KEYPOSES,))):
             if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} must be {shape}, is {getattr(self, name).shape}")
+                raise ValueError(f"{name} must have the shape {shape}, has {getattr(self, name).shape}")
 
     @property
     def poses(self) -> Array:
@@ -61,13 +62,13 @@ class KeyposeProgram:
 
     @property
     def is_push(self) -> bool:
-        """Return whether the gripper command stays constant from the actuation pose on."""
+        """Return whether the motion is a push: the gripper command stays constant from the actuation pose on."""
         return float(np.abs(self.gripper[ACTUATION:] - self.gripper[ACTUATION]).max()) <= SAME_COMMAND
 
     def longer(self, further: float) -> KeyposeProgram:
-        """Return the program with its end and its retreat pose moved ``further`` (m) along the path.
+        """Return the program with its last path pose and its retreat pose moved ``further`` (m) along the path.
 
-        The extension continues the motion of the path's last quarter, along a line or about the same axis.
+        The extension continues the translation or rotation of the last quarter of the path.
         """
         poses, last = self.poses, PATH.stop - 1
         gone = float(np.linalg.norm(poses[last, :3, 3] - poses[last - 2, :3, 3]))
@@ -117,7 +118,7 @@ def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
 
 
 def _evenly(planned: StepPlan, profile: RobotProfile, begin: float, end: float) -> Array:
-    """Return the times (``PATH_POSES``,) that divide the hand's path, turns included, into equal parts."""
+    """Return the times (``PATH_POSES``,) that divide the hand's path, including rotations, into equal parts."""
     assert planned.plan is not None
     assert planned.plan.trajectory is not None
     times = np.linspace(begin, end, _DENSE)

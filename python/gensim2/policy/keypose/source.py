@@ -1,4 +1,4 @@
-"""Training batches from planned scenes: observations and the programs that the planner found."""
+"""Sample training batches from planned scenes: observations, and the programs that the planner found."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from gensim2.policy.starting import check_sentences
 from gensim2.robots import OPEN, robot
 
 YAW = 0.2
-"""Largest yaw (rad) by which an example is rotated about the base. It is limited because the arm starts at the same
-pose in every scene, so plans of a rotated scene differ slightly.
+"""Maximum yaw (rad) by which an example is rotated about the base. Larger rotations would be inaccurate, because the
+arm starts at the same pose in every scene and plans of a rotated scene differ slightly.
 """
 NEW = 5.0
-"""Ratio between the sampling rates of a new task and of a task that the policy already knows."""
+"""Sampling rate of a new task, relative to a task that the policy already knows."""
 WIDTH, COMMAND = 0.004, 0.1
-"""Standard deviations of noise on finger distance (m) and gripper command of examples with a grasped object, because an
-executed grasp differs from the planned one.
+"""Standard deviations of the noise on finger distance (m) and gripper command in examples with a grasped object. The
+noise represents the difference between planned and executed grasps.
 """
 
 
@@ -43,7 +43,7 @@ class Ways:
 
     Attributes:
         tasks: (instruction, step, strategy) of each class except the last.
-        to_end: (instruction, step) of the steps that move a joint to an end of its range.
+        to_end: (instruction, step) of each step that moves a joint to an end of its range.
     """
 
     tasks: tuple[tuple[str, int, str], ...]
@@ -73,13 +73,13 @@ class Ways:
 
 
 class PlannedSource:
-    """Planned scenes of one or several tasks; all tasks are sampled equally often if none is known already.
+    """Planned scenes of one or several tasks. New tasks are sampled more often than known tasks.
 
     Args:
-        planned: one folder for each task, or two (a library's objects and generated ones), with the same robot and
-            observation spec.
-        known: number of folders, from the first, whose tasks the policy already knows; new tasks are sampled ``NEW``
-            times as often.
+        planned: for each task one folder of plans, or two: library objects and generated objects. All folders have the
+            same robot and observation spec.
+        known: number of folders at the start of ``planned`` whose tasks the policy already knows. Tasks in the other
+            folders are sampled ``NEW`` times as often.
 
     Raises:
         InputError: the folders do not fit together.
@@ -92,11 +92,11 @@ class PlannedSource:
         for each in planned:
             for name in ("language", "steps", "ways", "to_end"):
                 if getattr(each.record, name) != getattr(tasks[each.record.task], name):
-                    raise InputError(f"two folders of plans of {each.record.task} differ", field=name)
+                    raise InputError(f"both folders of {each.record.task} must have the same settings", field=name)
         for other in planned[1:]:
             for name in ("robot", "observation"):
                 if getattr(other.record, name) != getattr(first, name):
-                    raise InputError(f"{other.record.task} and {first.task} differ", field=name)
+                    raise InputError(f"{other.record.task} and {first.task} must have the same value", field=name)
         self.planned, self._shares = tuple(planned), _shares(planned, known)
         self.robot = first.robot
         profile = robot(first.robot)
@@ -153,7 +153,7 @@ class PlannedSource:
         return rng.choice(len(self.planned), size=size, p=self._shares)
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
-        """Return clouds of scenes, evenly spaced through the data, without colours."""
+        """Return uncoloured clouds of at most ``max_clouds`` scenes, evenly spaced through the data."""
         points = self._arrays["points"]
         rows = np.unique(np.linspace(0, len(points) - 1, max_clouds).astype(np.int64))
         found = from_steps(points[rows])
@@ -194,14 +194,14 @@ def _shares(planned: Sequence[Planned], known: int) -> npt.NDArray[np.float64] |
 
 
 def _either_way_round(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return tool poses (B, 7), half of them with the fingers swapped, because execution may swap them too."""
+    """Return tool poses (B, 7), half of them with swapped fingers, because the executed motion may swap them, too."""
     x, y, z, w, x_q, y_q, z_q = poses.T
     swapped = np.column_stack([x, y, z, -z_q, y_q, -x_q, w])
     return np.where(rng.random((len(poses), 1)) < 0.5, swapped, poses).astype(np.float32)
 
 
 def _as_held(fingers: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return finger distances and commands (B, 2) with noise on those of grasped objects."""
+    """Return finger distances and commands (B, 2), with noise in samples with a grasped object."""
     noise = rng.normal(size=fingers.shape) * (WIDTH, COMMAND)
     holds = fingers[:, 1:] < OPEN - 0.5
     return (fingers + np.where(holds, noise, 0.0)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Collision scenes from a point cloud: the table, obstacle points, and the points of a grasped object."""
+"""Build collision scenes from a point cloud: the table, obstacle points, and points of a grasped object."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ Array = npt.NDArray[np.float64]
 POINT_RADIUS = 0.006
 """Radius (m) of the ball that models each point of the cloud."""
 EVERY = 3
-"""Stride over a path's waypoints (1.5 cm apart) at which penetration into the cloud is computed."""
+"""Stride over a path's waypoints (1.5 cm apart) for the computation of the penetration."""
 NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
-"""Distances (m) that segment a held object: points so near to the fingers start it, points so near to one of its points
-join it, and points further from the hand do not belong to it."""
+"""Distances (m) for segmenting a grasped object. It begins with points closer than ``NEAR_FINGERS`` to the fingers,
+grows by points closer than ``NEXT``, and ends at the distance ``CARRIED`` from the hand."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """A cloud as obstacles, in the base frame.
+    """A point cloud, segmented into obstacles and a grasped object, in the base frame.
 
     Attributes:
         standing: (N, 3) obstacle points, m.
         held: (M, 3) points of the grasped object, m.
         q: (n,) joints of the observation.
-        holds: whether the hand holds an object, even if no point shows it.
+        holds: whether the hand holds an object; the cloud may show no points of the object.
     """
 
     standing: Array
@@ -41,7 +41,7 @@ class Seen:
 
     @property
     def without_held(self) -> Seen:
-        """Return the cloud without the grasped object, whose pose after the release is unknown."""
+        """Return the cloud without the grasped object, because the object's pose after a release is unknown."""
         return replace(self, held=np.zeros((0, 3)), holds=False)
 
 
@@ -49,7 +49,7 @@ class Surroundings:
     """Builds collision scenes of one robot from point clouds.
 
     Attributes:
-        bare: the robot and the table, without a cloud.
+        bare: collision scene with only the robot and the table.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -70,7 +70,7 @@ class Surroundings:
         return Seen(points[~mine], points[mine], q, holds)
 
     def scene(self, seen: Seen) -> kpam.Scene:
-        """Return the collision scene of the table, the obstacles, and the grasped object as part of the hand."""
+        """Return a collision scene with table and obstacle points; the grasped object is a part of the hand."""
         parts = (("cloud", seen.standing), ("held", seen.held))
         bodies = [
             kpam.Body(name, "rigid", [kpam.Shape.point_cloud(part, POINT_RADIUS)], np.eye(4))
@@ -81,9 +81,9 @@ class Surroundings:
         return scene.attached("held", seen.q) if len(seen.held) else scene
 
     def untouched(self, seen: Seen, *joints: Array) -> Seen:
-        """Remove the obstacle points that the arm or its grasped object overlaps at the given joints (n,).
+        """Remove obstacle points that overlap the arm or the grasped object at the given joints (n,).
 
-        At the start and the goal of a motion such points cannot be obstacles.
+        The joints are the start and the goal of a motion, where an overlapping point cannot be a real obstacle.
         """
         scene, touched = self.scene(seen), np.zeros(len(seen.standing), dtype=bool)
         for q in joints:
@@ -91,9 +91,9 @@ class Surroundings:
         return replace(seen, standing=seen.standing[~touched])
 
     def depth_in(self, seen: Seen) -> Callable[[Array], float]:
-        """Return a function from joints (W, n) to the deepest penetration (m) of the arm without its hand.
+        """Return a function from joints (W, n) to the maximum penetration (m) of the arm into the cloud.
 
-        It checks every ``EVERY``-th row against the obstacle points.
+        The function ignores the hand, and checks every ``EVERY``-th row of joints.
         """
         if not len(seen.standing):
             return lambda joints: 0.0
@@ -111,7 +111,7 @@ class Surroundings:
         return depth
 
     def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
-        """Return the mask (N,) of the grasped object: the points between the fingers, and those connected to them."""
+        """Return a mask (N,) of the grasped object: points close to the fingers, and points connected to these."""
         hand = self._model.forward_kinematics(q)[:3, 3]
         near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
         found = np.zeros(len(points), dtype=bool)

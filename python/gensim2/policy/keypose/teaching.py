@@ -1,4 +1,4 @@
-"""Order and tolerances of the strategies that make training plans, so that similar scenes get similar plans."""
+"""Adapt strategies for training plans, so that similar scenes get similar plans."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import with_strategies
 
 CENTERED = 0.25
-"""Share of a strategy's tolerance within which a grasped object is placed first. The solver's poses need the least
-motion and are mostly at an edge of the tolerance. An edge leaves no margin for a policy's errors, and the solver's
-choice of the edge jumps between similar scenes.
+"""Fraction of a strategy's tolerance that is tried first when a grasped object is placed. With the full tolerance, the
+solver mostly chooses a pose at its edge, which leaves no margin for errors of a policy and differs between similar
+scenes.
 """
 
 PATIENCE = 8
-"""Number of failed grasps after which a scene is left out. A working grasp is nearly always the first one. To rule out
-all grasps of a scene takes as long as sixty scenes with plans.
+"""Number of failed grasps after which a scene is left out. If a scene has a usable grasp, the first one nearly always
+works; trying all grasps takes as long as planning sixty scenes.
 """
 
 
 def pulls_last(given: TaskInput) -> TaskInput:
-    """Return the task with grasp-search strategies moved behind all other strategies of each step.
+    """Return the task with grasp searches moved behind the other strategies of each step.
 
-    A searched grasp jumps between similar scenes, for example from a knob to an edge, and a network predicts a useless
-    average. The order of the other strategies stays.
+    In similar scenes a grasp search can find very different grasps, for example at a knob and at an edge. A network
+    trained on both predicts a useless average.
     """
     known = parsed(given.strategies)
 

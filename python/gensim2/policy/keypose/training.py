@@ -17,7 +17,7 @@ from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.train import TrainResult, train_policy
 
 WAYS_JSON = "keypose.json"
-"""File of the classes' meanings, beside a checkpoint's ``config.json``."""
+"""Name of the file in a checkpoint's folder that describes the classes."""
 
 POLICY = PolicyConfig(
     head="keypose",
@@ -79,10 +79,10 @@ def train_keypose(
     Args:
         source: planned scenes.
         out: folder of the checkpoint.
-        policy: network settings. ``ways`` follows from the source, several instructions need a text encoder, and
-            ``frame`` must be ``turned``.
-        start: policy to start from, whose classes are the first ones of the source.
-        resume: continue an interrupted training.
+        policy: network settings. ``frame`` must be ``turned``, and several instructions need a text encoder; ``ways``
+            is set from the source.
+        start: policy to start from; its classes must be the first classes of the source.
+        resume: whether to continue an interrupted training.
         device: as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
@@ -103,7 +103,7 @@ def train_keypose(
 
 
 def read_ways(folder: Path, policy: PolicyCheckpoint) -> list[Way]:
-    """Return the step and strategy that each output class of a checkpoint's network stands for.
+    """Return the step and strategy that each output class of a checkpoint's network represents.
 
     Raises:
         CheckpointError: the network has another number of classes.

@@ -1,1 +1,1 @@
-"""Controllers on another machine, over websocket and msgpack, with a token and limits on size and time."""
+"""Run a controller on another machine, over a websocket with msgpack messages, a token, and size and time limits."""

@@ -1,4 +1,4 @@
-"""Use a controller behind a policy server like a local controller."""
+"""Use a policy server's controller like a local controller."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from gensim2.policy.remote.protocol import (
 from gensim2.policy.remote.websocket import logger, unfragmented
 
 DEADLINE = 0.15
-"""Default deadline for an action, s; the robot's watchdog stops the arm after 0.2 s."""
+"""Default time limit for an action, s. The robot's watchdog stops the arm after 0.2 s without an action."""
 CONNECTING = 10.0
 """Time limit for connecting and for a reset, s."""
 LEAVING = 1.0
@@ -46,15 +46,15 @@ Answer = TypeVar("Answer", Ready, Action)
 
 
 class RemoteController:
-    """Ask a policy server for each action.
+    """Controller that requests each action from a policy server.
 
-    A late answer raises an error and is dropped when it comes. A server that sends anything invalid raises an error
-    that names the server and the field.
+    If an answer is late, the controller raises an error and later discards the answer. An invalid answer raises an
+    error that names the server and the field.
 
     Args:
-        url: address of the server, ``ws://host:port`` or ``wss://``. The token is in the environment,
-            GENSIM2_POLICY_TOKEN.
-        robot: name of the robot that executes the actions; None accepts the server's robot.
+        url: address of the server, ``ws://host:port`` or ``wss://``. The token is read from the environment variable
+            ``GENSIM2_POLICY_TOKEN``.
+        robot: name of the robot that executes the actions; None accepts any robot of the server.
         deadline: time limit for an action, s.
 
     Attributes:
@@ -62,7 +62,7 @@ class RemoteController:
 
     Raises:
         InputError: the URL or the deadline is invalid, or the token is not set.
-        RemoteError: the server cannot be reached, refuses, or sends an invalid message.
+        RemoteError: the server cannot be reached, refuses the connection, or sends an invalid message.
         MissingExtraError: websockets or msgpack is not installed.
 
     Example:
@@ -76,9 +76,9 @@ class RemoteController:
 
     def __init__(self, url: str, robot: str | None = None, deadline: float = DEADLINE) -> None:
         if not is_url(url):
-            raise InputError(f"{url!r} is not a websocket address", field="policy", remedy="as ws://127.0.0.1:8321")
+            raise InputError(f"{url!r} is not a websocket URL", field="policy", remedy="e.g. ws://127.0.0.1:8321")
         if not 0.0 < deadline < 1e4:
-            raise InputError(f"must be positive seconds, is {deadline}", field="deadline")
+            raise InputError(f"must be a positive number of seconds, is {deadline}", field="deadline")
         self._url, self._robot, self._deadline = url, robot, deadline
         self._server = f"The server {url}"
         self._number, self._action_size = 0, 0
@@ -97,7 +97,7 @@ class RemoteController:
         self._ask(message, Ready, CONNECTING)
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
-        """Return the next action, (m + 1,); None when the controller is done.
+        """Return the next action (m + 1,); None if the controller has ended the episode.
 
         Raises:
             RemoteError: the server does not answer in time, fails, or sends an invalid message.
@@ -110,13 +110,13 @@ class RemoteController:
         return action
 
     def close(self) -> None:
-        """Close the connection; the next request opens another."""
+        """Close the connection; the next request opens a new connection."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None
 
     def disown(self) -> None:
-        """Use a wrong token for the next connection; this injected fault tests the watchdog."""
+        """Use a wrong token for the next connection, to inject a fault in tests of the watchdog."""
         self.close()
         self._token = f"not {self._token}"
 
@@ -141,7 +141,7 @@ class RemoteController:
                 create_connection=unfragmented(ClientConnection),
             )
             self._connection = connection
-            # A server that stops reading must not block the client.
+            # A server that stops reading must not block the client, so sending has a timeout.
             seconds, share = divmod(self._deadline, 1.0)
             limit = struct.pack("ll", int(seconds), int(1e6 * share) or 1)
             connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
@@ -149,10 +149,10 @@ class RemoteController:
             found = decode(connection.recv(timeout=CONNECTING), MAX_ANSWER, self._server)
             if found["kind"] == "welcome" and found.get("protocol") != VERSION:
                 spoken = reprlib.repr(found.get("protocol"))
-                raise RemoteError(f"{self._url} speaks version {spoken} of the protocol, this is {VERSION}")
+                raise RemoteError(f"{self._url} uses version {spoken} of the protocol, this client uses {VERSION}")
             answer = read_message(found, Welcome, Refusal, sender=self._server)
             if isinstance(answer, Refusal):
-                raise RemoteError(f"{self._url} refuses: {answer.why}")
+                raise RemoteError(f"{self._url} refuses the connection: {answer.why}")
             if self._robot not in (None, answer.robot):
                 raise RemoteError(f"{self._url} serves the robot {answer.robot}, but this robot is {self._robot}")
             self._action_size = answer.action_size
@@ -165,7 +165,7 @@ class RemoteController:
             raise
 
     def _ask(self, message: dict[str, Any], expected: type[Answer], deadline: float) -> Answer:
-        """Send a request and return its answer, and reconnect if the server has gone away.
+        """Send a request and return the answer; reconnect if the connection is lost.
 
         A restarted controller does not know the episode, so the first request after reconnecting must be a reset.
         """
@@ -179,7 +179,7 @@ class RemoteController:
         until = time.monotonic() + deadline
         data = encode({**message, "number": self._number})
         if len(data) > MAX_BYTES:
-            raise RemoteError(f"an observation has {len(data)} bytes, {MAX_BYTES} at most")
+            raise RemoteError(f"an observation has {len(data)} bytes, the limit is {MAX_BYTES}")
         try:
             self._connection.send(data)
             answer = self._answer(expected, until)
@@ -202,7 +202,7 @@ class RemoteController:
                 continue
             answer: Answer | Failure = read_message(found, expected, Failure, sender=self._server)
             if answer.number not in (None, self._number):
-                raise RemoteError(f"{self._server} answered request {answer.number}, the last is {self._number}")
+                raise RemoteError(f"{self._server} answered request {answer.number}, but the last is {self._number}")
             return answer
         raise TimeoutError
 

@@ -1,9 +1,9 @@
-"""Messages between client and policy server: maps of plain values and arrays, as msgpack over a websocket.
+"""Define the messages between client and policy server: msgpack maps of plain values and arrays.
 
-The client sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Each
-request then has one answer with the same number: ``ready`` answers ``reset``, ``action`` answers ``act``, ``error``
-either. Every message is read through :func:`decode`, which limits its bytes and values, and :func:`read_message`, which
-checks it against the schema of the messages that are allowed at that point.
+The client sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Then each
+request gets one answer with the same number: ``reset`` gets ``ready``, ``act`` gets ``action``, and a failed request
+gets ``error``. :func:`decode` limits the bytes and values of a message, and :func:`read_message` checks the message
+against the schemas of the expected kinds.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from gensim2.perception.camera_record import CameraRecord
 
 VERSION = 1
 MAX_HELLO = 4 << 10
-"""Largest first message, bytes; the server reads it before the client has authenticated."""
+"""Maximum size of a client's first message, bytes; the server reads this message before the client is authenticated."""
 MAX_BYTES = 16 << 20
-"""Largest request, bytes. A cloud of 1,024 points takes 15 kB; three depth images of 640 x 480 take 1.8 MB."""
+"""Maximum size of a request, bytes. A cloud of 1,024 points takes 15 kB, three depth images of 640 x 480 1.8 MB."""
 MAX_ANSWER = 64 << 10
-"""Largest answer, bytes; an action with an observation spec takes less than 2 kB."""
+"""Maximum size of an answer, bytes; an action with an observation spec takes less than 2 kB."""
 MAX_VALUES = 10_000
-"""Largest number of values in a message; an array counts as one."""
+"""Maximum number of values in a message; an array counts as one value."""
 MAX_ITEMS = 1000
 """Largest number of entries in a list or map."""
 MAX_TEXT = 16 << 10
@@ -50,7 +50,7 @@ _URL = re.compile(r"wss?://[^\s/?#@]+(/[^\s@]*)?")
 
 
 class RemoteError(InputError):
-    """A policy server or its client is unreachable, late, refuses, or sends an invalid message."""
+    """A policy server or client cannot be reached, is late, refuses the connection, or sends an invalid message."""
 
 
 def msgpack() -> Any:
@@ -83,7 +83,7 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
         RemoteError: the data are not a valid message, or exceed a limit on bytes or values.
     """
     if not isinstance(data, bytes):
-        raise RemoteError(f"{sender} sent text in place of a binary message")
+        raise RemoteError(f"{sender} sent a text message, expected a binary message")
     if len(data) > max_bytes:
         raise RemoteError(f"{sender} sent a message of {len(data)} bytes, the limit is {max_bytes}")
     library, counter = msgpack(), _Counter()
@@ -108,7 +108,7 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
 
 
 class _Counter:
-    """Counts values while a message is decoded, because one byte of msgpack can become 70 bytes of Python objects."""
+    """Counts values while a message is decoded, because one byte can decode to 70 bytes of Python objects."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -121,13 +121,13 @@ class _Counter:
         self._add(2 * len(pairs))
         found = dict(pairs)
         if len(found) < len(pairs):
-            raise ValueError("a map has a key twice")
+            raise ValueError("a map contains a key twice")
         return _array(found[_ARRAY]) if list(found) == [_ARRAY] else found
 
     def _add(self, count: int) -> None:
         self._count += count
         if self._count > MAX_VALUES:
-            raise ValueError(f"more than {MAX_VALUES} values")
+            raise ValueError(f"contains more than {MAX_VALUES} values")
 
 
 def _plain(value: Any) -> Any:
@@ -135,7 +135,7 @@ def _plain(value: Any) -> Any:
         return {_ARRAY: [value.dtype.name, list(value.shape), np.ascontiguousarray(value).tobytes()]}
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"{type(value).__name__} is not a plain value")
+    raise TypeError(f"a value of type {type(value).__name__} cannot be sent")
 
 
 def _array(value: Any) -> npt.NDArray[Any]:
@@ -167,14 +167,14 @@ def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
             wanted = ", ".join("N" if each is None else str(each) for each in shape)
             raise ValueError(f"must be an array of shape ({wanted}), got {value.shape}")
         if shape and value.dtype.kind == "f" and not np.isfinite(value).all():
-            raise ValueError("must be finite, holds NaN or infinity")
+            raise ValueError("must be finite, contains NaN or infinity")
         return value
 
     return BeforeValidator(check)
 
 
 class WireMessage(BaseModel):
-    """Base of messages: fields are checked without conversion, and unknown fields are refused."""
+    """Base class of messages. Field types are checked strictly, and unknown fields are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -186,7 +186,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Hello(WireMessage):
-    """First message of a client; the token is checked before the other fields are read."""
+    """First message of a client; the server checks the token before it reads the other fields."""
 
     kind: Literal["hello"]
     protocol: Number
@@ -265,7 +265,7 @@ class Ready(WireMessage):
 
 
 class Action(WireMessage):
-    """Answer to ``act``; no action means that the episode is over."""
+    """Answer to ``act``; the action is None if the episode is over."""
 
     kind: Literal["action"]
     number: Number
@@ -274,7 +274,7 @@ class Action(WireMessage):
 
 
 class Failure(WireMessage):
-    """Answer to a request that failed; the number is None if the request could not be read."""
+    """Answer to a failed request; the number is None if the server could not read the request."""
 
     kind: Literal["error"]
     number: Number | None
@@ -286,15 +286,15 @@ Other = TypeVar("Other", bound=WireMessage)
 
 
 def read_message(message: Mapping[str, Any], one: type[One], other: type[Other], *, sender: str) -> One | Other:
-    """Check a message against the two kinds that are allowed at this point.
+    """Check that a message is of one of two kinds.
 
     Args:
         message: decoded message.
-        one, other: schemas of the allowed kinds.
+        one, other: schemas of the two kinds.
         sender: name of the sender for error messages.
 
     Raises:
-        RemoteError: the message is of another kind, or a field is missing, unknown or invalid.
+        RemoteError: the message is of a third kind, or a field is missing, unknown or invalid.
     """
     kinds = {get_args(each.model_fields["kind"].annotation)[0]: each for each in (one, other)}
     kind = message["kind"]

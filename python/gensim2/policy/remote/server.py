@@ -1,8 +1,8 @@
-"""``gensim2 policy serve``: offer a controller over a websocket.
+"""Serve a controller over a websocket (``gensim2 policy serve``).
 
-A client counts as a stranger until its first message has shown the token. Few strangers may connect at a time, each has
-a thread of its own, and they get a few seconds and a few kB. Only one authenticated client at a time uses the
-controller.
+A client is a stranger until the token in its first message is verified. The number of simultaneous strangers is
+limited, each stranger has its own thread, and may use only a few seconds and kB. Only one authenticated client at a
+time uses the controller.
 """
 
 from __future__ import annotations
@@ -43,32 +43,32 @@ from gensim2.rollout.controller import Controller, is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec, close
 
 GREETING = 5.0
-"""Time limits for a stranger to open the websocket, and then to send the token, s."""
+"""Time limits for a stranger to open the websocket and to send the token, s."""
 LEAVING = 1.0
-"""Time for which a new client waits while the connection of the previous one is closed, before it is refused, s."""
+"""Maximum time for which a new client waits until the previous client's connection is closed, s."""
 CLOSING = 0.2
-"""Time limit for a client to confirm that its connection is closed, s; data received meanwhile are discarded."""
+"""Time limit for a client to confirm the end of its connection, s; data received meanwhile are discarded."""
 MAX_STRANGERS = 4
-"""Largest number of connections without a token; further ones are closed at once."""
+"""Maximum number of connections without a token; additional connections are closed at once."""
 MAX_CONTROL_FRAMES = 100
-"""Largest number of control frames from a stranger; its connection is closed after more."""
+"""Maximum number of websocket control frames from a stranger; one more closes the connection."""
 READING = 1.0
-"""Time limit for sending to a client that does not read, s."""
+"""Time limit for sending a message to a client, which may have stopped reading, s."""
 
 
 class PolicyServer:
     """Serves a controller to one client at a time.
 
     Args:
-        controller: specification of the controller; must not be privileged.
+        controller: specification of the controller, which must not need the true state of a simulation.
         robot_name: name of the robot that the controller drives.
-        token: secret that clients must send; 16 characters or more.
-        host, port: address to listen at; port 0 selects a free port.
-        said: callback that gets a line for each connection event.
+        token: secret of at least 16 characters that clients must send.
+        host, port: address to listen on; port 0 selects a free port.
+        said: callback that gets a line of text for each connection event.
 
     Raises:
         InputError: the controller is privileged, or the token is too short.
-        ControllerError: the controller cannot be made with its arguments.
+        ControllerError: the controller cannot be created with its arguments.
         MissingExtraError: websockets or msgpack is not installed.
     """
 
@@ -83,10 +83,10 @@ class PolicyServer:
         said: Callable[[str], None] = lambda line: None,
     ) -> None:
         if len(token) < TOKEN_LENGTH:
-            raise InputError(f"must have {TOKEN_LENGTH} characters at least", field="token")
+            raise InputError(f"must have at least {TOKEN_LENGTH} characters", field="token")
         kind = controller.load()
         if is_privileged(kind):
-            raise InputError("requires the true state of a simulation, which cannot be sent", field=controller.target)
+            raise InputError("needs the true state of a simulation, which clients do not send", field=controller.target)
         try:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
@@ -150,8 +150,7 @@ class PolicyServer:
             return
         self._peer.address, self._peer.is_known = address, False
         try:
-            # The library answers pings while it holds the lock that is needed to close the connection, so sending must
-            # time out.
+            # Sending needs a timeout, because the websockets library holds the lock for closing while it answers pings.
             seconds, share = divmod(READING, 1.0)
             peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(seconds), int(1e6 * share)))
             self._speak(peer, address)
@@ -199,7 +198,7 @@ class PolicyServer:
             self._said(f"{who} gone")
 
     def _greet(self, message: dict[str, Any], who: str) -> str | None:
-        """Return why a first message is refused, or None; without the token no reason is sent."""
+        """Return why a client's first message is refused, or None. A client without the token gets no reason."""
         token = message.get("token")
         if message["kind"] != "hello" or not isinstance(token, str):
             return "no token"
@@ -238,7 +237,7 @@ class PolicyServer:
                 if isinstance(request, Reset):
                     self._controller.reset(observation, request.seed)
                     if not self._is_warm:
-                        # A network's first action takes longest, so compute one here, where no deadline applies.
+                        # A network's first action takes longest, so it is computed here, where no deadline applies.
                         self._controller.act(observation)
                         self._is_warm = True
                         self._controller.reset(observation, request.seed)
@@ -255,7 +254,7 @@ class PolicyServer:
         with np.errstate(over="ignore"):
             action = np.asarray(given, dtype=np.float32)
         if action.shape != (self._profile.action_size,):
-            raise RemoteError(f"the controller gave an action of shape {action.shape}")
+            raise RemoteError(f"the controller returned an action of shape {action.shape}")
         if not np.isfinite(action).all():
-            raise RemoteError("the controller gave an action that holds NaN or infinity")
+            raise RemoteError("the controller returned an action that contains NaN or infinity")
         return action

@@ -1,4 +1,4 @@
-"""Limits on websockets that the websockets library lacks."""
+"""Limit fragments and control frames of websockets, and shorten log messages."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ CHUNK = 1 << 16
 
 
 def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
-    """Return a connection class that drops a peer which fragments messages or sends too many control frames.
+    """Return a connection class that closes the connection on a fragmented message or too many control frames.
 
-    Our messages have a single frame. The library limits the size of a message but not the number of its fragments, so a
-    stranger could fill the memory with empty ones. It also answers every ping, and a stranger might never read the
-    answers.
+    Messages of this protocol have a single frame. The websockets library limits the size of a message but not the
+    number of fragments, so a stranger could fill the memory with empty fragments. The library also answers every ping,
+    and a stranger might never read the answers.
 
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
         chunk: number of bytes that are read and parsed at a time.
-        most: largest number of control frames from the peer; stored as ``max_control_frames``.
+        most: maximum number of control frames from the peer; stored as ``max_control_frames``.
     """
     from websockets.frames import DATA_OPCODES, Frame
 
@@ -63,7 +63,7 @@ def logger(said: Callable[[str], None] = lambda line: None) -> logging.Logger:
     """Return a logger for one connection.
 
     Args:
-        said: callback that gets each error as one line.
+        said: callback that gets each error as one line of text.
     """
     found = logging.Logger("websockets", logging.ERROR)
     found.addHandler(_Lines(said))
