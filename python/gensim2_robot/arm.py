@@ -1,4 +1,4 @@
-"""An arm behind its limits; all commands pass through here."""
+"""Send commands to an arm, but only within its limits."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from gensim2_robot.devices import ArmDriver, ArmState
 from gensim2_robot.limits import Sent, begin, check_force, halt, limit
 
 _STATES = 200
-"""Number of past arm states kept, to know the arm's position when an image was taken."""
+"""Number of past arm states that are stored to look up the arm's position when an image was taken."""
 
 
 class LimitedArm:
-    """Sends commands to a driver through :func:`~gensim2_robot.limits.limit`; no other code uses the driver.
+    """Arm whose commands all pass through :func:`~gensim2_robot.limits.limit`; no other code sends to the driver.
 
     Args:
         driver: driver of the arm.
-        limits: limits of every command.
+        limits: limits that every command keeps.
 
     Attributes:
-        clips: number of commands changed, by limit.
+        clips: number of commands that each limit has changed, by the name of the limit.
     """
 
     def __init__(self, driver: ArmDriver, limits: ArmLimits) -> None:
@@ -36,13 +36,13 @@ class LimitedArm:
         self.clips: Counter[str] = Counter()
 
     def poll(self) -> list[ArmState]:
-        """Return the arm states received since the last call, and remember them."""
+        """Return the arm states received since the last call, and store them for :meth:`at`."""
         found = list(self._driver.poll())
         self._states.extend(found)
         return found
 
     def state(self) -> ArmState | None:
-        """Return the last known state; None before the first."""
+        """Return the last received state; None before the first state arrives."""
         return self._states[-1] if self._states else None
 
     def at(self, time: float) -> ArmState:
@@ -70,7 +70,7 @@ class LimitedArm:
         return self._gripper
 
     def begin(self, q: npt.ArrayLike, gripper: float = 1.0) -> Sent:
-        """Start to control the arm at its present position.
+        """Start to control the arm at its current position.
 
         Raises:
             RefusedError: the arm is outside its limits.
@@ -79,7 +79,7 @@ class LimitedArm:
         return self._sent
 
     def release(self) -> None:
-        """Stop sending commands; the arm stands by its own controller until :meth:`begin`."""
+        """Stop sending commands; the arm's own controller holds the position until :meth:`begin`."""
         if self._sent is not None:
             self.stop()
 
@@ -95,7 +95,7 @@ class LimitedArm:
         return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """Send the next command of the checked stop; at rest, the same position again.
+        """Send the next command of the checked stop; once the arm is at rest, repeat the last position.
 
         Raises:
             RefusedError: the contact force is too large; nothing is sent.
@@ -107,7 +107,7 @@ class LimitedArm:
         return self._send(halt(self._sent), self._gripper, t)
 
     def stop(self) -> None:
-        """Stop the arm at once by its own controller; no command is accepted until :meth:`begin`."""
+        """Stop the arm at once by its own controller, and accept no command until :meth:`begin`."""
         self._driver.stand()
         self._sent = None
 
@@ -119,33 +119,32 @@ class LimitedArm:
         return sent
 
     def joints(self, q: Array) -> Array:
-        """Return the arm's joints (m,) among all active joints (n,)."""
+        """Return the arm's joints (m,) from all active joints ``q`` (n,)."""
         return q[list(self.limits.profile.arm_columns)]
 
 
 _SAME = 1e-6
-"""Largest difference (rad or m) between two targets, or between a command and the motion, that counts as equal."""
+"""Targets, or a command and the motion, that differ by at most this amount (rad or m) count as equal."""
 
 _PASSED = 2 * CYCLE
-"""Time (s) before a target at which the motion no longer has to pass through it, so that a slightly late motion need
-not turn back.
+"""A target closer than this time (s) is dropped from the motion, so that a slightly late motion does not turn back.
 """
 
 _KEPT = 1.0
-"""Time (s) for which the past motion is kept, because the last command is compared with it."""
+"""Time (s) for which the past motion is stored for comparison with the last command."""
 
 _FITTED = 0.999
-"""Share of the limits that motions use, so that their commands can be sent unchanged."""
+"""Fraction of the limits that motions use, so that the limits rarely change a sampled command."""
 
 
 class Streamer:
-    """The smooth motion from which commands are sampled.
+    """Smooth motion through the targets, from which commands are sampled.
 
-    The motion passes through all future targets, each no earlier than its time, and comes to rest shortly after the
-    last one. So the arm stops by itself if no more targets arrive. New targets extend the present motion.
+    The motion reaches each target no earlier than the target's time, and comes to rest shortly after the last target.
+    The arm therefore stops by itself if no more targets arrive. New targets extend the motion.
 
     Args:
-        limits: joint limits of the motion; limits of the tool and the workspace are checked for each command instead.
+        limits: joint limits of the motion. Limits of tool and workspace are checked for each command.
 
     Attributes:
         late: number of targets that were dropped because they arrived after their time.
@@ -153,7 +152,7 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # The mean velocity of a cycle is that in its middle, but it is limited by the position at its end.
+        # The mean velocity of a cycle occurs in the middle of the cycle, but the position at the cycle's end limits it.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
@@ -165,13 +164,12 @@ class Streamer:
         self._motion, self._ahead = None, []
 
     def add(self, targets: Sequence[tuple[float, Array]], sent: Sent, now: float) -> bool:
-        """Add targets, (m,) each with its time (s), after the present ones; return whether a motion through them was
-        found.
+        """Append targets to the motion, and return whether a motion through all targets was found.
 
         Args:
-            targets: times and joints.
-            sent: the last command, from which the motion starts if it differs from the present motion.
-            now: present time, s.
+            targets: time (s) and joints (m,) of each target.
+            sent: the last command. If it deviates from the motion, the new motion starts at this command.
+            now: current time, s.
         """
         fresh = [(stamp, np.clip(q, self._limits.lower, self._limits.upper)) for stamp, q in targets if stamp > now]
         self.late += len(targets) - len(fresh)
@@ -210,20 +208,20 @@ class Streamer:
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:
-        """Return the displacement (m,) to rest from the given velocity, within the joint range."""
+        """Return the displacement (m,) in which the arm comes to rest from a velocity, within the joint range."""
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
         room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)
         return way * min(1.0, float((room / np.maximum(np.abs(way), _SAME)).min()))
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration (m,) to continue from."""
+        """Return position, velocity and acceleration, (m,) each, from which the motion continues."""
         if self._motion is not None and self.follows(sent, now):
             return self._motion.sample(now)
         return sent.q, sent.v, sent.a
 
     def follows(self, sent: Sent, now: float) -> bool:
-        """Return whether the last command agrees with the motion at its time."""
+        """Return whether the last command lies on the motion."""
         return self._motion is not None and bool(np.abs(self._motion.sample(now)[0] - sent.q).max() <= _SAME)
 
     def brake(self, now: float) -> float:
@@ -235,7 +233,7 @@ class Streamer:
         return self._motion.duration
 
     def at(self, now: float, sent: Sent) -> Array:
-        """Return the joints (m,) to send for a time; the last command without a motion."""
+        """Return the joints (m,) to send at a time; without a motion, the joints of the last command."""
         if self._motion is None:
             return sent.q
         self._motion.sample_into(now, *self._rows)

@@ -1,4 +1,4 @@
-"""Limits of an arm: numbers, and the collision geometry."""
+"""Define the limits of an arm's commands, including collision geometry."""
 
 from __future__ import annotations
 
@@ -17,16 +17,15 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Braking:
-    """Velocity limits that depend on the position: ``-offset + sqrt(gain (upper - q))`` upwards, ``-offset + sqrt(gain
-    (q
-    - lower))`` downwards.
+    """Velocity limits that depend on the joint position.
 
-    They apply in addition to constant limits, and are 0 if negative.
+    The limit is ``-offset + sqrt(gain (upper - q))`` upwards and ``-offset + sqrt(gain (q - lower))`` downwards, but at
+    least 0. It applies in addition to the constant velocity limit.
 
     Attributes:
-        upper, lower: (m,) rad, where the limits would be ``-offset``.
+        upper, lower: (m,) positions at which the square root is 0, rad.
         gain: (m,) rad/s^2, twice the allowed deceleration.
-        offset: (m,) rad/s.
+        offset: (m,) offset of the velocity limit, rad/s.
     """
 
     upper: Array
@@ -35,15 +34,15 @@ class Braking:
     offset: Array
 
     def scaled(self, share: float) -> Braking:
-        """Return limits that allow ``share`` of the velocity of these limits at every position."""
+        """Return limits with velocities scaled by ``share`` at every position."""
         return replace(self, gain=share**2 * self.gain, offset=share * self.offset)
 
     def fastest(self, q: Array) -> tuple[Array, Array]:
-        """Return the largest upward and downward velocities (..., m), rad/s, at least 0, at positions (..., m), rad."""
+        """Return the maximum upward and downward velocities (..., m), rad/s, at joint positions ``q`` (..., m), rad."""
         return self._root(self.upper - q), self._root(q - self.lower)
 
     def ahead(self, seconds: float) -> Braking:
-        """Return limits that a joint still satisfies after moving at its velocity for ``seconds``.
+        """Return stricter limits: a joint that keeps them still keeps the original limits after moving for ``seconds``.
 
         Solving ``v = -offset + sqrt(gain (room - v seconds))`` for v gives limits of the same form.
         """
@@ -52,14 +51,12 @@ class Braking:
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """Return lower and upper positions (m,), rad, at which a tenth of the offset is still allowed as velocity
-        towards the end.
-        """
+        """Return lower and upper positions (m,), rad, at which a joint may still move outwards at ``0.1 * offset``."""
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
 
     def rows(self) -> list[tuple[float, float, float, float]]:
-        """Return upper, lower, gain and offset of each joint for ``gensim2_kpam.retime``."""
+        """Return upper, lower, gain and offset of each joint, in the form that ``gensim2_kpam.retime`` takes."""
         columns = (self.upper, self.lower, self.gain, self.offset)
         return [(float(u), float(low), float(k), float(o)) for u, low, k, o in zip(*columns, strict=True)]
 
@@ -74,33 +71,33 @@ FR3 = Braking(
     gain=np.array([12.0, 5.17, 7.0, 8.0, 34.0, 11.0, 34.0]),
     offset=np.array([0.3, 0.2, 0.2, 0.3, 0.35, 0.35, 0.35]),
 )
-"""Franka's published limits of the Research 3, the same as in the solver (``limits: "fr3"``)."""
+"""Franka's published limits of the Research 3, as in the solver (``limits: "fr3"``)."""
 
 
 CYCLE = 0.01
 """Time between two commands, s."""
 
 SPEED = 0.1
-"""Default share of the arm's speed."""
+"""Default fraction of the arm's maximum speed."""
 MARGIN = 0.1
 """Default distance (rad or m) of joints from the ends of their range."""
 TOOL_SPEED = 1.7
-"""Speed (m/s) of the tool at full speed: the Panda's, the slowest of the known arms."""
+"""Tool speed (m/s) at full speed. It is the Panda's limit, which is the lowest of all supported arms."""
 
 FORCE = 140.0
 """Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""
 
 JUMP = 0.2
-"""Largest distance (rad or m) of an episode's first action from the arm's position."""
+"""Default maximum distance (rad or m) of an episode's first action from the arm's position."""
 LEASH, LEASH_AT_SPEED = 0.08, 0.2
-"""Largest distance (rad or m) of a target ahead of the measured arm: at rest, and in addition for the lag of a drive at
-full speed.
+"""Maximum distance (rad or m) between a target and the measured arm: at rest, and an addition at full speed for the
+tracking delay of drives.
 """
 
 _PANDA = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]), np.array([7500.0, 3750, 5000, 6250, 7500, 10000, 10000])
 """Franka's published acceleration (rad/s^2) and jerk (rad/s^3)."""
 _UNKNOWN = 10.0, 5000.0
-"""Acceleration and jerk of joints without published limits, as in the solver; Franka publishes them for the Research 3.
+"""Acceleration and jerk of joints without published limits, as in the solver.
 """
 
 _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
@@ -108,25 +105,25 @@ _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
 
 @dataclass(frozen=True, eq=False)
 class ArmLimits:
-    """Limits that no command exceeds.
+    """Limits of every command to an arm.
 
-    The speed is a share of the arm's. Accelerations and jerks are the arm's own at any speed, so that it stops as fast
-    as it can.
+    Velocities are a fraction of the arm's maximum. Accelerations and jerks may always reach the arm's maximum, so that
+    the arm stops as fast as it can.
 
     Attributes:
         profile: robot profile.
-        lower, upper: (m,) limits of the arm's joints, rad or m, including the margin.
-        range_lower, range_upper: (m,) ends of the joints' ranges.
-        velocity, acceleration, jerk: (m,) in rad or m, per s, s^2 and s^3.
-        braking: velocity limits that depend on the position, in addition to ``velocity``; None for none.
-        tool_speed: speed of the tool, m/s.
+        lower, upper: (m,) position limits of the arm's joints, rad or m; a margin inside the joint ranges.
+        range_lower, range_upper: (m,) ends of the joint ranges, rad or m.
+        velocity, acceleration, jerk: (m,) maximum values, in rad or m per s, s^2 and s^3.
+        braking: additional velocity limits that depend on the position; None if the arm has none.
+        tool_speed: maximum speed of the tool, m/s.
         low, high: (3,) corners of the tool's workspace in the robot's base frame, m.
-        clearance: distance of the robot from itself and from the table, m.
-        force: contact force, N.
-        leash: distance (rad or m) of a target ahead of the measured arm, so that a blocked arm does not press harder. A
-            contact force shortens it.
-        jump: distance (rad or m) of an episode's first target from the arm's position, and of any target beyond a
-            joint's range.
+        clearance: minimum distance of the robot from itself and from the table, m.
+        force: maximum contact force, N.
+        leash: maximum distance (rad or m) between a target and the measured arm, so that a blocked arm does not press
+            harder and harder. A contact force reduces this distance.
+        jump: maximum distance (rad or m) of an episode's first target from the arm's position, and of any target from
+            the joint range.
     """
 
     profile: RobotProfile
@@ -161,9 +158,9 @@ class ArmLimits:
         """Return the limits of a robot.
 
         Args:
-            speed: share of its speed, above 0 to 1.
-            margin: distance (rad or m) of joints from the ends of their range.
-            low, high, clearance, force, jump: see the class.
+            speed: fraction of the robot's maximum speed, above 0 and at most 1.
+            margin: minimum distance (rad or m) of joints from the ends of their range.
+            low, high, clearance, force, jump: as in :class:`ArmLimits`.
 
         Raises:
             InputError: a number is invalid.
@@ -172,7 +169,7 @@ class ArmLimits:
             raise InputError(f"must be above 0 and at most 1, is {speed}", field="speed")
         for name, value in (("margin", margin), ("clearance", clearance)):
             if not (np.isfinite(value) and value >= 0.0):
-                raise InputError(f"must be a number of at least 0, is {value}", field=name)
+                raise InputError(f"must be a number and at least 0, is {value}", field=name)
         for name, value in (("force", force), ("jump", jump)):
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"must be a positive number, is {value}", field=name)
@@ -184,7 +181,7 @@ class ArmLimits:
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():
-            raise InputError("leaves no range for a joint", field="margin")
+            raise InputError("is too large: a joint has no range left", field="margin")
         own = profile.arm_limits(*(_PANDA if profile.solver.get("limits") == "panda" else _UNKNOWN))
         if not np.isfinite(own.velocity).all():
             raise InputError("a joint of the arm has no velocity limit", file=profile.urdf, field="limit")
@@ -208,22 +205,22 @@ class ArmLimits:
         )
 
     def leash_under(self, force: float) -> float:
-        """Return the leash (rad or m) under a contact force (N), in proportion to the remaining force."""
+        """Return the leash (rad or m) under a contact force (N); it shrinks to 0 at the force limit."""
         return self.leash * (1.0 - force / self.force)
 
     def fastest_from(self, q: Array) -> tuple[Array, Array]:
-        """Return the largest upward and downward velocities (m,), both positive, of a command at joints (m,)."""
+        """Return the maximum upward and downward velocities (m,), both positive, of a command at joints ``q`` (m,)."""
         if self.braking is None:
             return self.velocity, self.velocity
         up, down = self.braking.ahead(CYCLE).fastest(q)
         return np.minimum(up, self.velocity), np.minimum(down, self.velocity)
 
     def brakes(self, q: Array, v: Array, slack: float) -> bool:
-        """Return whether commands keep the velocity limits that depend on the position.
+        """Return whether commands keep the velocity limits of ``braking``.
 
         Args:
-            q, v: (N, m) or (m,) commands, and their velocities.
-            slack: tolerance for rounding, as a share of a limit and in rad/s.
+            q, v: (N, m) or (m,) positions and velocities of the commands.
+            slack: tolerance for rounding errors, as a fraction of the limit and in rad/s.
         """
         if self.braking is None:
             return True
@@ -236,14 +233,14 @@ class ArmLimits:
         return len(self.lower)
 
     def prepare(self) -> None:
-        """Prepare everything that would delay the first command."""
+        """Build the collision scene and caches now, because this would delay the first command."""
         here = self._open[None, list(self.profile.arm_columns)]
         self.tool(here)
         self.is_clear(here)
 
     @cached_property
     def scene(self) -> kpam.Scene:
-        """Collision scene of the robot and its table."""
+        """Collision scene with the robot and its table."""
         pose = np.eye(4)
         pose[:3, 3] = [0.0, 0.0, -0.5 * _TABLE_DEPTH]
         sides = [_TABLE_SIDE, _TABLE_SIDE, 0.5 * _TABLE_DEPTH]
@@ -258,7 +255,7 @@ class ArmLimits:
         return joints
 
     def whole(self, arm: Array) -> Array:
-        """Return all active joints (N, n) for arm joints (N, m), with open fingers, which need the most space."""
+        """Return all active joints (N, n) for arm joints (N, m); open fingers, because they need the most space."""
         rows = np.tile(self._open, (len(arm), 1))
         rows[:, list(self.profile.arm_columns)] = arm
         return rows

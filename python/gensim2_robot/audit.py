@@ -1,4 +1,4 @@
-"""Check sent commands with independent code: finite differences and the ray caster's kinematics."""
+"""Check sent commands independently of the limits' own code, by finite differences and the ray caster's kinematics."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
 
 SHARE = 1e-6
-"""Tolerance for rounding, as a share of a limit."""
+"""Tolerance for rounding errors, as a fraction of a limit."""
 BLOCK = 5000
 
 
 def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
-    """Return the number of commands (m,), one cycle apart and starting at rest, that exceed a limit."""
+    """Return the number of commands that exceed a limit; commands (m,) are one cycle apart and start at rest."""
     if not commands:
         return 0
     q = np.array(commands)
@@ -41,7 +41,7 @@ def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
 
 
 def _too_near_an_end(q: Array, velocity: Array, limits: ArmLimits) -> npt.NDArray[np.bool_]:
-    """Return which commands (N,) move too fast towards a joint limit: ``(|v| + o)^2 > k room``."""
+    """Return a mask (N,) of commands that move too fast towards a joint limit: ``(|v| + offset)^2 > gain * room``."""
     if limits.braking is None:
         return np.zeros(len(q), dtype=bool)
     ends = limits.braking

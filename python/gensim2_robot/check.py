@@ -1,4 +1,4 @@
-"""Check everything that a run needs without moving the arm."""
+"""Check, without moving the arm, everything that a run needs."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from gensim2_robot.limits import RefusedError, begin, limit
 from gensim2_robot.log import MAX_BYTES
 
 MODULES = {"mcap": "robot", "sapien": "sim", "embreex": "sim", "fpsample": "sim"}
-"""Modules that a simulated run imports, and their extras."""
+"""Modules that a simulated run imports, and the extra that installs each module."""
 WAKE_UPS = 100
 
 
 def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
-    """Return name, result and finding of each check.
+    """Run all checks, and return name, result and finding of each check.
 
     Args:
         robot_name: name of the robot.
-        folder: folder for the log.
+        folder: folder in which a run would write its log.
     """
     found = []
     for module, extra in MODULES.items():
@@ -57,7 +57,7 @@ def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
 
 
 def _lateness() -> list[float]:
-    """Return the delays (s) with which this process wakes up."""
+    """Return measured delays (s) with which this process wakes up after waiting."""
     found = []
     for _ in range(WAKE_UPS):
         due = time.monotonic() + 2e-3

@@ -1,4 +1,4 @@
-"""The control loop's clock: the machine's, or a simulated one that never sleeps."""
+"""Provide clocks for the control loop: the machine's clock, and a simulated clock that never sleeps."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ CONTROLLER_PRIORITY = 40
 
 
 class Clock(Protocol):
-    """A clock that can wait."""
+    """Interface of a clock that can wait."""
 
     def now(self) -> float:
         """Return the time of a monotonic clock, s."""
         ...
 
     def wait(self, until: float) -> None:
-        """Return at the given time, at once if it has passed."""
+        """Wait until the given time; return at once if the time has passed."""
         ...
 
     def punctual(self) -> AbstractContextManager[str]:
-        """Make wake-ups of this thread punctual within the block; yields the kernel's scheduling policy."""
+        """Make wake-ups of this thread punctual within the block; yield the scheduling policy."""
         ...
 
 
 class MachineClock:
-    """The machine's monotonic clock, which all its processes share."""
+    """The machine's monotonic clock, which is the same in all processes."""
 
     def now(self) -> float:
         return time.monotonic()
@@ -46,13 +46,13 @@ class MachineClock:
 
     @contextlib.contextmanager
     def punctual(self) -> Iterator[str]:
-        """Give this thread priority over others within the block.
+        """Give this thread priority over other threads within the block.
 
-        It gets real-time priority if the user may request it (``ulimit -r``). Other threads yield the interpreter soon,
-        and the garbage collector skips existing objects, because scanning all imported modules takes 0.1 s.
+        The thread gets real-time priority if the operating system permits it (``ulimit -r``). Other Python threads
+        yield after a shorter time, and the garbage collector skips existing objects; scanning them takes 0.1 s.
 
         Yields:
-            The kernel's scheduling policy: ``fifo``, or ``other`` without real-time priority.
+            The scheduling policy: ``fifo``, or ``other`` without real-time priority.
         """
         before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL)
@@ -62,20 +62,20 @@ class MachineClock:
             yield scheduling
         finally:
             if scheduling == "fifo":
-                # The flag stays set, because only privileged processes may clear it.
+                # SCHED_RESET_ON_FORK stays set, because only privileged processes may clear it.
                 os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
             gc.unfreeze()
             sys.setswitchinterval(before)
 
 
 def schedule_first(priority: int) -> str:
-    """Give this thread, but not its children, real-time priority if the user may request it.
+    """Give this thread, but not its children, real-time priority if the operating system permits it.
 
     Args:
         priority: priority, 1 to 99.
 
     Returns:
-        The kernel's scheduling policy: ``fifo``, or ``other``.
+        The resulting scheduling policy: ``fifo`` for real-time priority, else ``other``.
     """
     if not hasattr(os, "sched_setscheduler"):
         return "other"
@@ -87,7 +87,7 @@ def schedule_first(priority: int) -> str:
 
 
 class SimulatedClock:
-    """A clock that stands still during computations, so that a run in one process is reproducible.
+    """A clock that does not advance during computations, so that a run in one process is reproducible.
 
     Attributes:
         hooks: functions called in order with each new time.

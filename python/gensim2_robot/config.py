@@ -1,4 +1,4 @@
-"""Configuration of the control loop, shared by runs, trials and pages."""
+"""Configure the control loop of runs, trials and web pages."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from gensim2_robot.watch import WatchRules
 SIMULATED = "simulated"
 SOFTWARE = "software"
 ARMS = ("franka", "panda", "ur", "xarm")
-"""Arms with a driver; ``panda`` is a Franka arm by the other library."""
+"""Arms with a driver; ``franka`` uses franky-control, ``panda`` uses panda-python for the same arms."""
 
 MAX_RATE = 1000.0
-"""Highest frame rate of a camera, Hz."""
+"""Maximum frame rate of a camera, Hz."""
 MAX_PIXELS = 8192
-"""Largest width and height of an image, pixels."""
+"""Maximum width and height of an image, pixels."""
 
 CameraKind = Literal["simulated", "software", "recording", "realsense"]
 
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Source of the images.
+    """Kind of cameras, and their devices or files.
 
     Attributes:
-        kind: ``simulated``: ray casting; ``software``: ray casting through software devices of ``pyrealsense2``;
-            ``recording``: recordings of devices, or logs of a run; ``realsense``: devices.
-        devices: file, folder of a log or serial number of each camera, by name; empty for rendered images.
+        kind: ``simulated``: ray casting; ``software``: ray casting, passed through software devices of
+            ``pyrealsense2``; ``recording``: recordings of RealSense devices, or logs of a run; ``realsense``: cameras.
+        devices: by camera name, the recording, log folder or serial number; empty for simulated cameras.
     """
 
     kind: CameraKind
@@ -44,7 +44,7 @@ class CameraSource:
 
     @property
     def is_rendered(self) -> bool:
-        """Whether images are rendered from the simulated world."""
+        """Whether images are rendered from the simulated scene."""
         return self.kind in (SIMULATED, SOFTWARE)
 
     @classmethod
@@ -60,7 +60,7 @@ class CameraSource:
         pairs = [each.partition("=") for each in rest.split(",")]
         if kind not in ("recording", "realsense") or not all(name and device for name, _, device in pairs):
             remedy = f"{SIMULATED}, {SOFTWARE}, recording:NAME=DIR|FILE,... or realsense:NAME=SERIAL,..."
-            raise InputError(f"no cameras {word!r}", field="--cameras", remedy=remedy)
+            raise InputError(f"unknown cameras {word!r}", field="--cameras", remedy=remedy)
         found = {name: device for name, _, device in pairs}
         if len(found) < len(pairs):
             raise InputError(f"{word!r} names a camera twice", field="--cameras")
@@ -69,11 +69,11 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of simulated devices with a simulated clock: ranges in s, sampled for each episode.
+    """Delays of simulated devices with a simulated clock: ranges (s) from which each episode draws a value.
 
     Attributes:
         camera: delay from the exposure of an image to its arrival.
-        controller: delay from a request to the answer.
+        controller: delay from a request for actions to the answer.
     """
 
     camera: tuple[float, float] = (0.03, 0.03)
@@ -110,28 +110,28 @@ class LineArguments(SceneArguments, total=False):
 
 @dataclass(frozen=True)
 class LineConfig:
-    """All settings of a control loop other than its task and scenes.
+    """Settings of a control loop, without its task and scenes.
 
     Attributes:
-        arm: ``simulated``, or ``franka:HOST``, ``panda:HOST``, ``ur:HOST``, ``xarm:HOST``.
-        cameras: see :meth:`CameraSource.parse`. Recordings do not follow an arm, so they need a dry run of a simulated
-            one.
-        policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the planner, which gets
-            the true scene.
+        arm: ``simulated``, or a driver with the arm's address: ``franka:HOST``, ``panda:HOST``, ``ur:HOST``,
+            ``xarm:HOST``.
+        cameras: as in :meth:`CameraSource.parse`. Recordings require a dry run with a simulated arm.
+        policy: checkpoint, URL of a policy server (``ws://host:port``), or name of a controller; None: the planner,
+            which knows the true scene.
         deadline: time limit for an action from a server, s.
-        speed: share of the arm's speed; control steps take longer in proportion.
-        margin: distance (rad) of joints from the ends of their range.
-        force: limit of the contact force, N.
-        jump: largest distance (rad) of an episode's first action from the arm's position.
+        speed: fraction of the arm's maximum speed; control steps take longer in proportion.
+        margin: minimum distance (rad) of joints from the ends of their range.
+        force: maximum contact force, N.
+        jump: maximum distance (rad) of an episode's first action from the arm's position.
         pixels: width and height of the images.
         rate: frame rate of the cameras, Hz.
-        noise: noise of simulated cameras: a value, its name, or a fitted file.
+        noise: depth noise of simulated cameras: parameters, the name of a preset, or a file of fitted parameters.
         delays: delays of simulated devices with a simulated clock.
         calibration: file of camera poses; None: the simulation's poses.
-        calibration_days: largest age of the calibration, days.
+        calibration_days: maximum age of the calibration, days.
         seed: seed of the scenes and of all noise.
-        dry: send nothing to the arm.
-        simulated_clock: run everything in this process with a clock that waits for it.
+        dry: whether to send no commands to the arm.
+        simulated_clock: whether to run all devices in this process, with a clock that waits for them.
         rules: settings of the watchdog; None: the defaults.
 
     Raises:
@@ -161,23 +161,23 @@ class LineConfig:
         kind, _, host = self.arm.partition(":")
         if self.arm != SIMULATED and (kind not in ARMS or not host):
             known = ", ".join(f"{each}:HOST" for each in ARMS)
-            raise InputError(f"no arm {self.arm!r}", field="--arm", remedy=f"{SIMULATED}, {known}")
+            raise InputError(f"unknown arm {self.arm!r}", field="--arm", remedy=f"{SIMULATED}, {known}")
         kind = self.source.kind
         if (self.arm == SIMULATED) != (kind != "realsense"):
             said = f"--arm {self.arm} with --cameras {self.cameras}: both are real, or both are simulated"
             raise InputError(said, field="--cameras", remedy="as --arm franka:HOST --cameras realsense:left=SERIAL")
         if kind == "recording" and not self.dry:
-            raise InputError("recordings do not follow the arm", field="--cameras", remedy="gensim2 robot dry-run")
+            raise InputError("recordings need a dry run", field="--cameras", remedy="gensim2 robot dry-run")
         if kind != SIMULATED and self.simulated_clock:
-            raise InputError("real devices use the machine's clock", field="simulated_clock")
+            raise InputError("real devices need the machine's clock", field="simulated_clock")
         if not 0.0 < self.rate <= MAX_RATE:
-            raise InputError(f"must lie between 0 and {MAX_RATE:g} pictures a second, is {self.rate}", field="rate")
+            raise InputError(f"must lie between 0 and {MAX_RATE:g} pictures per second, is {self.rate}", field="rate")
         if len(self.pixels) != 2 or not all(1 <= count <= MAX_PIXELS for count in self.pixels):
-            raise InputError(f"must be width and height, 1 to {MAX_PIXELS}, not {self.pixels}", field="pixels")
+            raise InputError(f"must be width and height from 1 to {MAX_PIXELS}, is {self.pixels}", field="pixels")
         if self.delays != Delays() and not self.simulated_clock:
-            raise InputError("require a simulated clock", field="delays", remedy="simulated_clock=True")
+            raise InputError("apply only to a simulated clock", field="delays", remedy="simulated_clock=True")
         if not self.is_simulated and self.policy is None:
-            raise InputError("requires the true scene, which only a simulation has", field="--plan")
+            raise InputError("needs the true state of the scene, which only a simulation has", field="--plan")
 
     @property
     def is_simulated(self) -> bool:
@@ -185,12 +185,12 @@ class LineConfig:
 
     @property
     def source(self) -> CameraSource:
-        """Source of the images."""
+        """Parsed form of ``cameras``."""
         return CameraSource.parse(self.cameras)
 
     @classmethod
     def split(cls, given: Mapping[str, Any]) -> tuple[LineConfig, SceneArguments]:
-        """Return the configuration and the scene arguments among keyword arguments.
+        """Split keyword arguments into the configuration and the arguments of the scenes.
 
         Raises:
             InputError: an argument is invalid.

@@ -1,4 +1,4 @@
-"""Images, arm states and driver interfaces; the operator's keyboard."""
+"""Define arm states, camera images, the interfaces of drivers, and the operator's keyboard."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class ArmState:
         q: (n,) positions of all active joints, rad or m.
         v: (n,) velocities, rad/s or m/s.
         force: contact force, N.
-        mode: ``"reflex"``: it has stopped by its own safety function; ``"refusing"``: it accepts no commands;
-            ``"at-limit"``: one of its own limits keeps it from its target.
-        reason: reason from its library, if any.
+        mode: ``"reflex"`` if the arm's own safety function has stopped it, ``"refusing"`` if it accepts no commands, or
+            ``"at-limit"`` if one of its own limits keeps it from the target.
+        reason: reason for the mode from the arm's library; may be empty.
     """
 
     time: float
@@ -53,7 +53,7 @@ class CameraFrame:
     Attributes:
         camera: name of the camera.
         number: number of the image.
-        captured: time when it was taken, s.
+        captured: time when the image was taken, s.
         depth: (H, W) uint16, mm; 0 for no measurement.
         colors: (H, W, 3) uint8, RGB, aligned with the depth image.
         serial: serial number reported by the device; empty if none.
@@ -68,7 +68,7 @@ class CameraFrame:
 
 
 class ArmDriver(Protocol):
-    """Connection to an arm; no method blocks."""
+    """Interface of a connection to an arm; no method blocks."""
 
     profile: RobotProfile
 
@@ -77,17 +77,17 @@ class ArmDriver(Protocol):
         ...
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Accept targets for one instant.
+        """Accept targets of arm and gripper for the time ``t``.
 
         Args:
             q: (m,) joints of the arm, rad or m.
-            gripper: -1 (closed) to 1 (open).
-            t: the instant, s.
+            gripper: gripper command, -1 (closed) to 1 (open).
+            t: time of the targets, s.
         """
         ...
 
     def stand(self) -> None:
-        """Stop at once by the arm's own controller, and accept no targets until the next start."""
+        """Stop the arm at once by its own controller, and accept no targets until the next start."""
         ...
 
     def close(self) -> None:
@@ -96,11 +96,11 @@ class ArmDriver(Protocol):
 
 
 class CameraDriver(Protocol):
-    """Connection to cameras; no method blocks.
+    """Interface of a connection to cameras; no method blocks.
 
     Attributes:
-        cameras: cameras; those on a link have their pose in the link's frame, others in the base frame.
-        serials: expected serial number by camera; cameras that are not listed are not checked.
+        cameras: cameras. The pose of a camera on a link is in the link's frame, other poses are in the base frame.
+        serials: expected serial number by camera name; cameras that are not listed are not checked.
     """
 
     cameras: tuple[Camera, ...]
@@ -116,14 +116,14 @@ class CameraDriver(Protocol):
 
 
 class Keys:
-    """Single key presses, if there is a terminal."""
+    """Reads single key presses, if there is a terminal."""
 
     def __init__(self) -> None:
         self._there = sys.stdin is not None and sys.stdin.isatty()
 
     @property
     def is_there(self) -> bool:
-        """Whether there is a terminal."""
+        """Whether a terminal is available."""
         return self._there
 
     def __enter__(self) -> Self:
@@ -140,7 +140,7 @@ class Keys:
 
     @contextlib.contextmanager
     def let_go(self) -> Iterator[None]:
-        """Restore the terminal within a block that asks for whole lines."""
+        """Restore the terminal's normal mode within the block, so that it can read lines."""
         if not self._there:
             yield
             return

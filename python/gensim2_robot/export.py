@@ -1,4 +1,4 @@
-"""Pictures, films and Foxglove files of a log."""
+"""Export a log as a video, a picture and a Foxglove file."""
 
 from __future__ import annotations
 
@@ -38,24 +38,24 @@ Frame = npt.NDArray[np.uint8]
 FILM, STILL, FOXGLOVE, LAYOUT = "film.mp4", "still.png", "foxglove.mcap", "foxglove_layout.json"
 FRAMES_PER_SECOND = 10
 HEIGHT, CAPTION = 240, 24
-"""Pixels of a camera's picture and of a line of text in the film; together a multiple of 16."""
+"""Height of a camera's picture and of a line of text in the video, pixels; their sum is a multiple of 16."""
 ROWS = 3
-"""Moments that the still shows: the first, the middle and the last."""
+"""Number of moments that the picture shows: the first, the middle and the last."""
 GREY = {"r": 0.8, "g": 0.8, "b": 0.8, "a": 1.0}
 
 
 def export(folder: Path, out: Path) -> dict[str, Any]:
-    """Write a log's film, a picture of three moments, and a file for Foxglove with its layout.
+    """Write a video of a log, a picture of three moments, and a Foxglove file with a layout.
 
     Args:
         folder: folder of the log.
         out: folder to write to.
 
     Returns:
-        ``seconds`` of the log, number of ``frames`` in the film, and the written ``files``.
+        ``seconds``: duration of the log; ``frames``: number of frames in the video; ``files``: written files.
 
     Raises:
-        InputError: there is no log, it is damaged, or it holds no pictures.
+        InputError: the log does not exist, is damaged, or has no pictures.
 
     Example:
         ```python
@@ -71,7 +71,7 @@ def export(folder: Path, out: Path) -> dict[str, Any]:
             shown.look(message)
         writer.close()
     if not shown.times:
-        raise InputError("holds no pictures", file=folder)
+        raise InputError("the log has no pictures", file=folder)
     stills: list[Frame] = []
     wanted = {round(share * (len(shown.times) - 1)) for share in np.linspace(0.0, 1.0, ROWS)}
     with replacing(out / FILM) as path:
@@ -98,7 +98,7 @@ def _encoded(picture: Frame, suffix: str) -> bytes:
 
 
 class _Film:
-    """Frames of a film: all cameras beside each other, below titles, with the time and the state of the watch."""
+    """Makes the frames of a video: all cameras side by side with titles, the time and the watchdog's state."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
@@ -107,7 +107,7 @@ class _Film:
         self._last = ""  # camera whose picture completes a frame
 
     def look(self, message: AnyMessage) -> None:
-        """Take note of a message of the log's first reading."""
+        """Process a message in the first pass over the log, which collects times, states and cameras."""
         if isinstance(message, About):
             self._cameras = tuple(message.cameras)
         elif isinstance(message, PictureMessage):
@@ -119,7 +119,7 @@ class _Film:
                 self.times.append(message.captured)
 
     def frames(self, folder: Path) -> Iterator[Frame]:
-        """Yield the frame of each of ``times`` in a second reading."""
+        """Yield the video frame for each of ``times`` in a second pass over the log."""
         pictures: dict[str, Frame] = {}
         watch, rest = "", iter(self.times)
         due = next(rest)
@@ -155,7 +155,7 @@ def _line(text: str, width: int) -> Frame:
 
 
 class _Foxglove:
-    """Writes messages of a log as JSON in the schemas that Foxglove draws.
+    """Writes the messages of a log as JSON, in schemas that Foxglove can display.
 
     Topics: ``/camera/<name>`` (CompressedImage), ``/cloud`` (PointCloud), ``/tf`` (FrameTransforms of the links in the
     base frame), ``/robot`` (SceneUpdate: the convex hull of each link), and ``/arm``, ``/sent``, ``/answer``,
@@ -262,7 +262,7 @@ def _pose(pose: npt.NDArray[np.float64]) -> dict[str, dict[str, float]]:
 
 
 def _cloud(cloud: npt.NDArray[Any]) -> dict[str, Any]:
-    """Return a cloud (N, 6), m in the base frame and colours from 0 to 1, as Foxglove's PointCloud."""
+    """Return a cloud (N, 6), positions (m, base frame) and colours (0 to 1), as a Foxglove PointCloud."""
     packed = np.zeros(len(cloud), dtype=[("xyz", "<f4", 3), ("rgba", "u1", 4)])
     packed["xyz"], packed["rgba"] = cloud[:, :3], np.c_[255 * cloud[:, 3:6], np.full(len(cloud), 255)]
     names = {"x": 7, "y": 7, "z": 7, "red": 1, "green": 1, "blue": 1, "alpha": 1}  # FLOAT32 and UINT8
@@ -281,7 +281,7 @@ def _cloud(cloud: npt.NDArray[Any]) -> dict[str, Any]:
 
 
 def _schema(value: Any) -> dict[str, Any]:
-    """Return the JSON schema of a value like this one."""
+    """Return a JSON schema that describes values like ``value``."""
     if isinstance(value, dict):
         return {"type": "object", "properties": {name: _schema(each) for name, each in value.items()}}
     if isinstance(value, list):

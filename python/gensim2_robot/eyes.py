@@ -1,4 +1,4 @@
-"""Make observations from images and joints, with the same code on the robot and in a replay."""
+"""Compute observations from images and joints; robot and replay use the same code."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from gensim2.robots import RobotProfile
 from gensim2_robot.devices import Array, CameraFrame
 
 NEAR = 0.02
-"""Largest difference (m) between measured depth and the robot's meshes at which a pixel shows the robot."""
+"""Maximum difference (m) between measured depth and the robot's meshes at which a pixel counts as robot."""
 
 THROUGH = 0.05
 """Distance (m) behind the robot's surface at which a correctly placed camera cannot measure."""
 THROUGH_SHARE = 0.3
-"""Share of pixels on the robot that measure behind it, from which on the camera pose is wrong."""
+"""Minimum fraction of the robot's pixels that measure points behind it, for which the camera pose counts as wrong."""
 THROUGH_PIXELS = 1.0 / 400.0
-"""Share of an image that the robot must cover for this test."""
+"""Minimum fraction of an image that the robot must cover for the test of the camera pose."""
 
 
 class CameraPoseError(GenSim2Error):
-    """A camera does not see the robot where its meshes should be: it is another camera, or it was moved."""
+    """An image does not show the robot where its meshes should be: the camera was exchanged or moved."""
 
 
 class OwnPoints:
-    """The robot's meshes as seen by its cameras.
+    """Finds the robot's own pixels in images, by comparing depth with the robot's meshes.
 
     Args:
-        cameras: cameras; those on a link have their pose in the link's frame.
-        near: largest difference (m) between depth and meshes.
+        cameras: cameras. The pose of a camera on a link is in the link's frame.
+        near: maximum difference (m) between depth and meshes.
 
     Attributes:
-        robot: segmentation ids of the hand with its descendants, and of the rest of the robot.
+        robot: segmentation ids of the hand (with its descendants) and of the other links.
     """
 
     def __init__(self, profile: RobotProfile, cameras: Sequence[Camera], near: float = NEAR) -> None:
@@ -52,7 +52,7 @@ class OwnPoints:
             for number in self._shown
             if (surface := surfaces[self._tree.names[number]]) is not None
         ]
-        # Depth is corrected here once, so the stored cameras must not correct it again.
+        # Depth is corrected here, so the stored cameras must not correct it again.
         self._seen = {camera.name: replace(camera, depth_scale=1.0, depth_bias=0.0) for camera in self._cameras}
         self._casters = {camera.name: Caster(solids, [camera]) for camera in self._cameras}
         rest = self._tree.poses(np.eye(4)[None], np.array(profile.reset_qpos)[None])[0][self._shown]
@@ -66,7 +66,7 @@ class OwnPoints:
         self.robot = RobotSegments(hand, frozenset(range(1, len(self._tree.names) + 1)) - hand)
 
     def placed(self, camera: Camera, q: Array) -> Camera:
-        """Return a camera in the base frame for joints ``q`` (n,)."""
+        """Return a camera with its pose in the base frame at joints ``q`` (n,)."""
         if camera.link is None:
             return camera
         T_base_link = self._profile.model.forward_kinematics(q, camera.link)
@@ -75,17 +75,16 @@ class OwnPoints:
     def picture(
         self, camera: Camera, depth: npt.NDArray[np.uint16], colors: npt.NDArray[np.uint8] | None, q: Array
     ) -> Picture:
-        """Return an image with corrected depth in m, in which the robot's pixels are marked; its camera has no
-        calibration left.
+        """Return an image with corrected depth, in m, and marked pixels of the robot.
 
         Args:
             camera: camera of the image.
-            depth: (H, W) mm.
-            colors: (H, W, 3); None for none.
-            q: (n,) all active joints when it was taken.
+            depth: (H, W) depth, mm.
+            colors: (H, W, 3) colours, or None.
+            q: (n,) all active joints at the time of the image.
 
         Raises:
-            CameraPoseError: the image measures behind the robot, so it is not from this camera pose.
+            CameraPoseError: the image measures points behind the robot, so the camera has another pose.
         """
         metres = camera.metres(depth)
         poses = self._tree.poses(np.eye(4)[None], q[None])[0][self._shown]
@@ -103,7 +102,7 @@ class OwnPoints:
 def _require_robot(
     camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
 ) -> None:
-    """Refuse an image that measures behind the robot; objects in front of the robot are allowed."""
+    """Raise an error if an image measures points behind the robot; objects in front of the robot are allowed."""
     covered = (ids > 0) & (depth > 0)
     count = int(covered.sum())
     if count < THROUGH_PIXELS * depth.size:
@@ -111,17 +110,17 @@ def _require_robot(
     through = int((covered & (depth - meshes > THROUGH)).sum())
     if through > THROUGH_SHARE * count:
         raise CameraPoseError(
-            f"camera {camera.name}: {100 * through // count} % of its points in the robot's silhouette lie "
-            "behind the robot: "
-            "the camera was exchanged or moved"
+            f"camera {camera.name}: {100 * through // count} % of its points in the robot's silhouette lie behind the "
+            "robot: the camera was exchanged or moved"
         )
 
 
 def _marked(
     depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16], near: float
 ) -> npt.NDArray[np.int16]:
-    """Return the ids of pixels whose depth agrees with the meshes, there or in a neighbouring pixel, because stereo
-    widens edges.
+    """Return segmentation ids of the pixels whose depth agrees with the meshes at the pixel or at a neighbour.
+
+    Neighbours count because stereo cameras widen edges.
     """
     found = np.where((ids > 0) & (np.abs(depth - meshes) < near), ids, np.int16(0))
     for here, there in (
@@ -136,11 +135,11 @@ def _marked(
 
 
 PIXELS = 320 * 240
-"""Smallest number of pixels used of an image; a cloud is sampled from a few thousand of them."""
+"""Minimum number of pixels of an image that are used; a cloud is sampled from a few thousand pixels."""
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """Return a camera with every n-th row and column, with at least ``pixels`` pixels, and n."""
+    """Return a camera with every n-th row and column of pixels, at least ``pixels`` in total, and n."""
     step = max(1, int((camera.width * camera.height / pixels) ** 0.5))
     if step == 1:
         return camera, 1
@@ -153,14 +152,14 @@ def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
 
 @dataclass(frozen=True, eq=False)
 class SensorSnapshot:
-    """All data that an observation depends on.
+    """The data from which an observation is computed.
 
     Attributes:
-        step: control steps since the start of the episode.
-        q, v: (n,) all active joints, rad and m, and their velocities.
+        step: number of control steps since the start of the episode.
+        q, v: (n,) positions and velocities of all active joints, in rad or m, and s.
         gripper: last gripper command, -1 to 1.
         frames: one image of each camera.
-        posed: (n,) joints at the time of each image, by camera.
+        posed: (n,) joints at the time of each image, by camera name.
     """
 
     step: int
@@ -172,15 +171,15 @@ class SensorSnapshot:
 
 
 class Eyes:
-    """Makes observations from images.
+    """Computes observations from images.
 
     Args:
         cameras: available cameras.
-        language: instruction.
-        pixels: smallest number of pixels used of each image.
+        language: instruction of the task.
+        pixels: minimum number of pixels of each image that are used.
 
     Raises:
-        InputError: a camera is missing, or the spec needs data that no camera provides.
+        InputError: a camera is missing, or the observation spec needs data that no camera provides.
     """
 
     def __init__(
@@ -200,7 +199,7 @@ class Eyes:
         if not set(spec.modalities) <= {"pointcloud", "depth"}:
             raise InputError("the cameras provide only point clouds and depth", field="modalities")
         used = [there[name] for name in spec.cameras] if spec.modalities else []
-        # Depth images are requested in full size.
+        # Policies that use depth images need them in full size.
         whole = "depth" in spec.modalities
         looked = [(camera, 1) if whole else thinned(camera, pixels) for camera in used]
         self._used, self._steps = tuple(camera for camera, _ in looked), tuple(step for _, step in looked)
@@ -222,5 +221,5 @@ class Eyes:
 
 
 def inputs(observation: Observation) -> dict[str, npt.NDArray[np.generic]]:
-    """Return all arrays of an observation by name, the inputs of a policy."""
+    """Return all arrays of an observation, which are the inputs of a policy, by name."""
     return {name: np.asarray(observation[name]) for name in observation}

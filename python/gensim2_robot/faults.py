@@ -1,4 +1,4 @@
-"""Injected faults of simulated devices, to test the watchdog; each starts at its time and lasts."""
+"""Inject faults into simulated devices to test the watchdog. A fault starts at a given time and persists."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Fault:
 
     Attributes:
         name: name of the fault.
-        at: time after the run's first action at which it starts, s.
+        at: time from the first action of the run to the start of the fault, s.
     """
 
     name: FaultName
@@ -61,21 +61,21 @@ class Fault:
         """
         name, _, at = text.partition("@")
         if name not in FAULTS:
-            raise InputError(f"no fault {name!r}", field="--fault", remedy=near(name, FAULTS))
+            raise InputError(f"unknown fault {name!r}", field="--fault", remedy=near(name, FAULTS))
         try:
             seconds = float(at)
         except ValueError:
             seconds = math.nan
         if not 0.0 <= seconds < 1e6:
-            raise InputError(f"{text!r} has no time", field="--fault", remedy="as camera-frozen@3.5")
+            raise InputError(f"{text!r} has no valid time", field="--fault", remedy="as camera-frozen@3.5")
         return Fault(name, seconds)
 
 
 class FullDisk:
-    """A simulated disk that can become full: then one write fails, and afterwards only the log's reserve is left.
+    """A simulated disk that can become full. Then one write fails, and only the log's reserved space remains.
 
     Attributes:
-        full: whether it is full.
+        full: whether the disk is full.
     """
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class FullDisk:
         return cast(BinaryIO, _FileOnFullDisk(self, path))
 
     def take(self, size: int) -> None:
-        """Allocate ``size`` bytes.
+        """Allocate ``size`` bytes on this disk.
 
         Raises:
             OSError: the disk is full.

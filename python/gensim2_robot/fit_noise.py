@@ -1,7 +1,7 @@
 """Fit depth noise to recordings of fixed cameras in front of a static scene.
 
-Variation between images of the same scene is noise. The width of the stereo matching window (fattening) and constant
-errors cannot be determined without the true depth, and keep their given values.
+Differences between images of the same scene are noise. The width of the stereo matching window (fattening) and constant
+errors cannot be estimated without the true depth; they keep their given values.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from gensim2_robot.calibration.poses import read_standing
 Array = npt.NDArray[np.float64]
 
 MIN_PICTURES, MOST_PICTURES = 8, 60
-"""Smallest and largest number of images of one camera and scene for the fit."""
+"""Minimum and maximum number of images of one camera and scene for the fit."""
 TOLD = 200
-"""Smallest number of pixels for an estimate."""
+"""Minimum number of pixels for an estimate."""
 SMOOTHED = 1.0
 """Standard deviation (pixels) of the smoothing before surface angles are computed."""
 DOUBT = 0.1
-"""Width (rad) of the range of angles that are excluded as uncertain."""
+"""Width (rad) of the range of surface angles that are excluded as uncertain."""
 WORKSPACE = 2.0
-"""Largest depth (m) of pixels in the fit, where noise matters."""
+"""Maximum depth (m) of pixels that the fit uses; noise beyond the workspace does not matter."""
 MILLIMETRE = 1e-3
 
 
@@ -42,7 +42,7 @@ class StillRecording:
 
     Attributes:
         depths: (N, H, W) m; 0 for no measurement.
-        colors: (H, W, 3) of one of them.
+        colors: (H, W, 3) colours of one of the images.
         focal: focal length of the images, pixels.
     """
 
@@ -52,15 +52,15 @@ class StillRecording:
 
 
 def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
-    """Fit noise to the intervals of a run's log in which its arm was at rest, and write a file.
+    """Fit noise to the images of a log in which the arm was at rest, and write the parameters to a file.
 
     Args:
         log: folder of the log.
         out: file to write.
-        base: values of parameters that cannot be estimated, and the stereo pair's focal length and baseline.
+        base: noise parameters; gives values that cannot be estimated, and the stereo pair's focal length and baseline.
 
     Returns:
-        Plain data: the parameters, and the number of pixels behind each estimate.
+        Plain data: the parameters, and the number of pixels from which each one was estimated.
 
     Raises:
         InputError: the log is missing, or the arm was never at rest long enough.
@@ -86,7 +86,9 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
 
 
 def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[DepthNoise, dict[str, int]]:
-    """Return noise parameters and the number of pixels behind each; other parameters keep the value of ``base``.
+    """Fit noise parameters; return them and the number of pixels from which each one was estimated.
+
+    Parameters that cannot be estimated keep their value in ``base``.
 
     Raises:
         InputError: there are too few images.
@@ -98,7 +100,7 @@ def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[
     told: dict[str, int] = {}
 
     def tell(name: str, pairs: Sequence[tuple[float, int]]) -> None:
-        """Store the mean of a parameter over recordings, weighted by their pixels."""
+        """Store the mean of a parameter over recordings, weighted by their numbers of pixels."""
         count = sum(each for _, each in pairs)
         if count >= TOLD:
             found[name], told[name] = float(sum(value * each for value, each in pairs) / count), count
@@ -124,7 +126,7 @@ def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[
 
 
 class _Part:
-    """One recording, and the pixels that are used for each parameter."""
+    """One recording, with masks of the pixels from which each parameter is estimated."""
 
     def __init__(self, recording: StillRecording, base: DepthNoise) -> None:
         depths = recording.depths.astype(np.float64)
@@ -139,11 +141,10 @@ class _Part:
         measured = (self._share > 0) & (self._median < WORKSPACE)
         near, far = _window(self._median, 1)
         wide_near, wide_far = _window(self._median, 2 + int(np.ceil(base.fattening)))
-        # The median at an edge has noise as well, so only pixels away from edges count as plain.
+        # The median is noisy at edges, so only pixels away from edges count as flat surfaces.
         inside = measured & (wide_far - wide_near < 2.0 * base.edge) & (wide_near > 0)
         self.edges = measured & (near > 0) & (far - near > base.edge) & (self._share > 0.2)
-        # Noise in the median changes the surface angle by a tenth of a radian and more between pixels, so it is
-        # smoothed.
+        # The median is smoothed, because its noise would change the surface angle by 0.1 rad and more between pixels.
         angle = incidence(gaussian_filter(self._median, SMOOTHED).astype(np.float32), recording.focal, base.edge)
         bright = brightness(recording.colors)
         self.dark = inside & (bright < base.dark)
@@ -156,7 +157,7 @@ class _Part:
         middle = np.full(self._median.shape, np.nan)
         middle[self.plain] = np.nanmean(self._error[:, self.plain], axis=0)
         count = seen.sum(axis=0)
-        # The mean of N values contains each of them, so the remaining variance is smaller by (N - 1) / N.
+        # The mean is computed from the same N values, so the measured variance is too small by the factor (N - 1) / N.
         self._error = (self._error - middle) * np.sqrt(count / np.maximum(count - 1, 1))
         rounding = pair * MILLIMETRE / np.where(self._median > 0, self._median, 1.0) ** 2
         self._rounded = (base.disparity_step**2 + rounding**2) / 12.0
@@ -190,23 +191,23 @@ class _Part:
         return (float(np.mean(found)) if found else 0.0), int(which.sum())
 
     def lost(self, mask: npt.NDArray[np.bool_]) -> tuple[float, int]:
-        """Return the share of missing measurements in the given pixels."""
+        """Return the fraction of missing measurements in the pixels of ``mask``."""
         return (float(1.0 - self._share[mask].mean()) if mask.any() else 0.0), int(mask.sum())
 
     def mixed(self) -> tuple[float, int]:
-        """Return the share of measurements at an edge with a depth between its sides."""
+        """Return the fraction of measurements at edges whose depth lies between both sides of the edge."""
         if not self.edges.any():
             return 0.0, 0
         near, far = (each[self.edges] for each in _window(self._median, 1))
         depths = self._depths[:, self.edges]
         room = np.minimum(0.2 * (far - near), 0.02)
         between = (depths > near + room) & (depths < far - room)
-        # Visible share of mixed depths, if they are uniformly distributed.
+        # Fraction of mixed depths that is visible, if mixed depths are uniformly distributed.
         shows = (far - near - 2.0 * room) / (far - near)
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 
     def shadowed(self) -> tuple[float, int]:
-        """Return the share of pixels in the stereo shadow that are never measured."""
+        """Return the fraction of pixels in the stereo shadow that are never measured."""
         filled = self._median.copy()
         for row in filled:
             there = np.flatnonzero(row)
@@ -220,13 +221,13 @@ class _Part:
 
 
 def _window(depth: Array, reach: int) -> tuple[Array, Array]:
-    """Return the smallest and largest depth around each pixel; 0 counts as smallest."""
+    """Return the smallest and the largest depth in a window around each pixel; a missing measurement counts as 0."""
     side = 2 * reach + 1
     return minimum_filter(depth, side), maximum_filter(depth, side)
 
 
 def shown(noise: Mapping[str, Any], told: Mapping[str, int]) -> list[tuple[str, str, str]]:
-    """Return table rows of parameter, value, and number of pixels used."""
+    """Return table rows with parameter, value, and number of pixels used."""
     return [
         (name, f"{value:.4g}" if isinstance(value, float) else str(value), str(told.get(name, "as given")))
         for name, value in noise.items()

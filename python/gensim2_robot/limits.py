@@ -1,9 +1,8 @@
-"""The function through which every command to an arm passes.
+"""Check and limit every command to an arm.
 
-Every command is sent together with a complete checked stop. The check covers positions, velocities, accelerations,
-jerks, speed and workspace of the tool, and distances of the robot from itself and the table. A command without a known
-stop is not sent; instead the next piece of the last checked stop is sent, possibly mixed with the command. So by
-induction no limit is ever exceeded, for any input.
+For every command, a complete stop from this command is computed and checked: positions, velocities, accelerations,
+jerks, speed and workspace of the tool, and distances of the robot from itself and the table. If the check fails, the
+next command of the last checked stop is sent instead, possibly mixed with the request. So no input can exceed a limit.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from gensim2.core.errors import GenSim2Error
 from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
 
 SLACK = 1e-9
-"""Tolerance for rounding: a share of speeds and accelerations, and rad or m for positions."""
+"""Tolerance for rounding errors: a fraction for speeds and accelerations, rad or m for positions."""
 
 _COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42, 50, 60, 72, 86, 104, 125, 150, 180, 216, 260)
 _EDGES = (0.0, 0.25, 0.5)
@@ -26,7 +25,7 @@ _EDGES = (0.0, 0.25, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """Commands one cycle apart.
+    """Sequence of N commands, one cycle apart.
 
     Attributes:
         q, v, a: (N, m) positions, and their first and second differences divided by the cycle time.
@@ -50,8 +49,9 @@ class Commands:
 
 @cache
 def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
-    """Return acceleration profiles for ``count`` cycles: one that decays to zero, and trapezoids that end at zero; with
-    their sums.
+    """Return acceleration profiles over ``count`` cycles for a stop, and the sums of the profiles.
+
+    The first kind of profile decays linearly to zero; the second kind is a trapezoid that ends at zero.
     """
     cycle = np.arange(1, count + 1, dtype=np.float64)
     away = (count - cycle) / count
@@ -63,12 +63,11 @@ def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
 
 
 def quickest_stop(q: Array, v: Array, a: Array, limits: ArmLimits) -> Commands | None:
-    """Return the fastest known stop within the limits of velocity, acceleration, jerk and position; None if there is
-    none.
+    """Return the fastest stop found within the joint limits; None if no stop was found.
 
     Args:
-        q, v, a: (m,) of the last command.
-        limits: the limits.
+        q, v, a: (m,) position, velocity and acceleration of the last command.
+        limits: limits of position, velocity, acceleration and jerk.
     """
     if not v.any() and not a.any():
         return Commands.none(limits.size)
@@ -99,23 +98,23 @@ def quickest_stop(q: Array, v: Array, a: Array, limits: ArmLimits) -> Commands |
 
 
 _MIXTURES = (1.0, 0.5, 0.25, 0.1)
-"""Shares of the requested motion that are tried; the rest is the checked stop."""
+"""Weights of the requested motion that are tried when it is mixed with the checked stop."""
 
 _CLOSE = 1e-9
-"""Largest difference (rad or m) between a command and the request that counts as equal."""
+"""A command that differs from the request by at most this amount (rad or m) counts as equal."""
 
 
 class RefusedError(GenSim2Error):
-    """A target or a state with which the arm must not continue; the message says why."""
+    """The arm must not continue with a target or in a state; the message names the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """The last command, and the stop that was checked with it.
+    """The last command, and the checked stop that follows from it.
 
     Attributes:
-        q, v, a: (m,) the command, and its velocity and acceleration by differences.
-        stop: commands that bring the arm to rest from here.
+        q, v, a: (m,) position of the command, and its velocity and acceleration by finite differences.
+        stop: commands that bring the arm to rest after this command.
         clips: names of the limits that changed the command.
     """
 
@@ -138,10 +137,10 @@ def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
         limits: limits of every command.
 
     Returns:
-        A command at these positions, at rest.
+        A command to stay at these positions.
 
     Raises:
-        RefusedError: the arm is outside its limits, so no motion can be checked from there.
+        RefusedError: the arm is outside its limits, so no motion from its position can be checked.
     """
     here = _finite(q, limits)
     for number, (value, low, high) in enumerate(zip(here, limits.lower, limits.upper, strict=True)):
@@ -152,7 +151,7 @@ def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
     if not ((tool >= limits.low) & (tool <= limits.high)).all():
         raise RefusedError(f"the tool is at {np.round(tool, 3).tolist()}, outside the workspace")
     if not limits.is_clear(here[None]):
-        raise RefusedError(f"the robot is nearer than {limits.clearance} m to itself or to the table")
+        raise RefusedError(f"the robot is closer than {limits.clearance} m to itself or to the table")
     return Sent(here, np.zeros(limits.size), np.zeros(limits.size), Commands.none(limits.size))
 
 
@@ -160,58 +159,58 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
     """Check a controller's action before it is used.
 
     Args:
-        action: (m + 1,): targets of the arm's joints, and the gripper from -1 to 1.
+        action: (m + 1,) targets of the arm's joints, then the gripper command from -1 to 1.
         limits: limits of the arm.
-        here: (m,) present position of the arm for the first action of an episode; None for later actions.
+        here: (m,) current position of the arm, for the first action of an episode; None for later actions.
 
     Returns:
-        The action (m + 1,), with the gripper clipped to -1..1.
+        The action (m + 1,), with the gripper command clipped to -1..1.
 
     Raises:
-        RefusedError: the action has another shape, is not finite, jumps at the start, or cannot be reached.
+        RefusedError: the action has the wrong shape, is not finite, is too far from the arm at the start of an episode,
+            or is out of the joint range.
     """
     try:
         given = np.asarray(action, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise RefusedError(f"an action must be numbers: {error}") from error
+        raise RefusedError(f"an action must consist of numbers: {error}") from error
     if given.shape != (limits.size + 1,):
-        raise RefusedError(f"an action must be ({limits.size + 1},), is {given.shape}")
+        raise RefusedError(f"an action must have the shape ({limits.size + 1},), has {given.shape}")
     if not np.isfinite(given).all():
-        raise RefusedError("an action holds NaN or infinity")
+        raise RefusedError("an action contains NaN or infinity")
     arm = given[:-1]
     beyond = np.maximum(limits.range_lower - arm, arm - limits.range_upper)
     worst = int(beyond.argmax())
     if beyond[worst] > limits.jump:
-        raise RefusedError(f"{limits.profile.arm_joints[worst]} cannot reach {arm[worst]:.3f}")
+        raise RefusedError(f"{limits.profile.arm_joints[worst]} cannot reach the position {arm[worst]:.3f}")
     if here is not None:
         off = np.abs(arm - here)
         worst = int(off.argmax())
         if off[worst] > limits.jump:
             name = limits.profile.arm_joints[worst]
-            raise RefusedError(f"the first action jumps: {name} by {off[worst]:.2f}, {limits.jump:g} at most")
+            raise RefusedError(f"the first action jumps: {name} by {off[worst]:.2f}, the limit is {limits.jump:g}")
     return np.append(arm, np.clip(given[-1], -1.0, 1.0))
 
 
 def limit(
     sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0, measured: Array | None = None
 ) -> Sent:
-    """Return the next command: the target, or the nearest command that keeps every limit.
+    """Return the next command: the target if it keeps all limits, else a command towards the target that does.
 
-    This is a pure function without state.
+    This is a pure function.
 
     Args:
         sent: the last command.
         target: (m,) requested positions, rad or m.
         limits: limits of every command.
-        force: contact force, N.
+        force: measured contact force, N.
         measured: (m,) last measured positions, rad or m; None if unknown.
 
     Returns:
-        The command 10 ms after ``sent``, the stop that was checked with it, and the names of the limits that changed
-        it.
+        The command 10 ms after ``sent``, its checked stop, and the names of the limits that changed the command.
 
     Raises:
-        RefusedError: the target is not finite, or the force is too large.
+        RefusedError: the target is not finite, or the contact force exceeds its limit.
     """
     check_force(force, limits)
     wanted = _finite(target, limits)
@@ -240,13 +239,13 @@ def limit(
 
 
 def check_force(force: float, limits: ArmLimits) -> None:
-    """Refuse to send commands under too large a contact force (N).
+    """Check that the contact force (N) allows further commands.
 
     Raises:
-        RefusedError: the force is too large.
+        RefusedError: the contact force exceeds its limit.
     """
     if not force <= limits.force:
-        raise RefusedError(f"a force of {force:.0f} N presses on the arm, {limits.force:g} N at most")
+        raise RefusedError(f"the contact force on the arm is {force:.0f} N, the limit is {limits.force:g} N")
 
 
 def halt(sent: Sent) -> Sent:
@@ -256,7 +255,7 @@ def halt(sent: Sent) -> Sent:
         sent: the last command.
 
     Returns:
-        The command 10 ms later, without clips; after the end of the stop the same positions (rad or m) at rest.
+        The command 10 ms after ``sent``, without clips. After the end of the stop, a command to stay in place.
     """
     if not len(sent.stop):
         standing = np.zeros_like(sent.v)
@@ -267,16 +266,14 @@ def halt(sent: Sent) -> Sent:
 def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
     found = np.array(values, dtype=np.float64)
     if found.shape != (limits.size,):
-        raise RefusedError(f"a target must be ({limits.size},), is {found.shape}")
+        raise RefusedError(f"a target must have the shape ({limits.size},), has {found.shape}")
     if not np.isfinite(found).all():
-        raise RefusedError("a target holds NaN or infinity")
+        raise RefusedError("a target contains NaN or infinity")
     return found
 
 
 def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]) -> Array:
-    """Return the acceleration (m,) of the next cycle, directly to the target or towards it so that the arm can stop
-    there.
-    """
+    """Return the acceleration (m,) for the next cycle: to the target, or as fast towards it as still allows a stop."""
     inside = np.clip(wanted, limits.lower, limits.upper)
     if (inside != wanted).any():
         clips.append("position")
@@ -303,7 +300,7 @@ def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]
 
 
 def _checked(before: Array, q: Array, v: Array, a: Array, limits: ArmLimits, clips: list[str]) -> Commands | None:
-    """Return the stop from a command if the command and the stop keep every limit; otherwise record the limit."""
+    """Return a stop from a command if both keep every limit; otherwise add the violated limit to ``clips``."""
     if (q < limits.lower - SLACK).any() or (q > limits.upper + SLACK).any():
         clips.append("position")
         return None

@@ -1,8 +1,8 @@
-"""The control loop: receive states and images, request actions, and send commands through the limits.
+"""Run the control loop: receive states and images, request actions, and send commands within the limits.
 
-One cycle takes 10 ms. Ten cycles are a period, in which the controller is asked for the actions of the next period. The
-planner and policies are asked in the same way. Periods follow the cameras: a period is one cycle shorter or longer if
-images would otherwise wait for the next request.
+A cycle takes 10 ms, a period has ten cycles. In each period the loop requests the actions of the next period from the
+controller, which is a policy or the planner. A period can be one cycle shorter or longer, so that requests follow soon
+after the arrival of images.
 """
 
 from __future__ import annotations
@@ -29,21 +29,20 @@ PERIOD_CYCLES = 10
 PERIOD = PERIOD_CYCLES * CYCLE
 """Time between two requests, s."""
 LEAD = PERIOD
-"""Shortest time from a request to the first of its actions, s, in which the controller computes."""
+"""Minimum time from a request to its first action, s; the controller computes in this time."""
 BRAKING = PERIOD - 3.0 * CYCLE
-"""Longest time (s) of a stop along the path, so that the arm rests within a period; on a bend it is slower than a stop
-that leaves the path.
+"""Maximum duration (s) of a stop along the path. On a bend such a stop can take longer than one that leaves the path.
 """
 CATCH_UP = 0.1
-"""Largest delay (s) that the loop catches up cycle by cycle; a larger delay is skipped."""
+"""Maximum delay (s) that the loop catches up cycle by cycle; a larger delay is skipped."""
 FRESH_CYCLES = 3
-"""Number of cycles that images may wait for a request before requests are shifted."""
+"""Maximum number of cycles that images may wait for a request; beyond it the requests are shifted."""
 STANDING = 0.02
-"""Speed (rad/s or m/s) below which the arm is measured as standing."""
+"""Measured speed (rad/s or m/s) below which the arm counts as standing still."""
 
 
 class Mind(Protocol):
-    """Connection to a controller; no method blocks."""
+    """Interface of a connection to a controller; no method blocks."""
 
     def send(self, message: Begin | Question) -> None:
         """Send a message or a request."""
@@ -64,7 +63,7 @@ class Mind(Protocol):
         ...
 
     def fail(self, fault: str) -> None:
-        """Inject a fault from now on."""
+        """Inject a fault, which persists."""
         ...
 
     def close(self) -> None:
@@ -74,18 +73,18 @@ class Mind(Protocol):
 
 @dataclass
 class LoopFigures:
-    """Measurements of the loop, in s, or in ms if the name says so.
+    """Measurements of the control loop, in s, or in ms if the name ends in ``_ms``.
 
     Attributes:
         periods: durations of the periods.
-        late: delays of the periods' starts.
-        commands_late: delays of the commands.
-        picture_age_ms: age of a request's newest image when its cloud is finished.
-        encoding_ms: times to make a cloud from its images.
+        late: delays with which periods started.
+        commands_late: delays with which commands were sent.
+        picture_age_ms: for each request, the age of the newest image when the point cloud is computed.
+        encoding_ms: times for computing a point cloud from images.
         acting_ms: computing times of the controller.
-        refused: refused targets by reason.
-        late_actions: number of actions that arrived after their time.
-        skipped: time that was skipped because the loop was too far behind.
+        refused: number of refused targets by reason.
+        late_actions: number of actions that arrived too late to be executed.
+        skipped: total time that was skipped because the loop was too late.
     """
 
     periods: list[float] = field(default_factory=list)
@@ -100,14 +99,14 @@ class LoopFigures:
 
 
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
-    """Return the change of a period's length, -1, 0 or 1 cycles, that moves requests towards the arrival of images.
+    """Return by how many cycles (-1, 0 or 1) to change a period, so that requests follow the arrival of images.
 
-    The shorter direction is chosen, unless images would become too old before the next request.
+    The direction with fewer changes is chosen, unless images would become too old before the next request.
 
     Args:
-        waited: cycles between the arrival of the newest complete set of images and a request.
+        waited: number of cycles from the arrival of the newest complete set of images to a request.
         latency: delay of an image, s.
-        max_age: largest age of an image at a request, s.
+        max_age: maximum age of an image at a request, s.
     """
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # in time, or too few images to follow
         return 0
@@ -119,10 +118,10 @@ class Line:
     """The control loop of a controller, an arm and its cameras.
 
     Args:
-        arm: the arm behind its limits.
-        cameras: the cameras.
+        arm: arm with its limits.
+        cameras: connection to the cameras.
         mind: connection to the controller.
-        watch: watchdog that permits motion.
+        watch: watchdog, whose state permits or stops motion.
         clock: clock of the loop.
         journal: log of the loop.
         pace: control steps per second.
@@ -131,8 +130,8 @@ class Line:
         pace: control steps per second.
         commands: if set, a list that gets every command.
         in_phase: whether requests follow soon after the arrival of images.
-        stopped_ms, standing_ms: time from the event that ended the motion to the last moving command, and to the
-            measured standstill; None if nothing ended it yet.
+        stopped_ms, standing_ms: time from the event that held or stopped the arm to the last moving command, and to the
+            measured standstill; None before such an event.
     """
 
     def __init__(
@@ -171,7 +170,7 @@ class Line:
         self.forget()
 
     def forget(self) -> None:
-        """Forget an episode and release the arm until the next one."""
+        """Discard the state of an episode, and release the arm until the next episode."""
         self.arm.release()
         self._next = self._clock.now() + CYCLE  # the pause between episodes may be long
         self.watch.clear()
@@ -188,7 +187,7 @@ class Line:
         self._paused_at: float | None = None
 
     def begin(self, seed: int) -> None:
-        """Start an episode: take control of the arm at its position, and inform the controller.
+        """Start an episode: take control of the arm at its current position, and tell the controller.
 
         Raises:
             RefusedError: the arm is outside its limits.
@@ -206,7 +205,7 @@ class Line:
         self._due = now + LEAD
 
     def resume(self, person: str) -> None:
-        """Continue after a hold from the arm's position; a failed controller starts again."""
+        """Continue after a hold, from the arm's current position; a failed controller is restarted."""
         now = self._clock.now()
         self.watch.resume(now, person)
         if self._failed:
@@ -223,7 +222,7 @@ class Line:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Request actions again; control steps in between count, so that the controller drops outdated actions."""
+        """Request actions again. Skipped control steps count, so that the controller drops outdated actions."""
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
             self._paused_at = None
@@ -281,7 +280,7 @@ class Line:
             self.watch.stop(now, "the controller's process has ended")
 
     def _write_frames(self) -> None:
-        """Log the newest image of each camera, because requests use no others."""
+        """Log the newest image of each camera; requests use only these images."""
         for name, frame in self.frames.items():
             if frame is not self._written.get(name):
                 self._journal.frame(frame)
@@ -305,7 +304,7 @@ class Line:
         self.watch.check_answer(sent is not None and not sent.is_at_rest, now)
 
     def _ask(self, due: float, now: float) -> None:
-        """Request the actions for the next period that are not known yet."""
+        """Request those actions of the next period that the controller has not sent yet."""
         if self._open is not None:
             return
         step = 1.0 / self.pace
@@ -325,7 +324,7 @@ class Line:
         self.watch.asked(now)
 
     def _hear(self, answer: ControllerAnswer, now: float) -> None:
-        """Accept the answer to the open request; other answers belong to finished episodes."""
+        """Process the answer to the open request; ignore other answers, which belong to finished episodes."""
         is_open = self._open is not None and answer.number == self._open.number
         if is_open:
             self._open = None
@@ -369,7 +368,7 @@ class Line:
         self.figures.acting_ms.append(answer.acting_ms)
 
     def _drive(self, due: float, now: float) -> None:
-        """Send the command of this cycle according to the watchdog's state."""
+        """Send the command of this cycle, as the watchdog's state demands."""
         sent = self.arm.sent
         if sent is None:
             self._note_standing(now)
@@ -406,7 +405,7 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Brake along the path, or by the checked stop if the arm has left the path or the path takes too long."""
+        """Return a braking command: along the planned path, or by the checked stop if the path is left or too slow."""
         if not self._braking:
             self._braking = True
             self._on_path = (

@@ -30,7 +30,7 @@ EVERY = 0.1
 NEXT = (255, 120, 0)
 """Colour of the tool positions at the next actions."""
 NEXT_POINT = 0.012
-"""Size of these points, m."""
+"""Size of the points at the next actions, m."""
 
 
 PATIENT = WatchRules(
@@ -43,20 +43,20 @@ PATIENT = WatchRules(
     behind=np.inf,
     overrun=np.inf,
 )
-"""Watchdog settings without motion, with which delays are shown but not acted on."""
+"""Watchdog settings for showing data without motion: delays do not trigger the watchdog."""
 
 
 class LivePage:
-    """A page that gets everything that a log gets, and draws the newest data in its own thread.
+    """Web page that receives the same data as a log, and draws the newest data in its own thread.
 
     Args:
         robot_name: name of the robot.
-        title: title line.
+        title: title of the page.
         host: address to listen on.
-        port: port of the page; if it is in use, the next free one.
+        port: port of the page; if it is in use, the next free port is used.
 
     Attributes:
-        trouble: always None, because a failing page must not stop a run.
+        trouble: always None, because a failure of the page must not stop a run.
 
     Raises:
         InputError: a file of the robot cannot be used.
@@ -95,7 +95,7 @@ class LivePage:
 
     @property
     def shown(self) -> list[str]:
-        """Names of the drawn links."""
+        """Names of the robot's drawn links."""
         return [self._tree.names[number] for number, _ in self._links]
 
     @property
@@ -130,13 +130,13 @@ class LivePage:
         self._clocks = f"period {1e3 * late:.1f} ms late; pictures: {pictures}"
 
     def frame(self, frame: CameraFrame) -> None:
-        """Do nothing, because images are shown as clouds."""
+        """Do nothing, because the page shows images as point clouds."""
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:
         """Do nothing, because the page shows the measured arm."""
 
     def question(self, time: float, question: Question) -> None:
-        """Do nothing, because the answer is shown."""
+        """Do nothing, because the page shows the answer to the request."""
 
     def _run(self) -> None:
         while not self._over.wait(EVERY):
@@ -167,7 +167,7 @@ class LivePage:
             _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
 
     def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Return the tool positions (k, 3), m, at actions (k, m + 1), with the other joints as in ``q`` (n,)."""
+        """Return tool positions (k, 3), m, at actions (k, m + 1); other joints have the values of ``q`` (n,)."""
         found = []
         for action in actions[np.isfinite(actions).all(axis=1)] if actions.ndim == 2 else ():
             if len(action) == self._profile.action_size:
@@ -193,12 +193,12 @@ def _show_points(handle: Any, points: npt.NDArray[np.float32], colors: npt.NDArr
 
 
 class Looking:
-    """Controller that observes and holds the arm without end.
+    """Controller that only observes and keeps the arm in place.
 
     Args:
         arm: number of the arm's joints.
-        cameras: names of the used cameras; None: the defaults.
-        clouds: whether to make clouds, which need calibrated cameras.
+        cameras: names of the cameras to use; None: the default cameras.
+        clouds: whether to compute point clouds, which need calibrated cameras.
     """
 
     def __init__(self, arm: int, cameras: Sequence[str] | None = None, clouds: bool = True) -> None:
@@ -214,7 +214,7 @@ class Looking:
 
 
 def looking(robot_name: str, cameras: Sequence[str] | None = None, clouds: bool = True) -> ControllerSpec:
-    """Return the spec of a controller that observes without moving."""
+    """Return the specification of a controller that only observes."""
     named = None if cameras is None else list(cameras)
     arguments = {"arm": len(robot(robot_name).arm_joints), "cameras": named, "clouds": clouds}
     return ControllerSpec(f"{__name__}:Looking", arguments)

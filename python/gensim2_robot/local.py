@@ -1,4 +1,4 @@
-"""Simulated devices and a controller in this process with a simulated clock, for reproducible runs."""
+"""Run simulated devices and a controller in this process with a simulated clock, for reproducible runs."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ WAITING = 0.1
 
 
 class LocalArm:
-    """The simulated arm with a simulated clock.
+    """Simulated arm that runs in this process with a simulated clock.
 
     Attributes:
-        goal, at_rest: whether the goal held and the scene was at rest at the last check.
+        goal, at_rest: whether the goal was reached, and the scene was at rest, at the last check.
     """
 
     def __init__(self, world: SimulatedWorld, clock: SimulatedClock) -> None:
@@ -67,14 +67,14 @@ class LocalArm:
 
 
 class LocalCameras:
-    """Simulated cameras with a simulated clock.
+    """Simulated cameras that run in this process with a simulated clock.
 
     Args:
-        world: simulated world.
-        cameras: the cameras.
-        clock: clock of the images.
+        world: simulated world that the cameras see.
+        cameras: cameras to simulate.
+        clock: clock that gives the times of images.
         rate: frame rate, Hz.
-        latency: range of the delay of images, s, sampled for each episode.
+        latency: range (s) from which the delay of images is drawn for each episode.
         seed: seed of the delay.
     """
 
@@ -120,18 +120,19 @@ class LocalCameras:
 
 
 class LocalMind:
-    """A controller in a thread; the clock stands still until it answers, and the answer arrives after a simulated
-    delay.
+    """Controller in a thread of this process.
+
+    The clock does not advance until the controller answers. The answer arrives after a simulated delay.
 
     Args:
         spec: specification of the controller.
-        truth: true state for privileged controllers.
+        truth: true state of the scene for privileged controllers.
         clock: clock of the loop.
-        latency: range of the delay of answers, s, sampled with the episode's seed.
-        interrupted: received stop signals; once there is one, waiting ends.
+        latency: range (s) from which the delay of answers is drawn with the episode's seed.
+        interrupted: list of received stop signals; the first signal ends all waiting.
 
     Raises:
-        GenSim2Error: a signal asked to stop before the controller was made or answered.
+        GenSim2Error: a stop signal arrived before the controller was created or answered.
     """
 
     def __init__(
@@ -164,7 +165,7 @@ class LocalMind:
             self._outbox.put(None)
 
     def send(self, message: Begin | Question) -> None:
-        """Send a message, or send a request and wait for its answer."""
+        """Send a message; if it is a request, wait for the answer."""
         if isinstance(message, Begin):
             self._latency = rng(message.seed, "delay of answers").uniform(*self._range)
         self._inbox.put(message)

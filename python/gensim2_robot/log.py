@@ -1,8 +1,8 @@
-"""Log everything observed, requested, answered, sent and decided in MCAP files that stay readable after any failure.
+"""Log all observations, requests, answers, commands and watchdog states to MCAP files.
 
-A file is closed at a given size and a new one is started; the oldest ones are removed when the folder's limit is
-reached. Space to close a file is reserved in an unnamed file, so that a full disk ends the log without damaging it, and
-a killed run leaves only its log.
+At a given size a file is closed and a new file is started; at the size limit of the folder the oldest files are
+removed. The files stay readable after any failure: space for closing a file is reserved in an unnamed file, so a full
+disk ends the log without damage, and a killed run leaves no other files.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from gensim2_robot.mind import ControllerAnswer, Question
 
 
 class Journal(Protocol):
-    """Log of a run; no method blocks."""
+    """Interface of a log of a run; no method blocks."""
 
     @property
     def trouble(self) -> str | None:
-        """Why logging has failed; None if it works."""
+        """Reason why logging has failed; None while it works."""
         ...
 
     def state(self, state: ArmState) -> None: ...
@@ -47,10 +47,10 @@ class Journal(Protocol):
 
 
 class Journals:
-    """Several logs as one; the first failure of any is its failure. Without any, nothing is logged.
+    """Passes data on to several logs, or to none. It fails as soon as one of the logs fails.
 
     Args:
-        several: the logs, in order.
+        several: logs, in order.
     """
 
     def __init__(self, several: Sequence[Journal] = ()) -> None:
@@ -58,7 +58,7 @@ class Journals:
 
     @property
     def trouble(self) -> str | None:
-        """The first failure, if any."""
+        """The first failure of one of the logs; None while all logs work."""
         return next((each.trouble for each in self._several if each.trouble is not None), None)
 
     def state(self, state: ArmState) -> None:
@@ -94,16 +94,16 @@ ENCODING = "gensim2-pack"
 SEGMENT = 256 << 20
 """Size of a file, bytes."""
 MAX_BYTES = 4 << 30
-"""Largest size of a run's files together, bytes."""
+"""Maximum total size of a run's files, bytes."""
 DAYS = 30.0
 """Age (days) at which files of earlier runs in the same folder are removed."""
 RESERVE = 8 << 20
-"""Space reserved to close a file on a full disk, bytes: more than a chunk and all indices."""
+"""Space reserved for closing a file on a full disk, bytes; it fits a chunk and all indices."""
 CHUNK = 1 << 20
 MAX_SECONDS = 1e9
-"""Times from here on, and negative ones, get the log stamp 0; the message itself keeps its time."""
+"""MCAP cannot store times from this value on, or negative times; messages with such times get the log time 0."""
 BEHIND = 2000
-"""Largest number of messages that wait to be written."""
+"""Maximum number of messages that wait to be written."""
 
 Opener = Callable[[Path], BinaryIO]
 
@@ -113,11 +113,11 @@ def _open(path: Path) -> BinaryIO:
 
 
 class _Whole:
-    """File for MCAP's writer that writes blocks completely or not at all, and frees the reserve on a full disk.
+    """File that writes each block completely or not at all, and uses the reserved space when the disk is full.
 
     Args:
-        path: the file.
-        opener: function that opens it.
+        path: path of the file.
+        opener: function that opens the file.
         give_way: function that frees the reserved space.
     """
 
@@ -126,10 +126,10 @@ class _Whole:
         self.trouble: str | None = None
 
     def write(self, data: Any) -> int:
-        """Write all bytes; on a full disk remove the incomplete block and write it again in the reserved space.
+        """Write all bytes of a block; on a full disk, remove the incomplete block and write it in the reserved space.
 
         Raises:
-            OSError: the reserved space is used up too, or the file was removed.
+            OSError: the reserved space is full, too, or the file was removed.
         """
         block = bytes(data)
         try:
@@ -151,7 +151,7 @@ class _Whole:
             view = view[self._file.write(view) :]
 
     def flush(self) -> None:
-        """Do nothing, because nothing is buffered."""
+        """Do nothing, because writes are not buffered."""
 
     def tell(self) -> int:
         return self._length
@@ -170,12 +170,12 @@ class Log:
     Args:
         folder: folder of the run, which must be empty or missing.
         about: first message of each file.
-        max_bytes: largest size of all files together.
-        segment: size of one file.
+        max_bytes: maximum total size of all files, bytes.
+        segment: size at which a file is closed, bytes.
         opener: function that opens files.
 
     Attributes:
-        trouble: why logging has failed; None if it works.
+        trouble: reason why logging has failed; None while it works.
 
     Raises:
         InputError: the folder is not empty.
@@ -233,7 +233,7 @@ class Log:
         self._put("/sent", time, {"time": time, "gripper": gripper, "clips": list(sent.clips)}, {"q": sent.q})
 
     def question(self, time: float, question: Question) -> None:
-        """Log a request to the controller, with images by their numbers."""
+        """Log a request to the controller; the request refers to images by their numbers."""
         sight = question.sight
         plain = {
             "time": time,
@@ -247,7 +247,7 @@ class Log:
         self._put("/question", time, plain, {"q": sight.q, "v": sight.v, **posed})
 
     def answer(self, time: float, answer: ControllerAnswer) -> None:
-        """Log an answer, with all inputs of the controller."""
+        """Log an answer of the controller, with all of the controller's inputs."""
         plain = {
             "time": time,
             "number": answer.number,
@@ -263,7 +263,7 @@ class Log:
         self._put("/watch", time, {"time": time, "state": str(state), "reason": reason}, {})
 
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """Log the delay of a period, and the age of each camera's last image."""
+        """Log the delay of a period, and the age of each camera's newest image."""
         wall = _time_of_day()
         self._put("/clocks", time, {"time": time, "late": late, "ages": ages, "wall": wall}, {})
 
@@ -331,7 +331,7 @@ class Log:
             self.trouble = self._file.trouble
 
     def _prune(self) -> None:
-        """Remove the run's oldest files beyond the size limit."""
+        """Remove the oldest files of this run until the size limit is met."""
         files = sorted(self.folder.glob("log_*.mcap"))
         total = sum(path.stat().st_size for path in files)
         for path in files[:-2]:
@@ -342,7 +342,7 @@ class Log:
 
 
 def prune_runs(folder: Path, days: float = DAYS) -> list[Path]:
-    """Remove files of earlier runs, ``robot-*`` in a folder, that are older than ``days``, and return them."""
+    """Remove log files of earlier runs, in subfolders ``robot-*``, that are older than ``days``; return their paths."""
     removed = []
     oldest = _time_of_day() - 86400.0 * days
     for path in sorted(folder.glob("robot-*/log_*.mcap")):

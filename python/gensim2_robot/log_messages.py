@@ -1,6 +1,7 @@
-"""Schemas of log messages, written by :class:`~gensim2_robot.log.Log` and read by ``log_reader``.
+"""Define the schemas of log messages.
 
-Messages about a moving robot may contain NaN from a device or a policy; cameras and settings may not.
+:class:`~gensim2_robot.log.Log` writes messages and ``log_reader`` reads them. Data from devices and policies may
+contain NaN; cameras and settings may not.
 """
 
 from __future__ import annotations
@@ -38,15 +39,15 @@ def pack(plain: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 
 
 def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """Unpack a message of :func:`pack`.
+    """Unpack a message that :func:`pack` has packed.
 
     Raises:
-        InputError: the data are not such a message, or are damaged.
+        InputError: the data are not a packed message, or are damaged.
     """
     try:
         (length,) = struct.unpack_from("<I", data)
         if length > MAX_HEAD:
-            raise ValueError(f"its head has {length} bytes, {MAX_HEAD} at most")
+            raise ValueError(f"its header has {length} bytes, the limit is {MAX_HEAD}")
         head = _Head.model_validate(json.loads(data[4 : 4 + length], parse_int=_whole))
         arrays, at = {}, 4 + length
         for name, (kind, shape) in head.arrays.items():
@@ -57,7 +58,7 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message
             at += arrays[name].nbytes
         if at != len(data):
-            raise ValueError(f"{len(data) - at} bytes are left after the message")
+            raise ValueError(f"{len(data) - at} bytes follow after the message")
         return head.plain, arrays
     except ValidationError as error:
         raise input_error(error, within="message") from error
@@ -66,14 +67,14 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
 
 
 def _whole(digits: str) -> int:
-    """Refuse integers of more than 64 bits, which floats and arrays cannot represent."""
+    """Raise an error for integers of more than 64 bits, which floats and arrays cannot represent."""
     if len(digits) > 20 or not -(2**63) <= (value := int(digits)) < 2**64:
-        raise ValueError("a whole number of over 64 bits")
+        raise ValueError("an integer has more than 64 bits")
     return value
 
 
 def _array(kind: str, dimensions: int) -> AfterValidator:
-    """Return a check for a non-empty array of one kind of numbers (``dtype.kind`` or a dtype's name)."""
+    """Return a check that a value is a non-empty array of a kind (``dtype.kind`` or the name of a dtype)."""
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:
@@ -85,7 +86,7 @@ def _array(kind: str, dimensions: int) -> AfterValidator:
 
 def _joint_count(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if not 1 <= len(values) <= MAX_JOINTS:
-        raise ValueError(f"must be 1 to {MAX_JOINTS} joints, are {len(values)}")
+        raise ValueError(f"must have 1 to {MAX_JOINTS} joints, has {len(values)}")
     return values
 
 
@@ -93,7 +94,7 @@ Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
 
 
 class LogMessage(BaseModel):
-    """One message: its plain fields and arrays; the array ``posed/left`` is entry ``left`` of the field ``posed``."""
+    """Base class of messages. The array ``posed/left`` is the entry ``left`` of the field ``posed``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -103,10 +104,10 @@ class About(LogMessage):
 
     Attributes:
         robot: name of the robot.
-        language: instruction given to the policy.
-        pixels: smallest number of pixels of an image that the policy used; None: all, as in version 0.1.
-        observation: the policy's observation spec, as of :meth:`ObservationSpec.to_dict`.
-        cameras: cameras with images in the log; those on a link have their pose in the link's frame.
+        language: instruction that the policy got.
+        pixels: minimum number of pixels of an image that were used; None: all pixels, as in version 0.1.
+        observation: observation spec of the policy, as returned by :meth:`ObservationSpec.to_dict`.
+        cameras: cameras with images in the log. The pose of a camera on a link is in the link's frame.
         task, controller, arm, speed, margin, seed: settings of the run, for information only.
     """
 
@@ -126,9 +127,9 @@ class About(LogMessage):
     @model_validator(mode="after")
     def _can_be_observed(self) -> About:
         if len({camera.name for camera in self.cameras}) < len(self.cameras):
-            raise ValueError("names a camera twice")
+            raise ValueError("lists a camera twice")
         if sum(camera.width * camera.height for camera in self.cameras) > MAX_CAMERA_PIXELS:
-            raise ValueError(f"its cameras have over {MAX_CAMERA_PIXELS} pixels together")
+            raise ValueError(f"its cameras have more than {MAX_CAMERA_PIXELS} pixels in total")
         if self.pixels is not None and not self.pixels >= 1:
             raise ValueError("pixels must be positive")
         try:
@@ -153,12 +154,12 @@ class ArmMessage(LogMessage):
     @model_validator(mode="after")
     def _has_as_many(self) -> ArmMessage:
         if len(self.q) != len(self.v):
-            raise ValueError(f"{len(self.q)} positions, {len(self.v)} velocities")
+            raise ValueError(f"has {len(self.q)} positions, but {len(self.v)} velocities")
         return self
 
 
 class PictureMessage(LogMessage):
-    """An image; in version 0.1 without a serial number."""
+    """An image; messages of version 0.1 have no serial number."""
 
     camera: str
     number: int
@@ -181,7 +182,7 @@ class SentMessage(LogMessage):
 
 
 class QuestionMessage(LogMessage):
-    """Request to the policy, with images by their numbers, and the joints at the time of each image."""
+    """Request to the policy: numbers of the images, and joints at the time of each image."""
 
     time: float
     number: int
@@ -201,7 +202,7 @@ class QuestionMessage(LogMessage):
 
 
 class AnswerMessage(LogMessage):
-    """Answer of the policy, with all its input arrays."""
+    """Answer of the policy, with all input arrays of the policy."""
 
     time: float
     number: int
@@ -214,7 +215,7 @@ class AnswerMessage(LogMessage):
 
 
 class WatchMessage(LogMessage):
-    """State of the watchdog, and its reason."""
+    """State of the watchdog, and the reason for the state."""
 
     time: float
     state: str
@@ -268,12 +269,12 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
         else:
             fields[name] = values
     if twice := fields.keys() & plain.keys():
-        raise InputError("is given twice", field=f"{topic}: {min(twice)}")
+        raise InputError("is given as an array and as a plain field", field=f"{topic}: {min(twice)}")
     fields |= plain
     try:
         found = schema.model_validate(fields)
     except ValidationError as error:
         raise input_error(error, within=topic) from error
     if isinstance(found, PictureMessage) and topic != f"{_CAMERA}{found.camera}":
-        raise InputError(f"is a picture of {found.camera!r}", field=topic)
+        raise InputError(f"contains a picture of {found.camera!r}", field=topic)
     return found

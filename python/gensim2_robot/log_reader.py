@@ -1,6 +1,6 @@
-"""Read logs, which may be untrusted: sizes are checked before memory is allocated, checksums before content is parsed.
+"""Read logs, which may be untrusted: check sizes before memory is allocated, and checksums before content is parsed.
 
-The log of a killed run has no end record; everything that was written is read as a stream.
+The log of a killed run has no end record; all records that were written are read as a stream.
 """
 
 from __future__ import annotations
@@ -44,21 +44,21 @@ _REMEDY = "restore the file, or leave it out"
 
 
 def log_files(folder: Path) -> list[Path]:
-    """Return the files of a log in order, or the single given file.
+    """Return the files of a log folder in order; if a file is given, return only this file.
 
     Raises:
-        InputError: there is none.
+        InputError: the folder has no log file.
     """
     files = sorted(folder.glob("log_*.mcap")) if folder.is_dir() else [folder]
     if not files:
-        raise InputError("contains no log", file=folder, remedy="name the folder of a run: log_000000.mcap lies in it")
+        raise InputError("contains no log", file=folder, remedy="give a run's folder with log_000000.mcap")
     return files
 
 
 def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
-    """Yield topic and content of all messages of a log or of one of its files, in the order of writing.
+    """Yield topic and content of all messages in a log, or in one file of a log, in the order of writing.
 
-    Each file starts with the same :class:`About`; images must be of its cameras and have their sizes.
+    Every file must start with the same :class:`About`. Images must match its cameras.
 
     Raises:
         InputError: the log is missing, a file is damaged, or a message is invalid.
@@ -85,14 +85,14 @@ def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
                 _require_camera(message, about, path)
             yield topic, message
     if about is None:
-        raise InputError("has no message: its run ended before writing any", file=folder)
+        raise InputError("has no message: the run ended before it wrote one", file=folder)
 
 
 def about_of(folder: Path) -> About:
     """Return the first message of a log.
 
     Raises:
-        InputError: there is none, or it is damaged.
+        InputError: the log has no message, or the message is damaged.
     """
     _, message = next(messages(folder))
     assert isinstance(message, About), "messages() begins with it"
@@ -100,7 +100,7 @@ def about_of(folder: Path) -> About:
 
 
 def unclosed(folder: Path) -> list[str]:
-    """Return the names of files without an end record, as left by a killed run.
+    """Return the names of a log's files without an end record, which a killed run leaves.
 
     Raises:
         InputError: the log is missing, or a file cannot be read.
@@ -161,7 +161,7 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
         closed = _is_closed(stream, size)
         head = stream.read(len(_MAGIC))
         if head != _MAGIC[: len(head)]:
-            raise InputError("is not an MCAP file", file=path, remedy="name a log_*.mcap of a run, or its folder")
+            raise InputError("is not an MCAP file", file=path, remedy="give a log_*.mcap of a run, or its folder")
         checksum, ended = zlib.crc32(head), False
         for opcode, content in _records(stream, len(head), size - closed * len(_MAGIC), path, whole=closed):
             if opcode == Opcode.DATA_END:
@@ -178,7 +178,7 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _records(stream: BinaryIO, at: int, end: int, path: Path, *, whole: bool) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of each record from ``at`` to ``end``; with ``whole``, none may be cut off."""
+    """Yield opcode and content of each record from ``at`` to ``end``; ``whole`` forbids a truncated record."""
     while at < end:
         head = stream.read(min(9, end - at))
         opcode, length = struct.unpack("<BQ", head) if len(head) == 9 else (0, end)
@@ -193,7 +193,7 @@ def _records(stream: BinaryIO, at: int, end: int, path: Path, *, whole: bool) ->
 
 
 def _expanded(chunk: Chunk, path: Path) -> bytes:
-    """Return a chunk's content, limited to its stated size whatever the compressed data contain."""
+    """Decompress a chunk. The result never exceeds the stated size, even if the compressed data are malicious."""
     import lz4.frame
     import zstandard
 
@@ -219,7 +219,7 @@ def _expanded(chunk: Chunk, path: Path) -> bytes:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[tuple[BinaryIO, int]]:
-    """Open a file and yield it with its size; system errors name the file."""
+    """Open a file, and yield the file and its size; error messages name the file."""
     try:
         with open_regular(path) as stream:
             yield stream, os.fstat(stream.fileno()).st_size
@@ -228,7 +228,7 @@ def _opened(path: Path) -> Iterator[tuple[BinaryIO, int]]:
 
 
 def _is_closed(stream: BinaryIO, size: int) -> bool:
-    """Return whether a file has its end record, and leave the stream at its start."""
+    """Return whether a file has an end record, and move the stream back to the start of the file."""
     if size < 2 * len(_MAGIC):
         return False
     stream.seek(size - len(_MAGIC))
@@ -242,24 +242,24 @@ def _damaged(path: Path, said: str) -> InputError:
 
 
 KEPT = 50
-"""Number of newest images of a camera to keep, more than a request can refer to when its answer arrives."""
+"""Number of newest images of each camera that stay in memory, more than a request can refer to."""
 KEPT_BYTES = 1 << 28
-"""Largest size of all kept images, bytes."""
+"""Maximum total size of images in memory, bytes."""
 MAX_DIFFERENT = 1000
-"""Largest number of differing arrays whose names are kept."""
+"""Maximum number of differing arrays whose names are reported."""
 
 
 @dataclass(frozen=True)
 class LogReplay:
-    """Result of a comparison.
+    """Result of comparing logged observations with recomputed ones.
 
     Attributes:
         questions: number of answered requests.
         compared: number of compared arrays.
-        clouds: number of point clouds among them.
+        clouds: number of point clouds among the compared arrays.
         different: names of the first 1000 differing arrays, with the number of the request.
-        missing: number of requests whose images are in a removed file, or no longer kept.
-        unclosed: names of files without an end record because the run was killed; their contents were compared.
+        missing: number of requests whose images are in a removed file or are no longer in memory.
+        unclosed: names of files without an end record, because the run was killed; their contents are compared, too.
     """
 
     questions: int
@@ -274,10 +274,10 @@ class LogReplay:
 
 
 def replay(folder: Path) -> LogReplay:
-    """Recompute every observation of a log and compare it with the logged one.
+    """Recompute every observation of a log and compare it with the logged observation.
 
     Raises:
-        InputError: the log is missing or damaged, or an observation cannot be made.
+        InputError: the log is missing or damaged, or an observation cannot be computed.
     """
     found = _Replayed()
     for _, message in messages(folder):
@@ -301,7 +301,7 @@ class _Replayed:
         """Process the next message of the log.
 
         Raises:
-            GenSim2Error: an observation cannot be made.
+            GenSim2Error: an observation cannot be computed.
         """
         if isinstance(message, About):
             if not self._eyes:
@@ -318,7 +318,7 @@ class _Replayed:
                 self._compare(question, message.seen)
 
     def result(self, cut: list[str]) -> LogReplay:
-        """Return the result for a log whose files ``cut`` have no end record."""
+        """Return the result; ``cut`` are the names of the files without an end record."""
         different = tuple(self._different)
         return LogReplay(self._questions, self._compared, self._clouds, different, self._missing, tuple(cut))
 
@@ -331,7 +331,7 @@ class _Replayed:
             self._eyes.append(Eyes(each, profile, cameras, about.language, pixels))
 
     def _keep(self, frame: CameraFrame) -> None:
-        """Store an image and discard the oldest ones; image numbers may have gaps and may restart."""
+        """Store an image, and discard the oldest images. Image numbers may have gaps and may restart."""
         kept = self._frames.setdefault(frame.camera, {})
         most = min(KEPT, max(1, KEPT_BYTES // (len(self._frames) * (frame.depth.nbytes + frame.colors.nbytes))))
         kept.pop(frame.number, None)
@@ -345,7 +345,7 @@ class _Replayed:
             self._missing += 1
             return
         if any(len(q) != self._joints for q in (question.q, question.v, *question.posed.values())):
-            raise InputError(f"question {question.number} is not of {self._joints} joints")
+            raise InputError(f"question {question.number} must have {self._joints} joints")
         shown = tuple(self._frames[name][number] for name, number in names)
         sight = SensorSnapshot(question.step, question.q, question.v, question.gripper, shown, question.posed)
         found: dict[str, npt.NDArray[Any]] = {}

@@ -1,4 +1,4 @@
-"""The controller's side of the control loop: the rollout's own loop, which answers requests with chunks of actions."""
+"""Run a controller for the control loop: the rollout loop of simulation, which answers requests with action chunks."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ SLOW = 0.6
 
 
 class Truth(Protocol):
-    """True state of a simulated world, for privileged controllers."""
+    """Interface to the true state of a simulated world, for privileged controllers."""
 
     def measure(self) -> Measurement:
-        """Measure objects and gripper."""
+        """Return the true measurement of objects and gripper."""
         ...
 
     def scene_state(self) -> Scene:
-        """Return the scene for a planner."""
+        """Return the true scene in the planner's form."""
         ...
 
 
 @dataclass(frozen=True)
 class Begin:
-    """Start of an episode; ``seed`` is for the controller's random numbers."""
+    """Message that starts an episode; ``seed`` is the seed of the controller's random numbers."""
 
     seed: int
 
@@ -54,8 +54,8 @@ class Question:
 
     Attributes:
         number: number of the request.
-        sight: data of the observation.
-        count: number of actions, one per control step.
+        sight: data from which the observation is computed.
+        count: number of requested actions, one for each control step.
     """
 
     number: int
@@ -69,14 +69,14 @@ class ControllerAnswer:
 
     Attributes:
         number: number of the request.
-        actions: (k, m + 1) targets of the arm's joints in rad and the gripper from -1 to 1, starting at the request's
-            control step; fewer than requested if the controller is done.
-        done: whether the controller is done.
-        seen: all its input arrays by name.
+        actions: (k, m + 1) targets of the arm's joints, rad, and gripper commands from -1 to 1. They start at the
+            control step of the request. If the controller is done, k is smaller than requested.
+        done: whether the controller has ended the episode.
+        seen: all input arrays of the controller by name.
         cloud_ms: time from the newest image to the point cloud, ms; None without a cloud.
-        encoding_ms: time to make the cloud from its images, ms; None without a cloud.
+        encoding_ms: time for computing the point cloud, ms; None without a cloud.
         acting_ms: computing time of the controller, ms.
-        error: why there is no action.
+        error: reason why there are no actions; None if there is no error.
     """
 
     number: int
@@ -91,11 +91,11 @@ class ControllerAnswer:
 
 @dataclass(frozen=True)
 class MindSpec:
-    """Recipe of a controller and its observations, which can be sent to its process.
+    """Description of a controller and its observations, which can be sent to the controller's process.
 
     Attributes:
         controller: specification of the controller.
-        task: the task.
+        task: task of the episodes.
         robot: name of the robot.
         cameras: available cameras.
     """
@@ -107,27 +107,27 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return a controller's observation spec, or one with all cameras if it uses none."""
+    """Return a controller's observation spec; if it uses no cameras, return a spec with all cameras."""
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
 class _OverError(GenSim2Error):
-    """The loop has ended the episode."""
+    """The control loop has ended the episode."""
 
 
 class LineBody:
-    """The control loop as the robot of a rollout: an observation waits for a request, and steps collect its actions.
+    """Presents the control loop to a rollout as a robot: observing waits for a request, and steps collect its actions.
 
     Args:
-        spec: see :class:`MindSpec`.
+        spec: description of the controller.
         receive: function that waits for a request or the end of the episode.
         send: function that sends answers.
-        now: the loop's clock, s.
-        truth: true state for privileged controllers.
+        now: function that returns the time of the control loop's clock, s.
+        truth: true state of the scene, for privileged controllers.
 
     Attributes:
         faults: injected faults of the controller.
-        remote: the controller, if it is on a server.
+        remote: the controller, if it runs on a policy server; else None.
         next: message that ended the episode.
     """
 
@@ -165,14 +165,14 @@ class LineBody:
             self.remote.disown()
 
     def prepare(self, spec: ObservationSpec) -> None:
-        """Prepare everything that would delay the first request."""
+        """Build data for observations now, because this would delay the first request."""
         self._eyes_of(looked_at(spec, self._spec.cameras) if self._truth is not None else spec)
 
     def reset(self, seed: int, options: Any = None) -> None:
         self._forget()
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """Wait for a request and return its observation.
+        """Wait for a request, and compute the observation from its data.
 
         Raises:
             EmptyCloudError: the point cloud is empty.
@@ -204,7 +204,7 @@ class LineBody:
         observation = self._eyes_of(spec).observe(sight)
         shown = observation
         if self._truth is not None and spec.is_proprioceptive:
-            # A planner needs no camera, but the cloud is made for the log and for viewers.
+            # A planner needs no camera, but log and web page show the point cloud.
             shown = self._eyes_of(ObservationSpec(cameras=tuple(each.name for each in self._spec.cameras))).observe(
                 sight
             )
@@ -220,7 +220,7 @@ class LineBody:
         return self._eyes[spec]
 
     def step(self, action: npt.ArrayLike) -> None:
-        """Add one action, and send the chunk when it is complete."""
+        """Add an action to the chunk, and send the chunk when it is complete."""
         assert self._question is not None, "an action follows from what was seen"
         given = np.asarray(action, dtype=np.float32)
         self._actions.append(np.full_like(given, np.nan) if "policy-nan" in self.faults else given)
@@ -228,7 +228,7 @@ class LineBody:
             self.answer()
 
     def answer(self, done: bool = False, error: str | None = None) -> None:
-        """Answer the open request, if any."""
+        """Answer the open request, if there is one."""
         if self._question is None:
             return
         if "policy-slow" in self.faults:
@@ -249,7 +249,7 @@ class LineBody:
 
 
 def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
-    """Return actions of another size, or with values that no arm can reach."""
+    """Return invalid actions for a fault: actions of the wrong size, or with values that no arm can reach."""
     draw = rng(0, "garbage", number)
     return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)
 
@@ -261,14 +261,14 @@ def think(
     now: Callable[[], float],
     truth: Truth | None,
 ) -> None:
-    """Answer requests, episode after episode, until None arrives.
+    """Answer the requests of one episode after another, until None arrives.
 
     Args:
-        spec: recipe of the controller.
+        spec: description of the controller.
         receive: function that waits for :class:`Begin`, :class:`Question`, or None.
         send: function that gets ``"ready"`` once, then answers.
-        now: the loop's clock, s.
-        truth: true state for privileged controllers.
+        now: function that returns the time of the control loop's clock, s.
+        truth: true state of the scene, for privileged controllers.
     """
     profile = robot(spec.robot)
     made = spec.controller.make(spec.task, profile)

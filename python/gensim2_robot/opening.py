@@ -1,4 +1,4 @@
-"""Open and close a control loop with all its devices."""
+"""Open a control loop with all its devices, and close them at the end."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ REMOTE = "gensim2.policy.remote.client:RemoteController"
 
 
 class DryArm:
-    """An arm that is never moved: everything is computed and checked, but nothing is sent."""
+    """Arm of a dry run: commands are computed and checked, but not sent."""
 
     def __init__(self, driver: ArmDriver) -> None:
         self._driver, self.profile = driver, driver.profile
@@ -57,27 +57,27 @@ class DryArm:
         """Do nothing."""
 
     def stand(self) -> None:
-        """Stop the arm, which is done in a dry run as well."""
+        """Stop the arm; a dry run does this, too."""
         self._driver.stand()
 
     def close(self) -> None:
-        """Do nothing; the driver belongs to the caller."""
+        """Do nothing, because the caller closes the driver."""
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """Checked inputs of a control loop, before anything is opened.
+    """Checked inputs of a control loop whose devices are not open yet.
 
     Attributes:
-        given: the task.
+        given: task with its scenes and strategies.
         config: configuration of the loop.
         controller: specification of the controller.
         seen: observation spec of the controller.
-        privileged: whether the controller gets the true scene.
+        privileged: whether the controller gets the true state of the scene.
         limits: limits of the arm.
-        noise: noise of simulated cameras.
-        cameras: used cameras; for real ones names, image sizes and a first guess of their poses.
-        calibration: calibration of their poses; None: the simulation's poses.
+        noise: depth noise of simulated cameras.
+        cameras: cameras to use. For real cameras these are names, image sizes and initial guesses of the poses.
+        calibration: calibration of the cameras; None: the simulation's poses.
     """
 
     given: TaskInput
@@ -118,9 +118,9 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     if isinstance(made, RemoteController):
         made.close()  # the controller's process connects again
     if privileged and not config.is_simulated:
-        raise InputError("requires the true scene, which only a simulation has", field=controller.target)
+        raise InputError("needs the true state of the scene, which only a simulation has", field=controller.target)
     if seen.is_privileged:
-        raise InputError("requires keypoints of the objects, which no camera provides", field=controller.target)
+        raise InputError("needs keypoints of the objects, which no camera provides", field=controller.target)
     cameras = simulated_cameras(profile, *config.pixels)
     source = config.source
     if not source.is_rendered:
@@ -132,16 +132,16 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     for fault in faults:
         if fault.name == "policy-token" and controller.target != REMOTE:
             raise InputError(
-                "requires a server that can refuse a token", field="--fault", remedy="--policy ws://HOST:PORT"
+                "needs a policy server, which can refuse a token", field="--fault", remedy="--policy ws://HOST:PORT"
             )
         if (fault.kind == "arm" and not config.is_simulated) or (fault.kind == "camera" and not source.is_rendered):
-            raise InputError(f"{fault.name} is a fault of simulated devices", field="--fault")
+            raise InputError(f"{fault.name} can only be injected into simulated devices", field="--fault")
         if fault.name in ("camera-swapped", "camera-mislabelled"):
             if len(cameras) < 2:
-                raise InputError("there is only one camera, so none can be exchanged", field="fault")
+                raise InputError("cameras cannot be exchanged, because there is only one", field="fault")
             if source.kind == SOFTWARE:
                 raise InputError(
-                    "a software device provides its own images", field="fault", remedy=f"--cameras {SIMULATED}"
+                    "cannot be injected into software devices", field="fault", remedy=f"--cameras {SIMULATED}"
                 )
     calibration = None
     if config.calibration is not None:
@@ -149,9 +149,9 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
         calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
     elif not source.is_rendered and not config.dry:
         raise InputError(
-            "real cameras need one",
+            "real cameras need a calibration",
             field="--calibration",
-            remedy="make it with gensim2 robot calibrate --from a dry run",
+            remedy="make it with gensim2 robot calibrate --from the log of a dry run",
         )
     return Prepared(given, config, controller, seen, privileged, limits, noise, cameras, calibration)
 
@@ -161,9 +161,9 @@ class Opened:
     """A control loop with open devices.
 
     Attributes:
-        line: the loop.
+        line: control loop.
         devices: devices of the loop.
-        about: description of the loop for a log.
+        about: description of the loop for the log.
         disk: simulated disk of the log; None without a log.
     """
 
@@ -189,16 +189,16 @@ def opened(
     Args:
         prepared: checked inputs.
         log: folder of the log; None for no log.
-        watching: further logs.
-        seed: seed of all noise; None: seed of the configuration.
-        mind: connection to another controller; None: the configured one, in its own process.
-        pace: control steps per second; None: the robot's, scaled by the speed.
+        watching: additional logs, such as a web page.
+        seed: seed of all noise; None: the seed in the configuration.
+        mind: connection to a controller; None: start the configured controller in its own process.
+        pace: control steps per second; None: the robot's control rate, scaled by the speed.
         interrupted: received stop signals, as from :func:`interruptions`.
 
     Raises:
         InputError: the log's folder is not empty.
         DriverError: a device cannot be opened.
-        DeviceGoneError: a device's process has ended or does not answer, or a signal asked to stop.
+        DeviceGoneError: the process of a device has ended or does not answer, or a stop signal arrived.
     """
     config, given = prepared.config, prepared.given
     noise_seed = config.seed if seed is None else seed
@@ -263,7 +263,7 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
 
     Args:
         prepared: checked inputs.
-        believed: cameras of the loop with their assumed poses.
+        believed: cameras of the loop with the poses that the loop assumes.
     """
     config, given, controller = prepared.config, prepared.given, prepared.controller
     try:
@@ -357,7 +357,7 @@ def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: Min
 
 @contextlib.contextmanager
 def interruptions() -> Iterator[list[int]]:
-    """Yield a list that collects stop signals, so that the arm is stopped before they take effect."""
+    """Collect stop signals in a list and yield the list, so that the arm can stop before the signals take effect."""
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield came

@@ -1,4 +1,4 @@
-"""Pipes and shared-memory images between the processes of devices and the control loop."""
+"""Exchange messages by pipes, and images by shared memory, between device processes and the control loop."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from gensim2.perception import Camera
 from gensim2_robot.devices import CameraFrame
 
 MAX_WAITING = 500
-"""Largest number of messages that wait for a process that does not read, beyond the kernel's buffer; the loop sends 100
-a second.
+"""Maximum number of messages that wait for a process, in addition to the kernel's buffer; the loop sends 100 per
+second.
 """
 CHUNK = 1 << 16
 MAX_CHUNKS = 256
-"""Largest number of bytes and reads in one poll, so that a flood of messages does not delay the loop."""
+"""Maximum number of bytes and of reads in one poll, so that a flood of messages does not delay the loop."""
 _LENGTH = struct.Struct("!i")
 _LONG = struct.Struct("!Q")
 
 
 class DeviceGoneError(GenSim2Error):
-    """A device's process has ended or does not answer."""
+    """The process of a device has ended or does not answer."""
 
 
 class MessagePipe:
-    """A pipe end that never blocks; the other end may be a plain ``Connection``.
+    """An end of a pipe whose methods never block; the other end may be a plain ``Connection``.
 
-    A blocking ``Connection`` waits forever once the other process is stopped: ``send`` when the kernel's buffer is
+    The methods of a ``Connection`` wait forever if the other process is suspended: ``send`` when the kernel's buffer is
     full, ``recv`` in the middle of a message.
 
     Args:
-        connection: this end.
+        connection: connection of this end.
         what: name of the other end for error messages.
     """
 
@@ -69,7 +69,7 @@ class MessagePipe:
         """Return the complete messages that have arrived.
 
         Raises:
-            DeviceGoneError: the other process has ended, or does not read its messages.
+            DeviceGoneError: the other process has ended, or does not read the messages sent to it.
         """
         self._flush()
         self._read()
@@ -113,7 +113,7 @@ class MessagePipe:
             self._is_over = True
 
     def _next(self) -> bytes | None:
-        """Return the next message if it is complete."""
+        """Return the next message; None if it has not arrived completely."""
         if len(self._came) < _LENGTH.size:
             return None
         (length,), begin = _LENGTH.unpack_from(self._came), _LENGTH.size
@@ -129,17 +129,17 @@ class MessagePipe:
 
 
 SLOTS = 6
-"""Number of a camera's images that may wait for their reader; further images are dropped."""
+"""Number of images of each camera that may wait for the reader; additional images are dropped."""
 BYTES = 5
-"""Bytes per pixel: depth and colours."""
+"""Bytes per pixel, for depth and colours."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """Shared memory for images, which can be sent to another process.
+    """Description of shared memory for images, which can be sent to another process.
 
     Attributes:
-        cameras: cameras of the images.
+        cameras: cameras whose images the memory contains.
         name: name of the shared memory.
     """
 
@@ -149,7 +149,7 @@ class Room:
 
 @dataclass(frozen=True)
 class SharedPicture:
-    """An image in a slot, valid until the slot is returned; other fields as in :class:`CameraFrame`."""
+    """Reference to an image in a slot, valid until the slot is returned; other fields as in :class:`CameraFrame`."""
 
     camera: str
     slot: int
@@ -159,11 +159,11 @@ class SharedPicture:
 
 
 class PictureSlots:
-    """One side of the shared memory.
+    """Access of one process to shared memory with a slot for each image.
 
-    A slot belongs to one process at a time: the reader owns it from the message about a new image until it returns the
-    slot. The creator of the memory sends its name to the other process. The name is removed as soon as both have it, so
-    the memory is freed with the last of them, however it ends.
+    A slot belongs to one process at a time: to the reader from the message about a new image until the reader returns
+    the slot, otherwise to the writer. The creator sends the memory's name to the other process. Once both processes
+    have opened the memory, the name is removed, so the memory is freed when the second process ends, however it ends.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:
@@ -182,7 +182,7 @@ class PictureSlots:
 
     @classmethod
     def make(cls, cameras: Sequence[Camera]) -> tuple[PictureSlots, Room]:
-        """Create the memory; return it with the data that the other process needs to open it."""
+        """Create shared memory; return the access to it, and the description with which another process can open it."""
         memory = SharedMemory(create=True, size=max(1, SLOTS * sum(map(_bytes, cameras))))
         return cls(cameras, memory), Room(tuple(cameras), memory.name)
 
@@ -194,10 +194,10 @@ class PictureSlots:
         return cls(room.cameras, memory)
 
     def put(self, frame: CameraFrame) -> SharedPicture | None:
-        """Copy an image into a free slot; return None if there is none.
+        """Copy an image into a free slot; return None if no slot is free.
 
         Raises:
-            GenSim2Error: the image has another size than its camera's.
+            GenSim2Error: the image does not have the size of its camera.
         """
         free = self._free[frame.camera]
         if not free:
@@ -210,7 +210,7 @@ class PictureSlots:
         return SharedPicture(frame.camera, free.pop(), frame.number, frame.captured, frame.serial)
 
     def take(self, picture: SharedPicture) -> CameraFrame:
-        """Return a copy of an image; its slot must then be returned."""
+        """Return a copy of an image; afterwards the caller must return the slot."""
         depth, colors = self._slots[picture.camera][picture.slot]
         return CameraFrame(
             picture.camera, picture.number, picture.captured, depth.copy(), colors.copy(), picture.serial

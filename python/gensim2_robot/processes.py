@@ -1,6 +1,7 @@
-"""Processes of devices; simulated arm and controller with the machine's clock. No call blocks.
+"""Run devices in their own processes: simulated arm and controller with the machine's clock. No call blocks.
 
-Stop signals to the process group only end the supervising process, which ends the others after the arm has stopped.
+Stop signals to the process group end only the supervising process, which ends the device processes once the arm has
+stopped.
 """
 
 from __future__ import annotations
@@ -37,24 +38,24 @@ PRELOAD = (
     "gensim2.sim.sapien_scene",
 )
 SLIP = 0.2
-"""Largest delay (s) of the simulated time that is caught up."""
+"""Maximum delay (s) of the simulated time that is caught up."""
 
 ENDING = 3.0
 """Time limit for a process to end on request, s."""
 KILLED = 1.0
-"""Time limit for a killed process to end, s, unless the kernel itself waits for a device."""
+"""Time limit for a killed process to end, s; a process whose kernel call waits for a device can take longer."""
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 _GONE = (EOFError, OSError)
 
 
 class DeviceProcess:
-    """A process and the pipe to it; no call waits for the process.
+    """A process and the pipe to the process; no call waits for the process.
 
     Args:
-        what: name for messages.
-        target: function that runs in the process, with the other end of the pipe and the arguments; its GenSim2Error is
-            sent back.
+        what: name of the process for error messages.
+        target: function that runs in the process. It gets the other end of the pipe and ``arguments``; a GenSim2Error
+            that it raises is sent back.
         arguments: arguments of ``target``.
     """
 
@@ -74,7 +75,7 @@ class DeviceProcess:
 
         Raises:
             DeviceGoneError: the process has ended, or does not answer.
-            GenSim2Error: error sent by the process.
+            GenSim2Error: the process has sent this error.
         """
         found = self.pipe.drain()
         for message in found:
@@ -97,7 +98,7 @@ class DeviceProcess:
         self._process.kill()
 
     def close(self) -> None:
-        """End the process, by force if necessary, within four seconds."""
+        """End the process within four seconds, by force if necessary."""
         self.tell(None)
         self._process.join(timeout=ENDING)
         if self._process.is_alive():
@@ -122,14 +123,14 @@ def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> No
 
 
 class ProcessArm:
-    """The simulated arm in its own process.
+    """Simulated arm in its own process.
 
     Args:
         scene: settings of the scenes.
 
     Attributes:
-        goal, at_rest: whether the goal held and the scene was at rest at the last check.
-        eyes, truth: pipe ends by which cameras and a privileged controller ask for the world's state.
+        goal, at_rest: whether the goal was reached, and the scene was at rest, at the last check.
+        eyes, truth: pipe ends with which the cameras and a privileged controller request the world's state.
     """
 
     def __init__(self, scene: SceneConfig) -> None:
@@ -159,7 +160,7 @@ class ProcessArm:
         self._process.tell(("stand",))
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Start a new scene; ``is_ready`` tells when it is finished."""
+        """Start to create a new scene; ``is_ready`` becomes true when the scene is finished."""
         self._wanted += 1
         self._process.tell(("reset", seed, options))
 
@@ -221,7 +222,7 @@ def _answer_world(pipe: MessagePipe, world: Any, now: float) -> None:
 
 
 class ProcessTruth:
-    """True state of a simulated world in another process."""
+    """Access to the true state of a simulated world in another process."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
@@ -243,11 +244,11 @@ class ProcessTruth:
 
 
 class ProcessMind:
-    """A controller in its own process.
+    """Connection to a controller in its own process.
 
     Args:
-        spec: recipe of the controller.
-        world: pipe end by which a privileged controller asks for the simulated world's state; None for others.
+        spec: description of the controller.
+        world: pipe end with which a privileged controller requests the simulated world's state; otherwise None.
     """
 
     def __init__(self, spec: MindSpec, world: Connection | None) -> None:
@@ -257,7 +258,7 @@ class ProcessMind:
         self._gone = False
 
     def send(self, message: Begin | Question) -> None:
-        """Send a message or a request; a request without free image slots gets no answer."""
+        """Send a message or a request; if no image slot is free, a request is dropped and gets no answer."""
         if isinstance(message, Begin):
             self._process.tell(message)
             return
@@ -273,7 +274,7 @@ class ProcessMind:
         """Return the answers received since the last call.
 
         Raises:
-            GenSim2Error: the controller cannot be made.
+            GenSim2Error: the controller cannot be created.
         """
         found = []
         try:

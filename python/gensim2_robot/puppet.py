@@ -1,4 +1,4 @@
-"""An arm that follows another program's targets, with the same limits and watchdog."""
+"""Let another program control an arm by joint targets, with the same limits and watchdog as for a controller."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from gensim2_robot.session import PATIENCE, Layout, Session
 from gensim2_robot.watch import State
 
 READY = PATIENCE + 30.0
-"""Time limit for devices to become ready, s, longer than a session's, which then reports what is missing."""
+"""Time limit for devices to become ready, s; a session has a lower limit and reports missing devices first."""
 
 
 class HaltedError(GenSim2Error):
-    """The watchdog has held or stopped the arm."""
+    """The watchdog holds or has stopped the arm."""
 
 
 class GivenActions:
-    """Controller connection whose actions are set from outside, the last one before each request."""
+    """Connection to a controller whose actions another program sets; the last set action answers a request."""
 
     is_alive = True
     is_ready = True
@@ -54,7 +54,7 @@ class GivenActions:
             self._question = message
 
     def poll(self) -> Sequence[ControllerAnswer]:
-        """Return the answer to the request once there is an action."""
+        """Return the answer to a request once an action is set."""
         with self._lock:
             if self._question is None or self._action is None:
                 return ()
@@ -64,7 +64,7 @@ class GivenActions:
         return (answer,)
 
     def fail(self, fault: str) -> None:
-        """Refuse, because given actions have no faults."""
+        """Raise an error, because faults cannot be injected into given actions."""
         raise InputError("faults cannot be injected into given actions", field="fault")
 
     def close(self) -> None:
@@ -72,12 +72,12 @@ class GivenActions:
 
 
 class Puppet:
-    """A control loop in its own thread; each target is for the next tenth of a second.
+    """A control loop in its own thread that follows joint targets; each target is to be reached within 0.1 s.
 
-    The watchdog holds the arm if no target arrives within 200 ms while it moves, as with any controller.
+    If the arm moves and no target arrives for 200 ms, the watchdog holds the arm, as with any controller.
 
     Args:
-        task: task whose scene a simulated arm works in.
+        task: task whose scene a simulated arm sees.
         move: whether to send commands to the arm.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`;
             ``policy`` is ignored.
@@ -115,7 +115,7 @@ class Puppet:
         return self._begun.is_set() and self._error is None and not self._over.is_set()
 
     def connect(self) -> None:
-        """Open the devices and take control of the arm at its position; after a failure everything is closed.
+        """Open the devices and take control of the arm at its current position; on failure, close all devices.
 
         Raises:
             HaltedError: the devices are not ready, or the arm is outside its limits.
@@ -137,7 +137,7 @@ class Puppet:
         """Return the arm's last state.
 
         Raises:
-            HaltedError: the watchdog has held or stopped the arm.
+            HaltedError: the watchdog holds or has stopped the arm.
         """
         found = self._require().line.arm.state()
         assert found is not None, "the arm has said where it stands"
@@ -148,10 +148,10 @@ class Puppet:
         return dict(self._require().line.frames)
 
     def send(self, q: npt.ArrayLike, gripper: float) -> Array:
-        """Request joints (m,) and a gripper command from -1 to 1; return the joints of the last command.
+        """Request joints (m,) and a gripper command from -1 to 1; return the joints of the last sent command.
 
         Raises:
-            HaltedError: the watchdog has held or stopped the arm.
+            HaltedError: the watchdog holds or has stopped the arm.
         """
         there = self._require()
         self._mind.give(np.append(np.asarray(q, dtype=np.float32), np.float32(gripper)))

@@ -1,4 +1,4 @@
-"""Open real devices by their command-line names; cameras run in their own process."""
+"""Open real devices, given by their command-line names; cameras run in their own process."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ class ProcessCameras:
     """Cameras in their own process.
 
     Args:
-        make: function that makes their driver in the process, with ``cameras``, ``serials``, ``poll()``, ``close()``,
-            and optionally ``fail(fault)``.
+        make: function that creates the cameras' driver in the process. The driver has ``cameras``, ``serials``,
+        ``poll()``, ``close()``, and optionally ``fail(fault)``.
         arguments: picklable arguments of ``make``.
-        interrupted: received stop signals; once there is one, opening ends.
+        interrupted: list of received stop signals; the first signal ends the opening.
 
     Attributes:
-        cameras: cameras as reported by their driver.
-        serials: serial numbers of their devices, by name.
+        cameras: cameras as reported by the driver.
+        serials: serial number of each camera's device, by camera name.
 
     Raises:
-        GenSim2Error: raised by ``make``.
+        GenSim2Error: ``make`` raised this error.
         DeviceGoneError: ``make`` raised another exception, the process has ended, the cameras did not open within 60 s,
-            or a signal asked to stop.
+            or a stop signal arrived.
     """
 
     def __init__(self, make: Callable[..., Any], *arguments: Any, interrupted: Sequence[int] = ()) -> None:
@@ -60,7 +60,7 @@ class ProcessCameras:
         self._slots = PictureSlots.enter(room)
 
     def _opened(self, interrupted: Sequence[int]) -> list[Any]:
-        """Wait for the first messages."""
+        """Wait until the cameras are open."""
         until = time.monotonic() + OPENING
         while not (found := self._process.drain()):
             if interrupted:
@@ -119,7 +119,7 @@ def _serve(pipe: Connection, make: Callable[..., Any], *arguments: Any) -> None:
     except (EOFError, ConnectionError, DeviceGoneError):
         raise
     except Exception as error:  # libraries raise any exception
-        raise DeviceGoneError(f"the cameras are gone: {error}") from error
+        raise DeviceGoneError(f"the connection to the cameras is lost: {error}") from error
     finally:
         driver.close()
 
@@ -160,9 +160,9 @@ def open_cameras(
 
     Args:
         source: source with devices or files.
-        there: cameras by name, with image sizes and a first guess of their poses.
-        rate: frame rate, Hz; recordings have their own.
-        interrupted: received stop signals; once there is one, opening ends.
+        there: cameras by name, with image sizes and initial guesses of the poses.
+        rate: frame rate, Hz; recordings have their recorded rate.
+        interrupted: list of received stop signals; the first signal ends the opening.
 
     Raises:
         InputError: a camera is unknown, a file is not a recording, or logs of runs are mixed with other files.
@@ -172,7 +172,7 @@ def open_cameras(
     known = {camera.name: camera for camera in there}
     for name in source.devices:
         if name not in known:
-            raise InputError(f"there is no camera {name!r}", field="--cameras", remedy=near(name, known))
+            raise InputError(f"unknown camera {name!r}", field="--cameras", remedy=near(name, known))
     named = tuple(known[name] for name in source.devices)
     if source.kind == "recording":
         from gensim2_robot.drivers.logged import is_log
@@ -205,7 +205,7 @@ def logged_cameras(source: CameraSource, cameras: Sequence[Camera]) -> LoggedCam
 
 
 class ByHand:
-    """A scene that a person lays out and judges: goal and rest are unknown."""
+    """A scene that a person lays out and judges; whether the goal is reached or the scene is at rest is unknown."""
 
     is_ready = True
     goal: bool | None = None

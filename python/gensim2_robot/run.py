@@ -1,4 +1,4 @@
-"""``gensim2 robot run``: run episodes on an arm until time or an event ends them, and report the results."""
+"""Run episodes on an arm until a time limit or an event, and report the results (``gensim2 robot run``)."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from gensim2_robot.session import Layout, Session, result
 from gensim2_robot.watch import Watch
 
 ENDLESS = 100_000
-"""Number of episodes of a run that only its time limits."""
+"""Number of episodes of a run that only the time limits."""
 MAX_MINUTES = 1e5
-"""Longest run, minutes."""
+"""Maximum duration of a run, minutes."""
 
 
 def run(
@@ -43,18 +43,18 @@ def run(
     """Run a policy or the planner on an arm.
 
     Args:
-        task: name of a library task, or a folder with one.
+        task: name of a library task, or a folder with a task.
         minutes: time limit of the run.
-        episodes: largest number of episodes; None: as many as there is time for, and one if a person must lay out the
-            scene. A moved real arm runs only one.
+        episodes: maximum number of episodes. None: no maximum, or one episode if a person must lay out the scene. A
+            real arm that moves runs only one episode.
         faults: faults to inject.
         log: folder of the log; None for no log.
         keys: keyboard of a person who resumes or stops.
-        watching: further logs.
+        watching: additional logs, such as a web page.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
 
     Returns:
-        Plain data: docs/guides/robot.md.
+        Plain data, as described in docs/guides/robot.md.
 
     Raises:
         InputError: an argument is invalid.
@@ -66,7 +66,7 @@ def run(
         check_counts(episodes=episodes)
     for fault in faults:
         if fault.name == "disk-full" and log is None:
-            raise InputError("disk-full requires a log", field="fault", remedy="leave out --no-log")
+            raise InputError("the fault disk-full needs a log", field="fault", remedy="leave out --no-log")
     config, scene = LineConfig.split(line)
     if (episodes or 1) > 1 and not (config.is_simulated or config.dry):
         said = f"a person lays out each scene of a real arm, {episodes} are asked for"

@@ -1,4 +1,4 @@
-"""Run episodes on one control loop until time or an event ends them, and collect the results."""
+"""Run episodes on one control loop until a time limit or an event, and collect the results."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ from gensim2_robot.watch import State, Watch
 PATIENCE = 120.0
 """Time limit for devices and controller to become ready, s."""
 MEETING = 2.0
-"""Time (s) in which requests are aligned with images; after it an episode starts in any case."""
+"""Time limit (s) for aligning requests with images; afterwards the episode starts without alignment."""
 COMING_TO_REST = 3.0
 """Time limit for a held or stopped arm to come to rest, s."""
 RESUME = "r"
 
 
 def _said(arm: object) -> str:
-    """Return a driver's error as a suffix of a message, if it has one."""
+    """Return the driver's last error as a suffix for a message; empty if there was none."""
     trouble = getattr(arm, "trouble", None)
     return f": {trouble}" if trouble else ""
 
 
 class SceneStage(Protocol):
-    """Lays out scenes, and may know whether the goal holds."""
+    """Interface that lays out scenes, and may know whether the goal is reached."""
 
     @property
     def is_ready(self) -> bool:
@@ -52,7 +52,7 @@ class SceneStage(Protocol):
 
     @property
     def goal(self) -> bool | None:
-        """Whether the goal holds; None if only a person can tell."""
+        """Whether the goal is reached; None if only a person can tell."""
         ...
 
     @property
@@ -70,9 +70,9 @@ class Devices:
     """All devices of a control loop.
 
     Attributes:
-        arm, cameras, mind, clock: arm, cameras, controller process and clock of the loop.
+        arm, cameras, mind, clock: arm, cameras, controller and clock of the loop.
         stage: lays out scenes.
-        failing: functions that inject a fault, by the first word of its name; real devices have none.
+        failing: functions that inject faults, by the first word of the fault's name; empty for real devices.
     """
 
     arm: ArmDriver
@@ -83,7 +83,7 @@ class Devices:
     failing: Mapping[str, Callable[[str], None]] = field(default_factory=dict)
 
     def close(self) -> None:
-        """Close all devices, even if some fail to close."""
+        """Close all devices, even if closing one of them fails."""
         with contextlib.ExitStack() as last_first:
             for each in (self.arm, self.cameras, self.mind):
                 last_first.callback(each.close)
@@ -107,11 +107,11 @@ class Ended:
     """End of an episode.
 
     Attributes:
-        goal: whether the goal held at the end; None if only a person can tell.
-        over: whether the controller was done; otherwise the goal had held long enough, or the time was over.
+        goal: whether the goal was reached at the end; None if only a person can tell.
+        over: whether the controller ended the episode; False if the goal or the time limit ended it.
         seconds: duration, s.
         at_rest: whether the scene was at rest at the end; None if only a person can tell.
-        lost: whether the goal had held long enough but was lost while the scene settled.
+        lost: whether the goal was reached for long enough, but was lost while the scene settled.
     """
 
     goal: bool | None
@@ -122,12 +122,12 @@ class Ended:
 
     @property
     def held(self) -> bool | None:
-        """Whether the goal held in a scene at rest; None if only a person can tell."""
+        """Whether the goal was reached with the scene at rest; None if only a person can tell."""
         return None if self.goal is None else self.goal and self.at_rest is not False
 
     @property
     def lacking(self) -> str:
-        """Why the goal did not hold in a scene at rest."""
+        """Reason why the goal was not reached with the scene at rest."""
         if self.goal:
             return "the scene did not come to rest"
         if self.lost:
@@ -136,7 +136,7 @@ class Ended:
 
 
 class Session:
-    """Episodes on one control loop.
+    """Runs episodes on one control loop.
 
     Attributes:
         in_episode: whether an episode is running.
@@ -172,13 +172,13 @@ class Session:
         goal_ends: bool,
         ended: Callable[[Ended], None] = lambda end: None,
     ) -> None:
-        """Run episodes until the layouts or the time end, or a person or a fault ends them.
+        """Run episodes until the time limit, until all layouts are done, or until a person or a fault ends the run.
 
         Args:
             seconds: time limit, s.
-            layouts: scenes of the episodes; the next one is requested after the previous episode.
-            goal_ends: end an episode when its goal has held for a while and still holds after settling.
-            ended: callback after each finished episode.
+            layouts: scenes of the episodes; the next layout is requested after the previous episode.
+            goal_ends: whether to end an episode once the goal is reached for a while and still after settling.
+            ended: callback that is called after each finished episode.
         """
         try:
             with self._devices.clock.punctual() as self._scheduling:
@@ -208,7 +208,7 @@ class Session:
                 return
 
     def prepare(self, layout: Layout) -> bool:
-        """Lay out a scene and wait for images of it; return whether the episode can start."""
+        """Lay out a scene and wait for images of the scene; return whether the episode can start."""
         line, devices = self._line, self._devices
         line.forget()
         devices.stage.reset(layout.seed, layout.options)
@@ -235,7 +235,7 @@ class Session:
                 return False
 
     def _lacking(self, names: Sequence[str], now: float) -> str:
-        """Return what is missing for the start of an episode."""
+        """Describe what is missing for the start of an episode; empty if nothing is missing."""
         line, devices = self._line, self._devices
         if not devices.stage.is_ready:
             return "the scene is not laid out"
@@ -252,10 +252,10 @@ class Session:
         return f"pictures of camera {slowest} are {old:.0f} ms old, the arm's last word is {word:.0f}"
 
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
-        """Run one episode and count its result if it ended; return whether the time is over."""
+        """Run one episode, and count its result if the episode ended; return whether the time limit is reached."""
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
-        # Slower control steps take longer, so the task's time limit is scaled as well.
+        # At lower speed control steps take longer, so the task's time limit is longer, too.
         most = self._given.spec.max_seconds * self._devices.arm.profile.control_hz / line.pace
         most -= MAX_SETTLE_SECONDS if goal_ends else 0.0  # as in a rollout, the limit includes the time to settle
         while True:
@@ -294,7 +294,7 @@ class Session:
         return clock.now() - self._held_s > end
 
     def _settle(self) -> float | None:
-        """Hold the arm until the episode may be evaluated; return the time of holds, s; None if one is not resumed."""
+        """Keep the arm in place until the scene settles; return the duration of holds, s; None if not resumed."""
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
         since, sat_out = clock.now(), 0.0
@@ -307,7 +307,7 @@ class Session:
         return sat_out
 
     def _stand(self) -> None:
-        """Bring the arm to rest by the checked stop, and release it."""
+        """Bring the arm to rest by the checked stop, and release the arm."""
         line, until = self._line, self._devices.clock.now() + COMING_TO_REST
         while line.arm.sent is not None and not line.arm.sent.is_at_rest and self._devices.clock.now() < until:
             self._cycle()
@@ -355,8 +355,9 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Return the duration of a hold from ``since``, which does not count as task time, or None if it is not
-        resumed.
+        """Wait for the end of a hold; return its duration since ``since``, s, or None if it is not resumed.
+
+        The duration does not count as time of the task.
         """
         self._come_to_rest()
         if not self._resumed():
@@ -366,7 +367,7 @@ class Session:
         return held
 
     def _resumed(self) -> bool:
-        """Return whether a person resumes a held arm; without a person it stays held."""
+        """Return whether a person resumes a held arm; without a person the arm stays held."""
         line = self._line
         if line.watch.state is not State.HOLDING or self._keys is None or not self._keys.is_there:
             return False
@@ -410,8 +411,8 @@ def result(
 
     Args:
         about: description of the loop.
-        log: folder of the log, if any.
-        watch: watchdog, with the reason for the end.
+        log: folder of the log, or None.
+        watch: watchdog, which has the reason for the end of the run.
         figures: measurements of the loop.
         interrupted: received stop signals.
     """

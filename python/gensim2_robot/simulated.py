@@ -1,4 +1,4 @@
-"""A simulated arm, a scene, and simulated cameras."""
+"""Simulate an arm, a scene and cameras for the control loop."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ FORCE_CYCLES = 5
 LAG = 0.4
 """Delay (s) of a simulated arm with the fault `arm-lagging`."""
 _MODES: Mapping[str, ArmMode] = {"arm-reflex": "reflex", "arm-refusing": "refusing", "arm-at-limit": "at-limit"}
-"""Mode that an arm reports under each fault."""
+"""Mode that the arm reports under each fault."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """State of one instant, for simulated cameras.
+    """State of the simulated world at one instant, from which cameras render.
 
     Attributes:
-        time: time, s.
-        episode: number of resets.
-        states: ManiSkill's ``env_states``, one row per array.
+        time: time of the state, s.
+        episode: number of resets before this state.
+        states: ManiSkill's ``env_states``, with one row in each array.
         models: models of the objects, by name.
         q: (n,) all active joints.
     """
@@ -59,7 +59,7 @@ class Rows:
 
 
 class SimulatedWorld:
-    """A headless world that runs at the control loop's cycle, with an arm that may have faults.
+    """A simulated world that advances with the cycles of the control loop, with an arm that may have faults.
 
     Args:
         scene: settings of the scenes.
@@ -70,7 +70,7 @@ class SimulatedWorld:
         self.profile, self.task = self._env.profile, self._env.task
         if self.profile.simulation.physics_hz != round(1.0 / CYCLE):
             raise ValueError(
-                f"physics at {self.profile.simulation.physics_hz} Hz, the driver cycle at {1 / CYCLE:g} Hz"
+                f"physics at {self.profile.simulation.physics_hz} Hz is no multiple of the driver's {1 / CYCLE:g} Hz"
             )
         self.faults: set[str] = set()
         self.episode = 0
@@ -82,7 +82,7 @@ class SimulatedWorld:
         self._looked: Measurement | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Make a new scene; the arm accepts commands again, unless a fault persists.
+        """Create a new scene. The arm accepts commands again, unless a fault persists.
 
         Args:
             seed: seed of random values.
@@ -101,12 +101,12 @@ class SimulatedWorld:
         self._waiting.append((time + delay, np.append(q, gripper)))
 
     def stand(self) -> None:
-        """Stop the arm at its position; targets are ignored until the next reset."""
+        """Stop the arm at its current position, and ignore targets until the next reset."""
         self._stopped = True
         self._hold_here(float(self._action[-1]))
 
     def advance(self, now: float) -> None:
-        """Simulate one cycle, until ``now`` (s)."""
+        """Simulate one cycle, up to the time ``now`` (s)."""
         mode: ArmMode = next((said for fault, said in _MODES.items() if fault in self.faults), "ready")
         if mode in ("reflex", "at-limit") and not self._stopped:
             self.stand()
@@ -120,7 +120,7 @@ class SimulatedWorld:
         self._said.append(ArmState(now, self._env.q, self._env.qvel, force, mode))
 
     def said(self, now: float) -> list[ArmState]:
-        """Return the states that have arrived by ``now``."""
+        """Return the arm states that have arrived by the time ``now`` (s)."""
         found = []
         delay = LAG if "arm-lagging" in self.faults else 0.0
         while self._said and self._said[0].time <= now - delay:
@@ -137,7 +137,7 @@ class SimulatedWorld:
         return Rows(now, self.episode, states, models, self._env.q)
 
     def measure(self) -> Measurement:
-        """Return the true measurement as plain numbers."""
+        """Return the true measurement of objects and gripper as plain numbers."""
         found = self._env.measure()
         return Measurement(**{**vars(found), "gripper": {name: np.array(at) for name, at in found.gripper.items()}})
 
@@ -145,9 +145,9 @@ class SimulatedWorld:
         return self._env.scene_state()
 
     def look(self) -> tuple[bool, bool]:
-        """Return whether the goal holds in a stable scene, and whether the scene is at rest.
+        """Return whether the goal is reached in a stable scene, and whether the scene is at rest.
 
-        Call it every ``GOAL_EVERY`` cycles; the scene is at rest if nothing has moved since the last call.
+        Call this method every ``GOAL_EVERY`` cycles. The scene is at rest if no object has moved since the last call.
         """
         measured = self.measure()
         before, self._looked = self._looked, measured
@@ -178,7 +178,7 @@ def simulated_serials(cameras: tuple[Camera, ...]) -> dict[str, str]:
 
 
 def sized(cameras: tuple[Camera, ...], width: int, height: int) -> tuple[Camera, ...]:
-    """Return the cameras with another image size and the same vertical field of view."""
+    """Return the cameras with a new image size and the same vertical field of view."""
     found = []
     for camera in cameras:
         fov = 2.0 * np.arctan(0.5 * camera.height / camera.intrinsic[1, 1])
@@ -188,7 +188,9 @@ def sized(cameras: tuple[Camera, ...], width: int, height: int) -> tuple[Camera,
 
 
 def simulated_cameras(profile: RobotProfile, width: int, height: int) -> tuple[Camera, ...]:
-    """Return the fixed cameras and the robot's own, with the given image size; the latter in their links' frames."""
+    """Return fixed cameras and cameras on links with the given image size.
+
+    The pose of a camera on a link is in the link's frame."""
     own = tuple(
         Camera(
             each.name,
@@ -205,12 +207,12 @@ def simulated_cameras(profile: RobotProfile, width: int, height: int) -> tuple[C
 
 
 class SimulatedCameras:
-    """Cameras of a simulated world.
+    """Cameras that render a simulated world.
 
     Args:
-        cameras: the cameras.
-        seed: seed of their noise.
-        noise: noise of each image; its unknown errors of pose, depth and clock are sampled for each episode.
+        cameras: cameras to simulate.
+        seed: seed of the noise.
+        noise: depth noise of each image. Its errors of pose, depth and clock are drawn for each episode.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:
@@ -228,7 +230,7 @@ class SimulatedCameras:
         self.faults: set[str] = set()
 
     def prepare(self, models: Mapping[str, object], episode: int) -> None:
-        """Build the ray casting scene of an episode."""
+        """Build the ray-casting scene of an episode."""
         draw = rng(self._seed, "errors of simulated cameras", episode)
         self._drawn = self._noise.drawn(draw)
         self._late = self._noise.time * float(draw.standard_normal())
@@ -241,7 +243,7 @@ class SimulatedCameras:
         self._episode = episode
 
     def take(self, rows: Rows) -> list[CameraFrame]:
-        """Return the images of one instant as they arrive; a fault affects the first camera, or the first two."""
+        """Return the images of one instant; a fault changes the images of the first camera, or the first two."""
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)
         scene = self._scene
@@ -268,9 +270,7 @@ class SimulatedCameras:
         return [each for frame in found for each in self._faulty(frame)]
 
     def _exchanged(self, one: CameraFrame, other: CameraFrame) -> tuple[CameraFrame, CameraFrame]:
-        """Exchange the images of two cameras. Their serial numbers are exchanged as well, except under the fault
-        ``camera-mislabelled``.
-        """
+        """Exchange the images of two cameras, and their serial numbers unless the fault is ``camera-mislabelled``."""
         lie = "camera-mislabelled" in self.faults
         return tuple(
             replace(theirs, camera=own.camera, number=own.number, serial=own.serial if lie else theirs.serial)
@@ -302,20 +302,20 @@ class SimulatedCameras:
 
 
 class RenderedCameras:
-    """Simulated cameras of a world in another process, at their frame rate.
+    """Cameras that render, at their frame rate, a simulated world in another process.
 
     Args:
         robot_name: name of the robot.
-        cameras: the cameras.
-        world: pipe end by which they ask for the world's state.
-        seed: seed of their noise.
+        cameras: cameras to simulate.
+        world: pipe end with which the cameras request the world's state.
+        seed: seed of the noise.
         rate: frame rate, Hz.
-        noise: noise of the images.
-        through: pass images through software devices of ``pyrealsense2``.
+        noise: depth noise of the images.
+        through: whether to pass images through software devices of ``pyrealsense2``.
 
     Attributes:
-        cameras: the cameras.
-        serials: serial numbers of their devices, by name.
+        cameras: simulated cameras.
+        serials: serial number of each camera's device, by camera name.
 
     Raises:
         MissingExtraError: ``through`` is set and ``pyrealsense2`` is not installed.
@@ -342,7 +342,7 @@ class RenderedCameras:
         self._due = time.monotonic()
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Return images of the present instant when they are due."""
+        """Return images of the current instant if they are due."""
         if time.monotonic() < self._due:
             return []
         self._world.send("rows")

@@ -17,7 +17,7 @@ from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.limits import Sent
 
 TOLD_APART = 48
-"""Number of measurements in an image row from which on noise does not repeat it."""
+"""Minimum number of measurements in an image row for which noise never repeats the row."""
 
 
 class State(StrEnum):
@@ -31,7 +31,7 @@ class State(StrEnum):
 
 
 class StateError(GenSim2Error):
-    """A transition that the present state does not allow."""
+    """The current state of the watchdog does not allow a transition."""
 
 
 @dataclass(frozen=True)
@@ -39,18 +39,18 @@ class WatchRules:
     """Tolerances of the watchdog, in s unless stated otherwise.
 
     Attributes:
-        frame_age: largest age of a used image.
-        apart: largest time between the newest images of two cameras.
-        no_action: time limit of an answer while the arm moves.
-        thinking: time limit of an answer while the arm stands still.
-        late_answers: number of consecutive answers whose actions are all too late.
-        state_age: largest age of the arm's last state.
-        behind: largest distance (rad or m) of the arm from all commands of the last ``window``, unless a force acts on
-            it; then the force limit applies instead.
-        pressed: contact force (N) from which on a force acts on the arm.
-        window: time of the commands that the arm is compared with.
+        frame_age: maximum age of an image that is used.
+        apart: maximum time between the newest images of two cameras.
+        no_action: time limit for an answer of the controller while the arm moves.
+        thinking: time limit for an answer of the controller while the arm stands still.
+        late_answers: number of consecutive answers with only late actions that hold the arm.
+        state_age: maximum age of the arm's last state.
+        behind: maximum distance (rad or m) of the arm from all commands of the last ``window``. Above the contact force
+            ``pressed`` the force limit applies instead.
+        pressed: contact force above which the arm counts as pressed, N.
+        window: duration of the past commands that the arm is compared with.
         overrun: tolerated delay of a period.
-        overruns: number of consecutive overruns that stop the arm.
+        overruns: number of consecutive larger delays that stop the arm.
     """
 
     frame_age: float = 0.150
@@ -68,12 +68,12 @@ class WatchRules:
 
 @dataclass(frozen=True)
 class StateChange:
-    """A change of state.
+    """A change of the watchdog's state.
 
     Attributes:
-        time: time, s.
+        time: time of the change, s.
         state: new state.
-        reason: reason in words.
+        reason: reason for the change, as text.
         at_once: whether the arm must stop by its own controller, because commands of a checked stop would be too late
             or refused.
     """
@@ -86,12 +86,12 @@ class StateChange:
 
 @dataclass
 class Watch:
-    """The watchdog's state machine, which gets events and determines the state but moves nothing itself.
+    """State machine of the watchdog. It receives events and determines the state; it sends no commands.
 
-    Only a person can resume, and only from a hold; after a stop everything must be started again.
+    Only a person can resume, and only after a hold. After a stop the run has to be started again.
 
     Attributes:
-        rules: tolerances.
+        rules: tolerances of the watchdog.
         serials: expected serial number by camera.
     """
 
@@ -116,7 +116,7 @@ class Watch:
         self._overruns = 0
 
     def arm(self, now: float) -> None:
-        """Enter the state armed: everything is ready, and nothing moves yet."""
+        """Enter the state armed: all devices are ready, and the arm does not move yet."""
         self._require(State.IDLE)
         self._change(now, State.ARMED, "ready")
 
@@ -130,12 +130,12 @@ class Watch:
         self._change(now, State.IDLE, "episode over")
 
     def hold(self, now: float, reason: str) -> None:
-        """Come to rest and stay there under control, unless stopped already."""
+        """Bring the arm to rest and keep it there, unless it is stopped already."""
         if self.state in (State.ARMED, State.RUNNING):
             self._change(now, State.HOLDING, reason)
 
     def stop(self, now: float, reason: str, *, at_once: bool = False) -> None:
-        """Stop from any state; ``at_once`` by the arm's own controller."""
+        """Enter the state stopped from any state; ``at_once`` stops the arm by its own controller."""
         if self.state is not State.STOPPED:
             self._change(now, State.STOPPED, reason, at_once)
 
@@ -151,11 +151,11 @@ class Watch:
             person: name of the person who resumes.
 
         Raises:
-            StateError: nothing is held, or no person is named.
+            StateError: the arm is not held, or no person is named.
         """
         self._require(State.HOLDING)
         if not person:
-            raise StateError("only a person may resume: give the person's name")
+            raise StateError("only a person may resume the arm: give the person's name")
         self._forget_motion()
         self._change(now, State.RUNNING, f"resumed by {person}")
 
@@ -170,8 +170,8 @@ class Watch:
     def saw_frame(self, frame: CameraFrame, now: float) -> None:
         """Check a received image.
 
-        Every camera has noise, so an identical image is frozen, and one that repeats rows of the previous image is
-        torn.
+        Every camera has noise. An image equal to the previous image is therefore frozen, and an image that repeats some
+        rows of the previous image is torn.
         """
         expected = self.serials.get(frame.camera)
         if expected is not None and frame.serial != expected:
@@ -199,7 +199,7 @@ class Watch:
         elif state.mode == "at-limit":
             self.hold(now, f"the arm is at a limit of its own{why}")
         if not (np.isfinite(state.q).all() and np.isfinite(state.v).all()):
-            self.stop(now, "the arm says where it stands in no numbers")
+            self.stop(now, "the arm reported a non-finite joint state")
 
     def sent(self, sent: Sent, time: float) -> None:
         self._commands = [each for each in self._commands if each[0] >= time - self.rules.window]
@@ -213,19 +213,19 @@ class Watch:
         self._asked = None
 
     def came(self, late: bool, now: float) -> None:
-        """Note the arrival of actions; with ``late`` all of them are too late, as happens once when a motion starts."""
+        """Record the arrival of actions; ``late``: all are too late, which happens once at the start of a motion."""
         self._late_answers = self._late_answers + 1 if late else 0
         if self._late_answers >= self.rules.late_answers:
             self.hold(now, f"no action from the controller in time, {self._late_answers} answers in a row")
 
     def period(self, late: float, now: float) -> None:
-        """Note that a period started ``late`` (s)."""
+        """Record that a period started with the delay ``late`` (s)."""
         self._overruns = self._overruns + 1 if late > self.rules.overrun else 0
         if self._overruns >= self.rules.overruns:
             self.stop(now, f"{self._overruns} periods in a row overran, the last by {1e3 * late:.0f} ms")
 
     def check_frames(self, cameras: Sequence[str], now: float) -> None:
-        """Hold if an image that is about to be used is missing, too old, or not from the time of the others."""
+        """Hold the arm if an image to be used is missing, too old, or from a different time than the others."""
         times = []
         for name in cameras:
             frame = self._frames.get(name)
@@ -243,11 +243,11 @@ class Watch:
             )
 
     def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
-        """Hold if the arm is silent or is not where it was sent.
+        """Hold the arm if it sends no states, or is too far from its commands.
 
         Args:
-            state: last state.
-            arm: (m,) its joints.
+            state: last state of the arm.
+            arm: (m,) joints of the arm in this state.
         """
         if self.state is not State.RUNNING:
             return
@@ -260,10 +260,10 @@ class Watch:
                 self.hold(now, f"the arm lags: it is {off:.3f} rad from where it was sent")
 
     def check_answer(self, moves: bool, now: float) -> None:
-        """Hold if the controller has not answered in time."""
+        """Hold the arm if the controller has not answered in time."""
         if self._asked is None or self.state is not State.RUNNING:
             return
-        # A motion that ran out of actions has stopped by itself, but it was still interrupted.
+        # An arm that stops because its actions have run out was interrupted, too.
         self._moved_since |= moves
         waited = now - self._asked
         if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):
@@ -271,5 +271,5 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Return the number of rows with enough measurements to be distinguished by their noise."""
+    """Return the number of image rows with so many measurements that noise never repeats the row."""
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

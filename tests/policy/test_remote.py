@@ -163,7 +163,7 @@ def test_another_version_another_robot_and_a_second_loop_are_refused(
     with pytest.raises(RemoteError, match="drives fetch"):
         RemoteController(server.url, "fetch")
     monkeypatch.setattr("gensim2.policy.remote.client.VERSION", 2)
-    with pytest.raises(RemoteError, match="version 2 of the protocol, this is 1"):
+    with pytest.raises(RemoteError, match="version 2 of the protocol, this server uses 1"):
         RemoteController(server.url)
 
 
@@ -289,7 +289,7 @@ def test_a_token_that_is_refused_while_it_runs_is_held(serving: Callable[..., Po
     found = run("CloseBox", policy=serving().url, deadline=30.0, faults=[Fault("policy-token", 0.3)], **quick)
     assert (found["state"], "refuses: wrong token" in found["reason"]) == ("holding", True), found["reason"]
     assert found["detected_to_stopped_ms"] <= 100.0 + 1e-6
-    with pytest.raises(InputError, match="requires a server that can refuse a token"):
+    with pytest.raises(InputError, match="needs a policy server, which can refuse a token"):
         run("CloseBox", faults=[Fault("policy-token", 0.3)], **quick)
 
 

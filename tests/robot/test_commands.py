@@ -16,8 +16,8 @@ RUN = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin"]
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--fault", "nothing@1"], "no fault 'nothing'"),
-        (["--fault", "camera-late"], "has no time"),
+        (["--fault", "nothing@1"], "unknown fault 'nothing'"),
+        (["--fault", "camera-late"], "has no valid time"),
         (["--pixels", "big"], "no size of a picture"),
         (["--speed", "2"], "--speed"),
         (["--policy", "somewhere"], "either --plan or --policy"),

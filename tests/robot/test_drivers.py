@@ -506,7 +506,7 @@ def test_a_recording_is_played_again_and_again_at_its_own_rate(rs: Any, tmp_path
 
 
 def test_cameras_that_cannot_be_used_are_told(rs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(DriverError, match="no device 1 is plugged in; there are: none"):
+    with pytest.raises(DriverError, match="no device 1 is connected, only: none"):
         connected({"left": "1"})
     with pytest.raises(InputError, match="no device"):
         RealSenseCameras([LEFT], {})

@@ -92,5 +92,5 @@ def test_foxglove_finds_what_the_layout_shows(tmp_path: Path) -> None:
 
 
 def test_a_log_without_pictures_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no pictures"):
+    with pytest.raises(InputError, match="the log has no pictures"):
         export(_log(tmp_path / "log", pictures=False), tmp_path / "out")

@@ -144,12 +144,12 @@ def test_words_that_cannot_be_used_are_told() -> None:
     ):
         with pytest.raises(InputError, match="--cameras"):
             CameraSource.parse(word)
-    with pytest.raises(InputError, match="no arm 'franka'"):
+    with pytest.raises(InputError, match="unknown arm 'franka'"):
         LineConfig(arm="franka", cameras="realsense:left=1", policy=STILL)
     for arm, cameras in (("simulated", "realsense:left=1"), ("ur:1", "software"), ("ur:1", "recording:left=a.db3")):
         with pytest.raises(InputError, match="both are real, or both are simulated"):
             LineConfig(arm=arm, cameras=cameras, policy=STILL)
-    with pytest.raises(InputError, match=r"do not follow the arm.*dry-run"):
+    with pytest.raises(InputError, match=r"need a dry run.*dry-run"):
         LineConfig(cameras="recording:left=a.db3", policy=STILL)
     for cameras in ("software", "recording:left=a.db3"):
         with pytest.raises(InputError, match="clock"):
@@ -266,7 +266,7 @@ def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> Non
         prepare(given, LineConfig(policy=ControllerSpec(CHAIN, {"strategies": given.strategies}), **REAL))
     with pytest.raises(InputError, match="keypoints of the objects, which no camera provides"):
         prepare(given, LineConfig(policy=ControllerSpec(f"{__file__}:SeesKeypoints")))
-    with pytest.raises(InputError, match="fault of simulated devices"):
+    with pytest.raises(InputError, match="can only be injected into simulated devices"):
         prepare(given, LineConfig(policy=STILL, dry=True, **REAL), [Fault("camera-frozen", 1.0)])
 
 

@@ -87,7 +87,7 @@ def test_the_simulator_lays_out_what_a_person_is_told() -> None:
         ({"verdict": ""}, "verdict"),
         ({"objects": {"lid": "a lid"}}, "must have the same names"),
         ({"placements": {"box": {"at": [0.5]}}}, "placements.box.at"),
-        ({"placements": {"box": {"at": [0.5, 0.0], "openness": [0.6, 0.5]}}}, "must not be the greater"),
+        ({"placements": {"box": {"at": [0.5, 0.0], "openness": [0.6, 0.5]}}}, "must not exceed the second"),
         ({"colour": "red"}, "colour"),
         ({"placements": {"box": {"at": [1e308, 0.0]}}}, "placements.box.at.0"),
         ({"placements": {"box": {"at": [0.5, -4.0]}}}, "placements.box.at.1"),

@@ -104,8 +104,7 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
 
 def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness: float | None = None) -> float:
-    """Return the command, -1 to 1, at which each finger presses with ``force`` (N) on an object of width
-    ``pad_distance`` (m).
+    """Return the command, -1 to 1, at which each finger presses an object with a given force.
 
     If the drive is too soft for this force, the command is the limit of the command range.
 

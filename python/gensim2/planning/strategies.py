@@ -55,8 +55,7 @@ class KeypointStrategy:
         return name
 
     def as_step(self) -> KeypointStrategy:
-        """Return this strategy without ``makes_room``, to plan it as a step on the object that it moves out of the
-        way."""
+        """Return this strategy without ``makes_room``, as a step on the object that it moves out of the way."""
         return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property
@@ -105,11 +104,10 @@ class _FoundGrasp(BaseModel):
 
 
 class GraspStrategy(_FoundGrasp):
-    """Grasp of the step's object between the two fingers. Grasps are searched on the object's shape, and the first
-    usable one is executed.
+    """Grasp of the step's object between the two fingers, found by a search on the object's shape.
 
-    A grasp is usable if the planner finds a motion that reaches it and lifts the object, and then also a motion for the
-    next step that uses the object as its tool.
+    The first usable grasp is executed: the planner must find a motion that reaches the grasp and lifts the object, and
+    then a motion for the next step that uses the object as its tool.
 
     Attributes:
         grasp: search method.

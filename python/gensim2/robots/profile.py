@@ -137,8 +137,12 @@ class MountedCamera:
 
 @dataclass(frozen=True)
 class RobotFiles:
-    """Description files of a robot: ``urdf``, and ``srdf`` with the pairs of links that never touch. Both have the same
-    stem and folder, because simulators look for the SRDF next to the URDF.
+    """Description files of a robot.
+
+    Attributes:
+        urdf: URDF file.
+        srdf: SRDF file with the pairs of links that never touch. It has the name and folder of the URDF, because
+            simulators look for it there.
     """
 
     urdf: Path

@@ -1,1 +1,1 @@
-"""Calibrate cameras against the robot's meshes or a board, and store the result as a dated file."""
+"""Calibrate cameras by images of the robot or of a board, and store the result in a dated file."""

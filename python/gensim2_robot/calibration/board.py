@@ -1,4 +1,4 @@
-"""Camera pose from images of a ChArUco board: solve A X = Z B in closed form, then minimize corner errors."""
+"""Calibrate a camera with a ChArUco board: solve A X = Z B in closed form, then minimize corner errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LEAST_VIEWS = 4
 LEAST_CORNERS = 6
 DICTIONARY = "DICT_4X4_50"
 OUTLIER = 1.0
-"""Error (pixels) from which on a corner has less weight."""
+"""Corners with a larger error (pixels) have less weight."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Board:
             columns, rows = size.split("x")
             return Board(int(columns), int(rows), float(square), float(marker))
         except ValueError as error:
-            raise InputError(f"{text!r} is not a board", field="--board", remedy="as 7x5:0.04:0.03") from error
+            raise InputError(f"{text!r} is not a valid board", field="--board", remedy="as 7x5:0.04:0.03") from error
 
     def charuco(self) -> Any:
         import cv2
@@ -67,9 +67,9 @@ class Corners:
     """Corners of a board in one image.
 
     Attributes:
-        T_base_hand: (4, 4) pose of the hand.
-        points: (k, 3) in the board's frame, m.
-        pixels: (k, 2), with pixel centres at .5.
+        T_base_hand: (4, 4) pose of the hand in the base frame.
+        points: (k, 3) corners in the board's frame, m.
+        pixels: (k, 2) corners in the image, pixels; pixel centres are at .5.
     """
 
     T_base_hand: Array
@@ -83,9 +83,9 @@ class HandEye:
 
     Attributes:
         camera: (4, 4) pose of the camera, in the hand's frame if the hand carries it, else in the base frame.
-        board: (4, 4) pose of the board, in the other frame.
+        board: (4, 4) pose of the board, in the base frame if the hand carries the camera, else in the hand's frame.
         residual_px, held_out_px: median error of the corners in fitted and held-out images.
-        residual_mm, held_out_mm: the same at the board's distance.
+        residual_mm, held_out_mm: these errors, converted to mm at the board's distance.
     """
 
     camera: Array
@@ -106,24 +106,24 @@ def find_corners(colors: npt.NDArray[np.uint8], board: Board, T_base_hand: Array
     if ids is None or len(ids) < LEAST_CORNERS:
         return None
     points, pixels = charuco.matchImagePoints(corners, ids)
-    # OpenCV has the first pixel's centre at 0.
+    # In OpenCV the centre of the first pixel is at 0, here it is at 0.5.
     return Corners(T_base_hand, points.reshape(-1, 3).astype(float), pixels.reshape(-1, 2).astype(float) + 0.5)
 
 
 def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corners], *, carried: bool) -> HandEye:
-    """Find the pose of a camera.
+    """Find the pose of a camera by hand-eye calibration.
 
     Args:
         camera: camera with its intrinsics; images must be undistorted.
-        views: 4 or more, between which the hand is rotated about at least two axes.
-        held_out: 1 or more, for validation.
-        carried: the hand carries the camera and the board is fixed; otherwise the hand holds the board.
+        views: corners in 4 or more images, between which the hand was rotated about at least two axes.
+        held_out: corners in 1 or more images for validation, which the fit does not use.
+        carried: True if the hand carries the camera and the board is fixed; False if the hand holds the board.
 
     Raises:
         InputError: there are too few images, or the hand was not rotated.
     """
     if len(views) < LEAST_VIEWS or not held_out:
-        raise InputError(f"needs {LEAST_VIEWS} pictures and one held out", field="views")
+        raise InputError(f"needs at least {LEAST_VIEWS} images for the fit and one for validation", field="views")
     A = np.stack([view.T_base_hand for view in views])
     if not carried:
         A = np.asarray(np.linalg.inv(A), dtype=np.float64)

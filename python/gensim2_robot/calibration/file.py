@@ -1,4 +1,4 @@
-"""Files of calibrations, written by ``gensim2 robot calibrate`` and read by ``gensim2 robot run``."""
+"""Write and read calibration files, which ``gensim2 robot calibrate`` makes for ``gensim2 robot run``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gensim2.core.record_files import read_record
 from gensim2.perception import Camera
 
 DAYS = 7.0
-"""Default age (days) from which on a calibration is refused."""
+"""Default maximum age of a calibration, days."""
 REMEDY = "make it anew with gensim2 robot calibrate"
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -30,8 +30,8 @@ class CameraCalibration(BaseModel):
         serial: serial number of the device; empty if unknown.
         method: calibration against the robot's meshes or against a board.
         link: link that carries the camera; None for a camera fixed in the base frame.
-        pose: (4, 4) pose of the camera in that frame, m.
-        width, height, intrinsic: size (pixels) and intrinsic matrix of the images used.
+        pose: (4, 4) pose of the camera in the frame of the link or in the base frame, m.
+        width, height, intrinsic: size (pixels) and intrinsic matrix of the images.
         scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
         residual_mm, held_out_mm: median errors in fitted and held-out images.
         links_mm: median error on each link of the robot.
@@ -65,7 +65,7 @@ class Calibration(BaseModel):
     """Calibration of all cameras of a robot.
 
     Attributes:
-        made: date and time, with time zone.
+        made: date and time of the calibration, with time zone.
         robot: name of the robot.
         cameras: cameras by name.
     """
@@ -89,7 +89,7 @@ class Calibration(BaseModel):
         """Write the calibration atomically.
 
         Raises:
-            WriteError: it cannot be written.
+            WriteError: the file cannot be written.
         """
         write_atomic(path, self.model_dump_json(indent=2) + "\n")
 
@@ -102,12 +102,12 @@ def read_calibration(
     Args:
         robot: name of the robot in use.
         cameras: cameras in use.
-        days: largest age.
-        now: present time; None: the machine's.
+        days: maximum age of the calibration, days.
+        now: current time; None: the machine's clock.
 
     Raises:
-        InputError: the file cannot be read, is of another robot, too old or from the future, or a camera is missing,
-            has another image size or is mounted elsewhere.
+        InputError: the file cannot be read, belongs to another robot, or is too old or from the future; or a camera is
+            missing, has a different image size, or is mounted elsewhere.
     """
     found = read_record(path, Calibration, REMEDY)
     if found.robot != robot:
@@ -117,21 +117,21 @@ def read_calibration(
         said = f"is stale: {age.total_seconds() / 86400:.1f} days old, {days:g} at most"
         raise InputError(said, file=path, field="made", remedy=REMEDY)
     if age < -timedelta(hours=1):
-        raise InputError("lies in the future", file=path, field="made", remedy="set the machine's clock")
+        raise InputError("is in the future", file=path, field="made", remedy="set the machine's clock")
     require_calibrated(found, cameras, path)
     return found
 
 
 def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path) -> None:
-    """Refuse cameras that do not fit a calibration.
+    """Check that cameras match a calibration.
 
     Args:
-        found: the calibration.
+        found: calibration to check.
         cameras: cameras in use.
-        path: file of the calibration.
+        path: file of the calibration, for error messages.
 
     Raises:
-        InputError: a camera is missing, has another image size or is mounted elsewhere.
+        InputError: a camera is missing, has a different image size or is mounted elsewhere.
     """
     for camera in cameras:
         field = f"cameras.{camera.name}"

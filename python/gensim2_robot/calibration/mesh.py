@@ -1,4 +1,4 @@
-"""Camera poses from the robot's own surface: a coarse search, a fine fit, and validation by held-out images."""
+"""Calibrate cameras by images of the robot: a coarse search, a fine fit, and validation on held-out images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FOCAL_BASELINE, DISPARITY_SIGMA = 21.25, 0.08
 
 @dataclass
 class Pose:
-    """Fitted pose, and depth calibration."""
+    """Fitted pose of a camera, and scale and bias of its depth."""
 
     T: Array
     scale: float = 1.0
@@ -49,31 +49,29 @@ def placed_at(camera: Camera, pose: Pose) -> Camera:
 
 
 def tukey(residual: Array, scale: float) -> Array:
-    """Return the weights of Tukey's biweight, zero from 4.685 scales on."""
+    """Return the weights of Tukey's biweight, which are 0 for residuals above 4.685 times the scale."""
     share = np.clip(residual / (4.685 * scale), -1.0, 1.0)
     return np.asarray((1.0 - share**2) ** 2)
 
 
 COARSE_PIXELS = 96
-"""Width of the images in the coarse registration, pixels."""
+"""Width to which images are reduced for the coarse registration, pixels."""
 COARSE_POINTS = 400
 """Number of measured points of each image in the coarse registration."""
 FARTHEST = 3.0
-"""Largest distance of the robot from a camera, m."""
+"""Maximum distance of the robot from a camera, m."""
 APART = 0.04
-"""Distance (m) in front of the background from which on a pixel counts as moved."""
+"""Minimum distance (m) in front of the background at which a pixel counts as moved."""
 LEAST_MOVED = 50
-"""Number of moved pixels that an image needs for the coarse registration."""
+"""Minimum number of moved pixels in an image for the coarse registration."""
 TURN, MAX_STARTS = 0.2, 4
-"""Rotation (rad) of further starts, and number of starts that are followed."""
+"""Angle (rad) by which the guess is rotated for additional start poses, and number of these that are used."""
 REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
-"""Largest distances (m) of matched points, in successive rounds."""
+"""Maximum distances (m) between matched points, in successive rounds."""
 
 
 def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
-    """Return, for each image, the mask (H, W) of pixels in front of the background of the other images, without single
-    pixels.
-    """
+    """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels."""
     ordered = np.sort(depths, axis=0)
     behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # ignore the farthest, which may be an outlier
     before = APART + 5.0 * expected_error(behind)
@@ -84,7 +82,7 @@ def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[
 
 
 class Coarse:
-    """Registration by nearest points."""
+    """Coarse registration of a camera by matching nearest points (ICP)."""
 
     def __init__(
         self,
@@ -108,7 +106,7 @@ class Coarse:
         self._expected = 0.6 * depth / self._small.intrinsic[0, 0] + float(expected_error(np.array(depth)))
 
     def best(self) -> Pose:
-        """Return the registration of several starts that is closest to the surfaces."""
+        """Register from several start poses, and return the pose at which the points are closest to the surfaces."""
         found: list[tuple[float, Pose]] = []
         for start in self.start_poses():
             pose = self.register(start)
@@ -118,7 +116,7 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """Return the guess, and rotations of it about each axis, shifted to the moved points; the best ones first."""
+        """Return start poses: the initial guess, then the best rotations of the guess, shifted to the moved points."""
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
             T = self._guess.T.copy()
@@ -127,7 +125,7 @@ class Coarse:
         return [self._guess, *sorted(turned, key=self.cost)[:MAX_STARTS]]
 
     def _to_middles(self, pose: Pose) -> Pose:
-        """Return the pose shifted so that the mean of the moved points agrees with that of the meshes."""
+        """Return the pose shifted so that the measured points and the meshes have the same mean."""
         shifts = [
             surface.mean(axis=0) - (points @ pose.T[:3, :3].T + pose.T[:3, 3]).mean(axis=0)
             for points, (surface, _) in zip(self._points, self._model(pose), strict=True)
@@ -140,7 +138,7 @@ class Coarse:
         return Pose(T)
 
     def register(self, start: Pose) -> Pose:
-        """Return the pose at which the points lie on the surfaces, from a start."""
+        """Return the pose, found from a start pose, at which the measured points lie on the robot's surfaces."""
         pose = start
         for reach in REACHES:
             model = self._model(pose)
@@ -152,7 +150,7 @@ class Coarse:
         return pose
 
     def cost(self, pose: Pose) -> float:
-        """Return the mean distance (m) of the points from the surfaces, each limited to 5 cm."""
+        """Return the mean distance (m) of the points from the surfaces; each distance counts as at most 5 cm."""
         found = []
         for points, (model, _) in zip(self._points, self._model(pose), strict=True):
             placed = points @ pose.T[:3, :3].T + pose.T[:3, 3]
@@ -160,7 +158,7 @@ class Coarse:
         return float(np.mean(found))
 
     def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
-        """Return points and normals (k, 3) of each view that should have moved according to the meshes."""
+        """Return surface points and normals, (k, 3) each, of the meshes' moved parts in each view."""
         camera = placed_at(self._small, pose)
         seen = [self._surface.see(camera, view.q) for view in self._views]
         behind = np.max([each.depth for each in seen], axis=0)
@@ -201,7 +199,7 @@ SCALE_SIGMA, BIAS_SIGMA = 0.01, 0.005
 PIXEL = 0.5
 """Standard deviation (pixels) of a ray around its pixel's centre."""
 NEAR = 0.03
-"""Largest distance (m) from the robot that counts as near."""
+"""Maximum distance (m) from the robot's surface that counts as near."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,14 +207,14 @@ class Compared:
     """Pixels of one image on the robot's surface.
 
     Attributes:
-        points: (k, 3) measured, in the base frame.
+        points: (k, 3) measured points, in the base frame.
         rays: (k, 3) rays from the camera, scaled to unit depth.
         normals: (k, 3) surface normals.
         off: (k,) errors along the normals, m.
-        sigma: (k,) expected errors, m.
+        sigma: (k,) expected standard deviations of the errors, m.
         measured: (k,) measured depth, m.
         links: (k,) indices of the links.
-        covered, near: number of measured pixels on the robot, and of those near its surface.
+        covered, near: number of measured pixels on the robot, and number of these that are near the robot's surface.
     """
 
     points: Array
@@ -231,7 +229,7 @@ class Compared:
 
 
 def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, reach: float) -> Compared:
-    """Compare each pixel's depth with the mesh along its ray, away from edges and grazing angles."""
+    """Compare measured depths with the robot's meshes along rays, except near edges and at grazing angles."""
     placed = placed_at(camera, pose)
     seen = surface.see(placed, view.q)
     depth = np.where(view.depth > 0, pose.scale * view.depth + pose.bias, 0.0)
@@ -259,7 +257,7 @@ def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, re
 
 
 def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
-    """Return the pixels of the robot with a continuous surface two pixels around."""
+    """Return a mask of the robot's pixels at which the surface is continuous within two pixels."""
     there = np.isfinite(seen.depth)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
@@ -274,7 +272,7 @@ def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
 def refine(
     surface: RobotSurface, camera: Camera, views: Sequence[ArmView], pose: Pose, draw: np.random.Generator
 ) -> tuple[Pose, Array]:
-    """Fit pixel by pixel; return the pose, and the standard deviations (8,) of its parameters."""
+    """Refine the pose with individual pixels; return the pose and the standard deviations (8,) of its parameters."""
     sigma = np.full(8, np.inf)
     for reach in (0.05, 0.04, 0.03, 0.03, 0.02, 0.02, 0.02):
         rows, points, off, spread = [], [], [], []
@@ -318,25 +316,25 @@ def refine(
 LEAST_VIEWS, MAX_VIEWS = 3, 9
 """Smallest and largest number of images for the fit."""
 OFF_SIGMAS = 2.0
-"""Largest median error in held-out images, as a multiple of the expected error."""
+"""Maximum median error in held-out images, as a multiple of the expected error."""
 SEEN_SHARE = 0.7
-"""Smallest share of pixels on the robot in held-out images that must be near its surface."""
+"""Minimum fraction of pixels on the robot, in held-out images, that must be near the robot's surface."""
 POSE_SIGMA = 0.003, np.deg2rad(0.3)
-"""Standard deviation (m, rad) of the fitted pose from which on the images do not determine it."""
+"""Maximum standard deviation (m, rad) of the fitted pose; above it the images do not determine the pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshCalibration:
-    """Pose and depth of a calibrated camera, with measures of its quality.
+    """Pose and depth calibration of a camera, with measures of the quality.
 
     Attributes:
         camera: camera with its pose in the base frame.
         scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
         residual_mm, held_out_mm: median distance of measured points from the meshes, in fitted and held-out images.
-        links_mm: the same by link, in all images.
-        seen: share of held-out pixels on the robot that are near its surface.
-        sigma_mm, sigma_deg: standard deviation of the pose by the fit.
-        trouble: why it must not be used; None if it has converged.
+        links_mm: median distance on each link, in all images.
+        seen: fraction of pixels on the robot, in held-out images, that are near the robot's surface.
+        sigma_mm, sigma_deg: standard deviation of the pose, as estimated by the fit.
+        trouble: reason why the calibration must not be used; None if the fit has converged.
     """
 
     camera: Camera
@@ -363,21 +361,21 @@ def calibrate(
 
     Args:
         surface: surface of the robot.
-        camera: camera with a first guess of its pose, at most about 15 degrees and 10 cm off.
-        views: 3 to 9, of different arm poses; everything except the arm must not move between them.
-        held_out: 1 or more, of other arm poses, for validation.
+        camera: camera with an initial guess of its pose, which may be wrong by about 15 degrees and 10 cm.
+        views: 3 to 9 images of different arm poses. Only the arm may move between the images.
+        held_out: 1 or more images of other arm poses, for validation.
         seed: seed of the random selection of pixels.
 
     Raises:
-        InputError: there are too few or too many images, they have another size, or the camera is mounted on a link.
+        InputError: there are too few or too many images, an image has a wrong size, or a link carries the camera.
     """
     if camera.link is not None:
         raise InputError(
-            f"is mounted on the robot's link {camera.link}", field=camera.name, remedy="calibrate it by a board"
+            f"is mounted on the robot's link {camera.link}", field=camera.name, remedy="calibrate it with a board"
         )
     if not LEAST_VIEWS <= len(views) <= MAX_VIEWS or not held_out:
         raise InputError(
-            f"takes {LEAST_VIEWS} to {MAX_VIEWS} and one held out, there are {len(views)} and {len(held_out)}",
+            f"needs {LEAST_VIEWS} to {MAX_VIEWS} and one held out, got {len(views)} and {len(held_out)}",
             field="views",
         )
     check_views(camera, [*views, *held_out])

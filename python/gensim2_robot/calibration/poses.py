@@ -1,4 +1,4 @@
-"""Images of the arm at rest in several poses, which it is moved to, or which are read from a log."""
+"""Collect images of the arm at rest in several poses: move the arm there, or read a log."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from gensim2_robot.log_messages import ArmMessage, PictureMessage
 from gensim2_robot.log_reader import messages
 
 SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
-"""Largest offsets (rad) of random poses from the reset pose, by joint; shortened or repeated for arms with other
-numbers of joints.
+"""Maximum offset (rad) of each joint of a random pose from the reset pose; shortened or repeated for arms with fewer or
+more joints.
 """
 LOWEST = 0.25
-"""Smallest height (m) of the tool above the table, whose contents are unknown."""
+"""Minimum height (m) of the tool above the table, because the objects on the table are unknown."""
 STILL, UNMOVED_SECONDS = 0.02, 0.3
-"""Speed (rad/s) below which an arm is at rest, and time (s) at rest before an image counts."""
+"""Speed (rad/s) below which the arm is at rest, and time (s) for which it must be at rest before images are used."""
 ARRIVED = 0.05
-"""Largest error (rad) of the arm's pose."""
+"""Maximum joint error (rad) at which a pose counts as reached."""
 PATIENCE = 60.0
 """Time limit (s) to reach a pose."""
 PICTURES = 5
@@ -41,7 +41,7 @@ TRIES = 10_000
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """Images of one pose.
+    """Images of the arm in one pose.
 
     Attributes:
         q: (n,) all active joints.
@@ -52,7 +52,7 @@ class Station:
     frames: Mapping[str, tuple[CameraFrame, ...]]
 
     def view(self, camera: Camera) -> ArmView:
-        """Return the median of a camera's depth images, where more than half of them have a measurement."""
+        """Return the median of a camera's depth images; 0 for pixels without a measurement in most images."""
         depths = np.stack([camera.metres(frame.depth) for frame in self.frames[camera.name]]).astype(np.float64)
         there = 2 * (depths > 0).sum(axis=0) > len(depths)
         depths[depths == 0] = np.nan
@@ -80,13 +80,13 @@ def draw_poses(limits: ArmLimits, count: int, seed: int) -> list[Array]:
             found.append(q)
             if len(found) == count:
                 return found
-    raise InputError(f"has {len(found)} poses within its limits, {count} are wanted", field="poses")
+    raise InputError(f"found only {len(found)} of {count} poses within the arm's limits", field="poses")
 
 
 def take(
     arm: LimitedArm, cameras: CameraDriver, clock: Clock, poses: Sequence[Array], progress: Progress = NULL_PROGRESS
 ) -> list[Station]:
-    """Move the arm to each pose, through the limits, and take images there.
+    """Move the arm to each pose, within its limits, and take images.
 
     Raises:
         RefusedError: the arm is outside its limits, or the contact force is too large.
@@ -105,7 +105,7 @@ def take(
 
 
 class _Walk:
-    """Moves the arm from pose to pose with a command each cycle."""
+    """Moves the arm from pose to pose, with one command in each cycle."""
 
     def __init__(self, arm: LimitedArm, cameras: CameraDriver, clock: Clock) -> None:
         self._arm, self._cameras, self._clock = arm, cameras, clock
@@ -136,7 +136,7 @@ class _Walk:
         return False
 
     def look(self) -> Station:
-        """Return images taken from now on."""
+        """Take new images of the current pose and return them."""
         begun, found = self._clock.now(), {name: list[CameraFrame]() for name in self._names}
         joints = []
         while min(map(len, found.values())) < PICTURES:
@@ -165,9 +165,9 @@ class _Walk:
 
 
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
-    """Return the poses at which the arm of a log was at rest, with up to ``pictures`` images of every camera.
+    """Return the poses in which a logged arm was at rest, with up to ``pictures`` images of every camera.
 
-    The log is read twice, first for the times and then for the images, so that only the used images are in memory.
+    The function reads the log twice, first the times and then the images, so that only the used images are in memory.
 
     Raises:
         InputError: the log is missing or damaged, the arm was never at rest, or there are too many poses for the
@@ -187,9 +187,9 @@ def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
             (len(taken), MAX_PICTURES, "pictures"),
         ):
             if count > most:
-                raise InputError(f"holds over {most} {what}", file=folder, remedy="make a shorter log")
+                raise InputError(f"has more than {most} {what}", file=folder, remedy="make a shorter log")
     if len({len(q) for q in joints}) > 1:
-        raise InputError("the arm has other numbers of joints", file=folder, field="/arm")
+        raise InputError("the number of joints changes within the log", file=folder, field="/arm")
     names, wanted = {each.camera for each in taken}, set[int]()
     found: list[tuple[Array, dict[str, list[_Taken]]]] = []
     size = 0
@@ -214,7 +214,7 @@ def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
 
 @dataclass(frozen=True)
 class _Taken:
-    """An image of a log that is not in memory: its index among the images, and its size in bytes."""
+    """Reference to an image in a log: the image's index among all images, and its size in bytes."""
 
     index: int
     camera: str

@@ -1,4 +1,4 @@
-"""``gensim2 robot calibrate``: calibrate cameras from images of several arm poses."""
+"""Calibrate cameras from images of several arm poses (``gensim2 robot calibrate``)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from gensim2_robot.log_reader import about_of
 
 
 def displaced(camera: Camera, degrees: float, metres: float, draw: np.random.Generator) -> Camera:
-    """Return a camera turned by ``degrees`` about a random axis and shifted by ``metres`` in a random direction."""
+    """Return a camera rotated by ``degrees`` about a random axis and shifted by ``metres`` in a random direction."""
     axis, way = draw.normal(size=(2, 3))
     T = camera.T_base_camera.copy()
     turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()
@@ -47,7 +47,7 @@ def pose_error(T: npt.NDArray[np.float64], true: npt.NDArray[np.float64]) -> tup
 
 
 HELD_OUT = 4
-"""Every n-th pose is held out for validation."""
+"""Period of held-out poses: every ``HELD_OUT``-th pose is used for validation."""
 
 
 def calibrate_simulated(
@@ -67,15 +67,15 @@ def calibrate_simulated(
 
     Args:
         task: task whose objects are in the scene.
-        out: file of the calibration, written if all cameras converge.
+        out: calibration file, which is written only if the calibration of every camera converges.
         poses: number of poses.
-        degrees, metres: error of the first guess.
+        degrees, metres: rotation error and position error of the initial guesses.
         pixels: width and height of the images.
-        speed: share of the arm's speed.
+        speed: fraction of the arm's maximum speed.
         seed: seed of the scene, the poses, the noise and the guess.
 
     Returns:
-        Plain data: docs/guides/robot.md.
+        Plain data, as described in docs/guides/robot.md.
 
     Raises:
         InputError: an argument is invalid.
@@ -108,11 +108,11 @@ def calibrate_log(
     """Calibrate the cameras of a run's log, using the poses at which its arm was at rest.
 
     Args:
-        log: folder of the log, whose camera poses are the first guess.
-        out: file of the calibration, written if all cameras converge.
-        board: board in the images; None: compare with the robot's meshes.
-        carried: with a board: calibrate cameras on a link, with a fixed board; otherwise fixed cameras, with the board
-            in the hand.
+        log: folder of the log; its camera poses are the initial guesses.
+        out: calibration file, which is written only if the calibration of every camera converges.
+        board: board in the images; None: use the robot's meshes.
+        carried: with a board: True calibrates cameras on the arm with a fixed board, False calibrates fixed cameras
+            with the board in the hand.
         seed: seed of random selections.
 
     Raises:
@@ -124,7 +124,7 @@ def calibrate_log(
     cameras = [each.camera() for each in about.cameras]
     chosen = [camera for camera in cameras if (camera.link is not None) == carried]
     if not chosen:
-        raise InputError("there is no camera of that kind", file=log, field="cameras")
+        raise InputError("the log has no camera of this kind", file=log, field="cameras")
     serials = {name: frames[0].serial for name, frames in standing[0].frames.items()}
     if board is not None:
         return _by_board(profile, chosen, serials, standing, out, board, carried)
@@ -132,7 +132,7 @@ def calibrate_log(
 
 
 def _parted(standing: Sequence[Station]) -> tuple[list[Station], list[Station]]:
-    """Return the poses for the fit, and the held-out ones."""
+    """Divide poses into poses for the fit and held-out poses."""
     held = list(standing[HELD_OUT - 1 :: HELD_OUT])
     return [each for each in standing if all(each is not other for other in held)], held
 
@@ -232,7 +232,7 @@ def _by_board(
 def _written(
     profile: RobotProfile, cameras: dict[str, CameraCalibration], report: dict[str, Any], poses: int, out: Path
 ) -> dict[str, Any]:
-    """Return the report, and write the file if every camera converged."""
+    """Return the report, and write the calibration file if every camera has converged."""
     whole = len(cameras) == len(report)
     made = datetime.now(UTC)
     if whole:

@@ -1,4 +1,4 @@
-"""The robot's surface as seen by a camera: points, normals and links, by ray casting."""
+"""Render the robot's surface as seen by a camera: depth, normals and links, by ray casting."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ArmView:
 
     Attributes:
         q: (n,) all active joints.
-        depth: (H, W) m; 0 for no measurement.
+        depth: (H, W) depth, m; 0 for pixels without a measurement.
     """
 
     q: Array
@@ -37,9 +37,9 @@ class RobotView:
     """The robot's meshes as seen by a camera.
 
     Attributes:
-        depth: (H, W) m; infinity off the robot.
-        normals: (H, W, 3) in the base frame, towards the camera; zero off the robot.
-        links: (H, W) index of the link; -1 off the robot.
+        depth: (H, W) depth, m; infinity for pixels that do not show the robot.
+        normals: (H, W, 3) normals towards the camera, in the base frame; 0 for pixels that do not show the robot.
+        links: (H, W) index of the link; -1 for pixels that do not show the robot.
     """
 
     depth: Depth
@@ -51,7 +51,7 @@ class RobotSurface:
     """Meshes of a robot.
 
     Attributes:
-        names: names of its links.
+        names: names of the robot's links.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -71,7 +71,7 @@ class RobotSurface:
         self._link_of = np.repeat(self._shown, [len(each) for each in normals]).astype(np.int16)
 
     def see(self, camera: Camera, q: Array) -> RobotView:
-        """Return the robot with joints ``q`` (n,) as seen by a camera in the base frame."""
+        """Return a camera's view of the robot at joints ``q`` (n,); the camera's pose is in the base frame."""
         poses = self._tree.poses(np.eye(4)[None], q[None])[0]
         hits = Caster(self._solids, [camera]).cast(poses[self._shown])
         face = hits.face[0]
@@ -92,10 +92,10 @@ def shrunk(camera: Camera, by: int) -> Camera:
 
 
 def check_views(camera: Camera, views: Sequence[ArmView]) -> None:
-    """Refuse images of another size than the camera's.
+    """Check that images have the size of the camera.
 
     Raises:
-        InputError: an image has another size.
+        InputError: an image has a different size.
     """
     for view in views:
         if view.depth.shape != (camera.height, camera.width):

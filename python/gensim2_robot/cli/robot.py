@@ -1,4 +1,4 @@
-"""``gensim2 robot``."""
+"""Define the commands of ``gensim2 robot``."""
 
 from __future__ import annotations
 
@@ -66,32 +66,31 @@ def calibrate(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any] | Ending:
-    """Find the poses of the cameras.
+    """Calibrate the poses of the cameras.
 
-    Compares the robot's meshes with the depth in several arm poses, some of which are held out for validation. A
-    simulated arm is moved before the objects of TASK, and the camera poses start with the errors of --degrees and
-    --metres; or poses and pictures come from a log. Ends with exit code 1, and writes nothing, if a camera does not
-    converge.
+    The command compares depth pictures of several arm poses with the robot's meshes; some poses are used only for
+    validation. Pictures come from a log, or from a simulated arm in a scene of TASK, whose initial camera poses have
+    the errors --degrees and --metres. If a camera does not converge, the command writes nothing and exits with code 1.
 
     Args:
-        log: Log of a run in which the arm stood in several poses.  [default: a simulated arm is moved]
+        log: Log of a run in which the arm was at rest in several poses.  [default: move a simulated arm]
         board: ChArUco board in the log's pictures.
-        carried: The cameras are mounted on the arm, and the --board stands still.
+        carried: Calibrate cameras that are mounted on the arm; the --board must not move.
         poses: Number of poses that the arm moves to.
-        degrees: Rotation error of the first guess in degrees.
-        metres: Position error of the first guess in metres.
-        pixels: Size of a picture.
-        speed: Fraction of the arm's speed; control steps take longer in proportion.
-        out: File to write.
+        degrees: Rotation error of a simulated camera's initial pose, in degrees.
+        metres: Position error of a simulated camera's initial pose, in metres.
+        pixels: Width and height of a picture.
+        speed: Fraction of the arm's maximum speed; control steps take longer in proportion.
+        out: Calibration file to write.
     """
     from gensim2_robot.calibration.board import Board
     from gensim2_robot.calibration.run import calibrate_log, calibrate_simulated
 
     size, read = pixels_of(pixels), None if board is None else Board.parse(board)
     if log is None and (read is not None or carried):
-        raise click.UsageError("--board reads images of a log: give --from DIR.")
+        raise click.UsageError("--board needs images from a log: give --from DIR.")
     if carried and read is None:
-        raise click.UsageError("Cameras on the arm see too little of it for this calibration: give --board.")
+        raise click.UsageError("Cameras on the arm see too little of its meshes: give --board.")
     if log is not None:
         found = calibrate_log(log, out, board=read, carried=carried, seed=given["seed"])
     else:
@@ -102,10 +101,10 @@ def calibrate(
 
 @command(name="fit-noise", show=_show_noise)
 def fit_noise(folder: Annotated[Path, Option(metavar="DIR")], *, out: Folder = Path("noise.json")) -> dict[str, Any]:
-    """Fit the depth noise to recordings.
+    """Fit the depth noise model to a log.
 
-    Fits the parameters of the noise to the pictures in the log DIR that were taken while its arm stood still. The file
-    can be used as --noise of gensim2 render and of gensim2 robot run.
+    The command uses those pictures in the log DIR that were taken while the arm was at rest. The resulting file can be
+    given as --noise to gensim2 render and gensim2 robot run.
 
     Args:
         out: File to write.
@@ -146,18 +145,20 @@ def trial(
     progress: ConsoleProgress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Lead a person through trials, and write the table.
+    """Lead a person through trials of a policy, and write a table of results.
 
-    Carries out trials by the protocol of a TASK, or by your own FILE. Says where to put each object, lets the policy
-    act, and asks whether it succeeded, and if not, why. Finished trials are kept after Ctrl-C, and --resume continues.
-    A simulator places the objects itself. Several tasks may share --out: the table holds all of them.
+    Trials follow the protocol of a TASK, or a protocol FILE. For each trial, the command tells where to put the
+    objects, runs the policy, and asks whether the trial succeeded, and if not, why. In a simulator the objects are
+    placed automatically. Ctrl-C keeps finished trials, and --resume continues. Several tasks may share --out; the table
+    lists all of them.
 
     Args:
         trials: Number of placements to try.
-        verdict: Source of the verdict; the simulator's verdict is suggested to the person.
-        out: Folder of the table, with a folder of records for each task.  [default: runs/trials-<date>-<time>]
+        verdict: Who judges success; a person sees the simulator's verdict as a suggestion.
+        out: Output folder with the table and a subfolder of records for each task.  [default:
+            runs/trials-<date>-<time>]
         resume: Continue the trials in --out.
-        logged: Record everything as MCAP files beside the records.
+        logged: Write an MCAP log of each trial next to the records.
     """
     from gensim2_robot.devices import Keys
     from gensim2_robot.live import LivePage
@@ -272,15 +273,15 @@ def run(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any] | Ending:
-    """Run episodes on an arm until the time is over.
+    """Run episodes on an arm until a time limit, and report the results.
 
-    Lets a policy or a plan do TASK again and again, and reports the results. A real arm does one episode; without
-    --move it is a dry run. The stop is a software stop, not safety-rated. When a watch holds the arm, a person at the
-    terminal resumes (r) or stops (any other key); without a person the run ends. Ctrl-C and SIGTERM stop the arm first.
-    The JSON is written in every case. Ends with exit code 1 if the arm was held or stopped.
+    A policy or the planner does TASK repeatedly. A real arm runs only one episode, and without --move the run is a dry
+    run. The watchdog can hold or stop the arm; this is a software stop, not safety-rated. If the watchdog holds the
+    arm, a person at the terminal resumes (r) or stops (any other key); without a terminal the run ends. Ctrl-C and
+    SIGTERM stop the arm first. The JSON result is always written. The exit code is 1 if the arm was held or stopped.
 
     Args:
-        faults: Let a simulated device fail from this time on; gensim2_robot.faults lists the names.
+        faults: Inject a fault into a simulated device from the given time (s) on; gensim2_robot.faults lists the names.
     """
     from gensim2_robot.faults import Fault
 
@@ -292,22 +293,22 @@ def run(
 
 @command(Minutes, LogOptions, LineOptions, *SCENES, ViewOptions, Port, name="dry-run", show=_show)
 def dry_run(task: str, *, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
-    """Do the same as run, but send nothing to the arm.
+    """Run a policy or the planner without sending commands to the arm.
 
-    Observes, decides, checks every limit and records everything, as gensim2 robot run does.
+    The command observes, computes actions, checks every limit and writes the log, as gensim2 robot run does.
     """
     return _run(progress, {**given, "task": task}, dry=True)
 
 
 @command(LogOptions, LineOptions, *SCENES, Port)
 def view(task: str, *, no_clouds: bool = False, **given: Any) -> None:
-    """Show in the browser what the cameras and the arm report.
+    """Show the cameras' and the arm's data in the browser.
 
-    Shows clouds, robot and clocks until Ctrl-C, and moves nothing. With --policy or --plan the page shows the next
-    actions, too.
+    The page shows point clouds, robot and clocks until Ctrl-C; nothing moves. With --policy or --plan the page also
+    shows the next actions.
 
     Args:
-        no_clouds: Record pictures only, for a calibration of the cameras.
+        no_clouds: Do not compute point clouds, because the cameras are not calibrated yet.
     """
     from gensim2_robot.config import CameraSource
     from gensim2_robot.live import PATIENT, looking
@@ -315,7 +316,7 @@ def view(task: str, *, no_clouds: bool = False, **given: Any) -> None:
 
     policy, plan = given["policy"], given["plan"]
     if no_clouds and (plan or policy is not None):
-        raise click.UsageError("--no-clouds is without --policy and --plan.")
+        raise click.UsageError("--no-clouds cannot be combined with --policy or --plan.")
     decides: Any = policy
     if policy is None and not plan:
         names = tuple(CameraSource.parse(given["cameras"]).devices) or None
@@ -332,10 +333,10 @@ def view(task: str, *, no_clouds: bool = False, **given: Any) -> None:
 
 @command(show=_show_replay)
 def replay(folder: Annotated[Path, Option(metavar="DIR")]) -> dict[str, Any] | Ending:
-    """Recompute a log's clouds and inputs, and compare.
+    """Recompute a log's point clouds and policy inputs, and compare them with the log.
 
-    Recomputes every cloud and every input of the log in DIR from its pictures and joints, and compares byte for byte.
-    Ends with exit code 1 if anything differs.
+    The command recomputes every cloud and input in the log DIR from the logged pictures and joints, and compares them
+    byte by byte. The exit code is 1 if anything differs.
     """
     from gensim2_robot.log_reader import replay as function
 
@@ -352,10 +353,10 @@ def _show_export(result: dict[str, Any]) -> None:
 
 @command(show=_show_export)
 def export(folder: Annotated[Path, Option(metavar="DIR")], *, out: Folder) -> dict[str, Any]:
-    """Make a film, a picture and a Foxglove file of a log.
+    """Make a video, a picture and a Foxglove file from a log.
 
-    Writes film.mp4 (all cameras side by side), still.png (the first, the middle and the last moment), foxglove.mcap
-    (pictures, cloud, robot, joints, watch) and foxglove_layout.json, the layout to import in Foxglove.
+    The command writes film.mp4 (all cameras side by side), still.png (the first, the middle and the last moment),
+    foxglove.mcap (pictures, cloud, robot, joints, watch) and foxglove_layout.json, the layout to import in Foxglove.
 
     Args:
         out: Folder to write to.
@@ -367,9 +368,10 @@ def export(folder: Annotated[Path, Option(metavar="DIR")], *, out: Folder) -> di
 
 @command(show=_show_check)
 def check(*, robot: str) -> dict[str, Any] | Ending:
-    """Check that everything that a run needs is there.
+    """Check the requirements of a run.
 
-    Checks packages, the clock, free space for the log and the robot's start. Ends with exit code 1 if a check fails.
+    The command checks packages, the clock, free disk space for the log, and the robot's start pose. The exit code is 1
+    if a check fails.
     """
     from gensim2_robot.check import check as function
 

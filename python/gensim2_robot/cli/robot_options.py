@@ -1,4 +1,4 @@
-"""Options of the commands that drive an arm, and their combinations."""
+"""Define the options of commands that control an arm, and check their combinations."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ class LineOptions:
     """Options of an arm, its cameras and its controller.
 
     Attributes:
-        arm: Arm; a real one is moved only with --move.
-        cameras: Cameras. Real ones have the names of the policy's cameras. software is simulated cameras through the
-            RealSense library. Recordings, with dry-run, are a run's folder or .mcap, or a RealSense's .db3.
-        policy: Checkpoint that gensim2 learn or train made, the package's own, or the address of gensim2 policy serve.
-        plan: Use the planner, which sees the true scene, in place of a policy.
-        deadline: Time limit of a server's answer in seconds.
-        speed: Fraction of the arm's speed; control steps take longer in proportion.
-        margin: Distance, in rad, of joints from their limits.
-        force: Largest contact force on the arm in newtons.
-        pixels: Size of a picture.
-        rate: Pictures of each camera in a second.
-        noise: Noise of the simulated cameras, as --noise of gensim2 render.
-        calibration: Camera poses that gensim2 robot calibrate wrote.
-        calibration_days: Largest age of the calibration in days.
-        real_time: Run each device in its own process by the machine's clock, or all in one process by a clock that
-            waits for each device, so that every run is the same.  [default: --simulated-clock if arm and cameras are
-            simulated]
+        arm: Arm to control; a real arm moves only with --move.
+        cameras: Cameras to use. Real cameras need the names of the policy's cameras. "software" passes simulated
+            pictures through the RealSense library. Recordings, only for dry-run, are the folder or .mcap of a run, or a
+            RealSense .db3.
+        policy: Checkpoint of gensim2 learn or train, "builtin", or the URL of gensim2 policy serve.
+        plan: Use the planner, which knows the true scene, instead of a policy.
+        deadline: Time limit for an answer of a policy server, in seconds.
+        speed: Fraction of the arm's maximum speed; control steps take longer in proportion.
+        margin: Minimum distance of joints from their limits, in rad.
+        force: Maximum contact force on the arm, in newtons.
+        pixels: Width and height of a picture.
+        rate: Pictures per second of each camera.
+        noise: Depth noise of the simulated cameras; same values as --noise of gensim2 render.
+        calibration: Calibration file of gensim2 robot calibrate.
+        calibration_days: Maximum age of the calibration, in days.
+        real_time: Run each device in its own process with the machine's clock, or run all devices in one process with a
+            simulated clock that waits for each device, so that runs are reproducible.  [default: --simulated-clock if
+            arm and cameras are simulated]
     """
 
     arm: Annotated[str, Option(metavar="simulated|franka:HOST|panda:HOST|ur:HOST|xarm:HOST")] = "simulated"
@@ -60,27 +61,27 @@ class LineOptions:
 
 
 class Move:
-    """Option of commands that move real arms.
+    """Options of commands that move real arms.
 
     Attributes:
-        move: Move a real arm, after a person at the terminal has confirmed it.
+        move: Move a real arm, after a person at the terminal has confirmed the motion.
     """
 
     move: bool = False
 
 
 class Port:
-    """Option of a page that is always shown.
+    """Options of a web page that is always shown.
 
     Attributes:
-        port: Port of the page.
+        port: Port of the web page.
     """
 
     port: Annotated[int, click.IntRange(1, 65535)] = 8080
 
 
 class ViewOptions:
-    """Option of a page in the browser.
+    """Options of a web page that is shown on request.
 
     Attributes:
         view: Show clouds, robot, next actions and clocks in the browser.
@@ -90,10 +91,10 @@ class ViewOptions:
 
 
 class Minutes:
-    """Option of commands that repeat episodes.
+    """Options of commands that repeat episodes.
 
     Attributes:
-        minutes: Time for which episodes are repeated.
+        minutes: Time for which episodes are repeated, in minutes.
     """
 
     minutes: Annotated[float, click.FloatRange(0.0, 1e4, min_open=True)] = 1.0
@@ -103,7 +104,7 @@ class LogOptions:
     """Options of the log of a run.
 
     Attributes:
-        logged: Record everything as MCAP.
+        logged: Write an MCAP log of the run.
         out: Folder of the log.  [default: runs/robot-<date>-<time>]
     """
 
@@ -115,19 +116,19 @@ def pixels_of(text: str) -> tuple[int, int]:
     """Return width and height of an image, from ``WIDTHxHEIGHT``.
 
     Raises:
-        InputError: the text is not a size, or not one that cameras have.
+        InputError: the text is not a size, or cameras do not support the size.
     """
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 16 <= int(width) <= 1920 and 16 <= int(height) <= 1200):
-        raise InputError(f"{text!r} is no size of a picture", field="--pixels", remedy="as 320x240")
+        raise InputError(f"{text!r} is not the size of a picture", field="--pixels", remedy="as 320x240")
     return int(width), int(height)
 
 
 def line_of(given: dict[str, Any]) -> dict[str, Any]:
-    """Return the control loop's arguments from a command's values.
+    """Return the arguments of the control loop from the option values of a command.
 
-    A simulated arm with simulated cameras uses the simulated clock unless ``--real-time`` is given, because with the
-    machine's clock a single other busy process could make the watchdog stop the arm.
+    A simulated arm with simulated cameras uses the simulated clock unless ``--real-time`` is given. With the machine's
+    clock, another busy process could make the watchdog stop the arm.
 
     Raises:
         UsageError: both or neither of ``--plan`` and ``--policy`` are given.
@@ -140,7 +141,7 @@ def line_of(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def moves(given: dict[str, Any], move: bool) -> bool:
-    """Return whether the arm may move: always if simulated, otherwise after a person has confirmed it.
+    """Return whether the arm may move: a simulated arm always, a real arm after a person has confirmed it.
 
     Raises:
         InputError: the arm is unknown, or there is no terminal for the confirmation.

@@ -1,1 +1,1 @@
-"""Drivers of arms and cameras, one extra each; none has been tested on hardware (docs/guides/robot.md)."""
+"""Drivers of arms and cameras. Each driver has its own extra; none has been tested on hardware."""

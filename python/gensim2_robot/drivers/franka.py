@@ -1,4 +1,4 @@
-"""Drivers of Franka arms by franky-control and by panda-python."""
+"""Drive Franka arms with franky-control or panda-python."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gensim2_robot.devices import ArmMode
 from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 
 RATE = 200.0
-"""References per second; between them the 1 kHz loop keeps the last one."""
+"""Reference positions per second; the arm's 1 kHz loop keeps each one until the next arrives."""
 STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
 """Joint stiffness, N m/rad."""
 CUTOFF = 100.0
 """Cut-off frequency of libfranka's low-pass filter of the torques, Hz."""
 DELTA = 2.4
-"""Largest change of the requested torque in a cycle, N m, before the low-pass filter, which passes 0.386 of it. So the
-torque changes by at most 0.93 N m, and the arm's reflex stops it at 1 N m. With the library's default of 1 N m only
+"""Maximum change of the requested torque in a cycle, N m. The low-pass filter passes 0.386 of each change. So the
+torque changes by at most 0.93 N m; at 1 N m the arm's reflex would stop it. With the library's default of 1 N m only
 0.39 N m would remain, and the arm would lag behind its references and then overshoot.
 """
 TORQUES, FORCES = 20.0, 30.0
@@ -31,11 +31,11 @@ GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
 
 
 class _FrankaHand(StreamedArm):
-    """A Panda or an FR3 whose hand both libraries move in the same way.
+    """Base class of Franka arms; both libraries have the same interface for the hand.
 
     Attributes:
-        hand: the library's gripper, or None.
-        width: largest distance between the fingers, m.
+        hand: gripper object of the library, or None.
+        width: maximum distance between the fingers, m.
     """
 
     hand: Any = None
@@ -56,22 +56,22 @@ class _FrankaHand(StreamedArm):
             DriverError: the motion ended with ``ended`` although the arm did not stop itself.
         """
         if ended is not None and not stopped:
-            raise DriverError(f"the motion has ended: {ended}") from ended
+            raise DriverError(f"the arm has ended the motion: {ended}") from ended
         force = float(np.linalg.norm(finite(state.O_F_ext_hat_K, 3, "what presses on it")))
         q, v = finite(state.q, 7, "where it stands"), finite(state.dq, 7, "how it moves")
         return q, v, force, "reflex" if stopped else "ready"
 
 
 class FrankaArm(_FrankaHand):
-    """A Panda or an FR3 with its hand, with joint impedance control around streamed positions.
+    """A Panda or an FR3 under joint impedance control, which follows streamed positions.
 
     Each wheel of ``franky-control`` supports one version of the arm's server. The one on PyPI is for an FR3 with system
     5.9 or newer; a Panda needs the wheel for server version 5 from the project's releases.
 
     Args:
         host: address of the arm.
-        gripper: whether it has the hand.
-        enforce_realtime: refuse a kernel without real-time scheduling.
+        gripper: whether the arm has Franka's hand.
+        enforce_realtime: whether to require a kernel with real-time scheduling.
 
     Raises:
         MissingExtraError: ``franky-control`` is not installed.
@@ -123,7 +123,7 @@ class FrankaArm(_FrankaHand):
     def _halt(self) -> None:
         if self._motion is not None:
             self._motion = None
-            # This replaces the running motion; stop() would end it with an exception.
+            # The stop motion replaces the running motion; stop() would end the running motion with an exception.
             self._robot.move(self._franky.TorqueStopMotion(), asynchronous=True)
 
     def _disconnect(self) -> None:
@@ -131,15 +131,15 @@ class FrankaArm(_FrankaHand):
 
 
 class PandaPyArm(_FrankaHand):
-    """A Panda or an FR3 with its hand, with the library's joint impedance control around streamed positions.
+    """A Panda or an FR3 under panda-python's joint impedance control, which follows streamed positions.
 
-    Each wheel of ``panda-python`` supports one version of the arm's server. The one on PyPI is for the newest; the
-    error of a wrong version names the right wheel in the project's releases.
+    Each wheel of ``panda-python`` supports one version of the arm's server. The wheel on PyPI is for the newest
+    version; for another version, the error names the right wheel in the project's releases.
 
     Args:
         host: address of the arm.
-        gripper: whether it has the hand.
-        enforce_realtime: refuse a kernel without real-time scheduling.
+        gripper: whether the arm has Franka's hand.
+        enforce_realtime: whether to require a kernel with real-time scheduling.
 
     Raises:
         MissingExtraError: ``panda-python`` is not installed.
@@ -166,7 +166,7 @@ class PandaPyArm(_FrankaHand):
         except RuntimeError as error:  # any libfranka error
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
-        # Between motions the library reads the state itself; the lock keeps it from reading during a stop.
+        # Between motions the library reads the state itself, which must not happen during a stop.
         self._reading = threading.Lock()
         self.start()
 
@@ -185,8 +185,8 @@ class PandaPyArm(_FrankaHand):
     def _write(self, q: Array, v: Array) -> None:
         if self._controller is None:
             if self._panda.get_state().robot_mode in self._stopped:
-                # The library would recover by itself, but a person must do that.
-                raise DriverError("the arm has stopped by itself; recover it by hand")
+                # The library would recover the arm automatically, but a person has to do it.
+                raise DriverError("the arm has stopped by its own safety function; recover it by hand")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
             self._panda.start_controller(controller)  # starts at the current position
             self._controller = controller

@@ -1,4 +1,4 @@
-"""Cameras that replay the images of a log in a loop, with the recorded timing."""
+"""Replay the camera images of a log in a loop, with the recorded timing."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from gensim2_robot.log_reader import about_of, messages
 from gensim2_robot.pipes import SLOTS
 
 PAUSE = 0.1
-"""Pause (s) between a log's last image and the first one of the next repetition."""
+"""Pause (s) between the last image of a log and the first image of its next repetition."""
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a path is a log folder or an MCAP file, by its name."""
+    """Return whether a path is a log folder or, by its name, an MCAP file."""
     return path.is_dir() or path.suffix == ".mcap"
 
 
 class LoggedCameras:
     """Cameras that replay images of a log.
 
-    Cameras of one log keep their relative timing. When one of them reaches the end, all start again.
+    Cameras of one log keep their relative timing. When one camera reaches the end of the log, all cameras start again.
 
     Args:
-        cameras: requested cameras, of which only the names are used.
-        logs: folder of a run, or an MCAP file, by camera.
+        cameras: requested cameras; only their names are used.
+        logs: by camera name, the folder of a run or an MCAP file.
 
     Attributes:
-        cameras: cameras of the log, with its image sizes, intrinsics and poses.
+        cameras: cameras with the image sizes, intrinsics and poses of the log.
         serials: serial numbers of the recorded devices.
 
     Raises:
@@ -67,7 +67,7 @@ class LoggedCameras:
         self._later = {name: at - first[path] for name, path in self._logs.items()}
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Return the images that are due, oldest first; of each camera only the newest ones that fit the buffer.
+        """Return the images that are due, oldest first; for each camera only as many as fit into the buffer.
 
         Raises:
             InputError: the log is damaged.
@@ -95,10 +95,10 @@ class LoggedCameras:
 
 
 def _pictures(path: Path, name: str) -> Iterator[CameraFrame]:
-    """Yield the images of a camera, at least one.
+    """Yield the images of a camera.
 
     Raises:
-        InputError: there is none, or the log is damaged.
+        InputError: the log has no image of the camera, or is damaged.
     """
     empty = True
     for _, message in messages(path):

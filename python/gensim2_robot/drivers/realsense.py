@@ -1,7 +1,7 @@
-"""RealSense cameras, and recordings of them, by ``pyrealsense2`` (extra ``realsense``); not tested on a camera.
+"""Read RealSense cameras and their recordings with ``pyrealsense2`` (extra ``realsense``); not tested on a camera.
 
-Devices are opened sensor by sensor with the library's syncer. The same code thus serves cameras, recordings, and the
-library's software devices, with which it is tested.
+The driver opens each sensor of a device, with the library's syncer. The same code works for cameras, recordings, and
+the library's software devices, which the tests use.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gensim2_robot.drivers.streamed import DriverError
 
 MILLIMETRE = 1e-3
 QUEUE = 4
-"""Largest number of image pairs that wait in the library; the oldest are dropped."""
+"""Maximum number of image pairs that wait in the library; the oldest pairs are dropped."""
 OF_A_BAG = "pyrealsense2.context().convert_bag_to_db3(BAG, DB3) makes a .db3 of a .bag that is whole"
 """Remedy for a recording in the old, deprecated format that the library cannot play."""
 
@@ -31,7 +31,7 @@ def library() -> Any:
     """Import ``pyrealsense2``.
 
     Raises:
-        MissingExtraError: it is not installed.
+        MissingExtraError: ``pyrealsense2`` is not installed.
     """
     try:
         import pyrealsense2
@@ -41,10 +41,10 @@ def library() -> Any:
 
 
 def connected(serials: Mapping[str, str]) -> dict[str, Any]:
-    """Return the connected devices by camera.
+    """Find the connected devices with the given serial numbers; return them by camera name.
 
     Args:
-        serials: serial number by camera.
+        serials: serial number by camera name.
 
     Raises:
         DriverError: a device is not connected.
@@ -55,15 +55,15 @@ def connected(serials: Mapping[str, str]) -> dict[str, Any]:
     for name, serial in serials.items():
         if serial not in there:
             known = ", ".join(sorted(there)) or "none"
-            raise DriverError(f"camera {name}: no device {serial} is plugged in; there are: {known}")
+            raise DriverError(f"camera {name}: no device {serial} is connected, only: {known}")
     return {name: there[serial] for name, serial in serials.items()}
 
 
 def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
-    """Return recordings (``.db3``, or ``.bag`` of older libraries) as devices, by camera.
+    """Open recordings (``.db3``, or ``.bag`` of older libraries) as devices; return them by camera name.
 
     Args:
-        files: file of each camera.
+        files: file of the recording by camera name.
 
     Raises:
         InputError: a file does not exist, or the library cannot read it.
@@ -84,23 +84,23 @@ def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
 
 
 class RealSenseCameras:
-    """Cameras that read devices; colours are aligned with the depth image.
+    """Cameras that read RealSense devices; colour images are aligned with depth images.
 
-    Recordings are played at their recorded rate in a loop, and their images count as taken when they arrive.
+    Recordings are played in a loop at the recorded rate. The time of arrival counts as an image's time of capture.
 
     Args:
         cameras: names, image sizes and poses of the cameras; the intrinsics are read from the devices.
-        devices: device by camera (:func:`connected`, :func:`recorded`).
+        devices: device by camera name, from :func:`connected` or :func:`recorded`.
         rate: frame rate, Hz; None: the highest rate that a device offers for both depth and colour.
 
     Attributes:
-        cameras: cameras with the intrinsics of the devices; our pixel centres are at .5, the library's at 0.
-        serials: serial numbers reported by the devices, by camera.
+        cameras: cameras with the intrinsics of the devices, converted from pixel centres at 0 to centres at .5.
+        serials: serial number that each device reported, by camera name.
 
     Raises:
         MissingExtraError: ``pyrealsense2`` is not installed.
         InputError: a camera has no device.
-        DriverError: a device does not offer such images, or its depth is distorted.
+        DriverError: a device does not offer images of this size and rate, or its depth images are distorted.
     """
 
     def __init__(self, cameras: Sequence[Camera], devices: Mapping[str, Any], rate: int | None = None) -> None:
@@ -124,7 +124,7 @@ class RealSenseCameras:
         """Return the images received since the last call, oldest first.
 
         Raises:
-            DriverError: a device's clock is not the machine's.
+            DriverError: a device does not use the machine's clock.
         """
         return sorted((frame for film in self._films for frame in film.poll()), key=lambda frame: frame.captured)
 
@@ -134,7 +134,7 @@ class RealSenseCameras:
 
 
 class _Film:
-    """Matching depth and colour images of one device."""
+    """Reads matching depth and colour images of one device."""
 
     def __init__(self, rs: Any, camera: Camera, device: Any, rate: int | None) -> None:
         self._rs, self._device = rs, device
@@ -143,11 +143,11 @@ class _Film:
         unit = rs.option.depth_units  # also supported by sensors of recordings
         units = [sensor.get_option(unit) for sensor in device.query_sensors() if sensor.supports(unit)]
         if not units or abs(units[0] - MILLIMETRE) > 1e-6:
-            raise DriverError(f"camera {camera.name}: depth comes in units of {units} m, must be {MILLIMETRE}")
+            raise DriverError(f"camera {camera.name}: the depth unit is {units} m, must be {MILLIMETRE}")
         self._wanted = (camera.width, camera.height, rate)
         seen = self._choose(camera.name)[rs.stream.depth].get_intrinsics()
         if any(seen.coeffs):
-            raise DriverError(f"camera {camera.name}: its depth is distorted: {list(seen.coeffs)}")
+            raise DriverError(f"camera {camera.name}: the depth images have lens distortion: {list(seen.coeffs)}")
         intrinsic = np.array([[seen.fx, 0.0, seen.ppx + 0.5], [0.0, seen.fy, seen.ppy + 0.5], [0.0, 0.0, 1.0]])
         self.camera = replace(camera, width=seen.width, height=seen.height, intrinsic=intrinsic)
         self._align = rs.align(rs.stream.depth)
@@ -172,7 +172,7 @@ class _Film:
         self._stop()
 
     def _choose(self, name: str) -> dict[Any, Any]:
-        """Select depth and colour streams of the requested size and rate; a recording has only its own."""
+        """Select depth and colour streams of the requested size and rate; a recording has only one size and rate."""
         rs = self._rs
         kinds = {rs.stream.depth: rs.format.z16, rs.stream.color: rs.format.rgb8}
         self._sensors: list[tuple[Any, list[Any]]] = []
@@ -202,9 +202,7 @@ class _Film:
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
-        """Return the highest rate (Hz) at which the device offers every kind of stream in the requested size; None for
-        none.
-        """
+        """Return the highest rate (Hz) of all kinds of streams in the requested size; None if there is none."""
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
             for profile, kind, video in _streams(sensor, kinds):
@@ -214,9 +212,9 @@ class _Film:
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
-        # If a device's global time is on, the library uses the system clock, while our clock is monotonic. For a
-        # recording the offset is that of the image with the smallest delay, because a busy machine delays the first
-        # ones.
+        # With a device's global time, the library uses the system clock, while the control loop's clock is monotonic.
+        # For a recording, the image with the smallest delay determines the offset, because a busy machine delays the
+        # first images.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         with contextlib.ExitStack() as failed:
             for sensor, profiles in self._sensors:
@@ -255,7 +253,7 @@ class _Film:
 
 
 def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield the profiles of a sensor's streams of these kinds and formats, with kind and video profile."""
+    """Yield kind, stream profile and video profile of a sensor's streams with the given kinds and formats."""
     for profile in sensor.get_stream_profiles():
         kind = profile.stream_type()
         if profile.format() == kinds.get(kind):
@@ -267,16 +265,16 @@ LOOK = 5e-4
 
 
 class SoftwareDevice:
-    """A software device, which gets its images from this program.
+    """A software device of the RealSense library, which gets its images from this program.
 
     Args:
-        camera: image size and intrinsics; our pixel centres are at .5, the library's at 0.
+        camera: camera that gives image size and intrinsics, with pixel centres at .5 (the library has them at 0).
         serial: serial number.
         rate: frame rate, Hz.
 
     Attributes:
-        device: the library's device.
-        domain: clock domain of its times.
+        device: device object of the library.
+        domain: clock domain of the image times.
 
     Raises:
         MissingExtraError: ``pyrealsense2`` is not installed.
@@ -309,7 +307,7 @@ class SoftwareDevice:
         self.device.create_matcher(rs.matchers.dlr_c)  # matches images of the same frame number
 
     def recorder(self, file: Path) -> Any:
-        """Return the device as one that records its images into a file (``.db3``) while it is open."""
+        """Return a device that records this device's images into a ``.db3`` file while it is open."""
         return self._rs.recorder(str(file), self.device, True)
 
     def give(self, frame: CameraFrame) -> None:
@@ -335,11 +333,11 @@ class SoftwareDevice:
 
 
 class SoftwareCameras:
-    """Cameras whose images are passed through the manufacturer's library.
+    """Simulated cameras whose images are passed through the RealSense library.
 
     Args:
-        cameras: the cameras.
-        serials: serial numbers of their devices, by name.
+        cameras: simulated cameras.
+        serials: serial number by camera name.
         rate: frame rate, Hz.
 
     Raises:
@@ -356,7 +354,7 @@ class SoftwareCameras:
 
         Args:
             frames: images to pass.
-            within: time to wait for as many images, s; later ones are returned by the next call.
+            within: maximum time to wait for the same number of images, s; the next call returns images that are later.
         """
         for frame in frames:
             self._devices[frame.camera].give(frame)

@@ -1,4 +1,4 @@
-"""Streamed joint positions for all arms that accept them, in two threads, so that no call waits for the arm."""
+"""Stream joint positions to an arm from a thread, so that no call of the control loop waits for the arm."""
 
 from __future__ import annotations
 
@@ -21,36 +21,37 @@ from gensim2_robot.clocks import LOOP_PRIORITY, schedule_first
 from gensim2_robot.devices import ArmMode, ArmState
 
 KEPT = 1000
-"""Largest number of states that wait to be polled."""
+"""Maximum number of states that wait to be polled."""
 SILENT = 0.15
-"""Time (s) without a target after which the arm is stopped. The loop sends a target every 10 ms and catches up a tenth
-of a second.
+"""Time (s) without a target after which the arm is stopped. The control loop sends a target every 10 ms and can be late
+by 0.1 s.
 """
 LEAST, MOST = 1.0, 3.0
-"""Delay of the arm behind the stream, in cycles: with fewer targets left it slows down, with more it moves ``FASTER``.
+"""Delay of the arm behind the newest target, in cycles: below ``LEAST`` the arm slows down, above ``MOST`` it speeds up
+by ``FASTER``.
 """
 FASTER = 1.1
-"""Speed factor when the arm is too far behind, after late targets that arrived all at once."""
+"""Speed factor when the arm is too far behind, because late targets have arrived in a burst."""
 HALTING = 2.0
 """Time limit for an arm's library to stop or disconnect the arm, s."""
 TOO_MANY = 30
-"""Largest number of waiting targets, more than the loop catches up."""
+"""Maximum number of waiting targets, more than the control loop ever sends in a burst."""
 
 
 class DriverError(GenSim2Error):
-    """An arm cannot be connected to, or refuses commands."""
+    """The connection to an arm fails, or the arm refuses commands."""
 
 
 class StreamedArm(ABC):
-    """An arm that accepts joint positions at its own rate.
+    """Base class of arms that accept a stream of joint positions at their own rate.
 
-    Targets arrive 100 times a second and are followed along straight lines, one to three cycles late. So targets that
-    are slightly late, or that arrive all at once after a pause, cause neither a halt nor a jerk. Without a next target
-    the arm slows down towards the last one and never overshoots it; soon after it is stopped. The gripper has its own
-    thread, because it may block, and gets only the first command and changes.
+    Targets arrive 100 times per second. The stream follows them on straight lines with a delay of one to three cycles,
+    so targets that are slightly late or arrive in a burst cause no stop and no jerk. If no next target arrives, the arm
+    slows down towards the last target without overshooting it, and is stopped soon after. The gripper has its own
+    thread, because its library may block; it gets only changes of the command.
 
     Args:
-        rate: commands per second that the arm accepts.
+        rate: number of positions that the arm accepts per second.
     """
 
     def __init__(self, profile: RobotProfile, rate: float) -> None:
@@ -81,7 +82,7 @@ class StreamedArm(ABC):
         return found
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Accept targets for the time t (s): joints (m,), and the gripper from -1 to 1."""
+        """Accept targets for the time ``t`` (s): joints (m,), and a gripper command from -1 to 1."""
         if self._trouble is not None:
             return  # reported in the states
         with self._lock:
@@ -107,7 +108,7 @@ class StreamedArm(ABC):
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
-        """Call the manufacturer's library in a thread, so that it delays the control loop by at most ``seconds``."""
+        """Call the arm's library in a thread, so that the call delays the control loop by at most ``seconds``."""
         thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
         thread.start()
         thread.join(timeout=seconds)
@@ -129,19 +130,19 @@ class StreamedArm(ABC):
 
     @abstractmethod
     def _write(self, q: Array, v: Array) -> None:
-        """Send joints (m,) and their velocities.
+        """Send joint positions (m,) and velocities (m,) to the arm.
 
         Raises:
-            DriverError: the arm refuses them.
+            DriverError: the arm refuses the command.
         """
 
     @abstractmethod
     def _halt(self) -> None:
-        """Stop by the arm's own controller."""
+        """Stop the arm by its own controller."""
 
     @abstractmethod
     def _grip(self, command: float) -> None:
-        """Move the gripper, -1 to 1; may block."""
+        """Move the gripper to a command, -1 to 1; may block."""
 
     @abstractmethod
     def _disconnect(self) -> None:
@@ -188,7 +189,7 @@ class StreamedArm(ABC):
             self._trouble = trouble
 
     def _play(self, now: float) -> tuple[Array, Array]:
-        """Advance along the targets and return position (m,), rad, and velocity (m,), rad/s."""
+        """Advance the stream to the time ``now``, and return position (m,), rad, and velocity (m,), rad/s."""
         assert self._passed is not None
         if now < self._played:
             return self._passed, np.zeros_like(self._passed)
@@ -214,7 +215,7 @@ class StreamedArm(ABC):
             self._attempt(lambda wanted=wanted: self._grip(wanted))
 
     def _attempt(self, what: Any) -> Any:
-        """Call the manufacturer's library and return the result; None after a failure, which the next state reports."""
+        """Call the arm's library and return the result; None after a failure, which the next state reports."""
         try:
             return what()
         except Exception as error:  # noqa: BLE001 - libraries raise any exception; the watchdog reacts to the state
@@ -228,12 +229,12 @@ class StreamedArm(ABC):
 
 
 def _pace(left: float) -> float:
-    """Return the playback speed of the stream, in cycles per cycle, with ``left`` cycles left."""
+    """Return the playback speed of the stream (1 is real time) when ``left`` cycles of targets remain."""
     return FASTER if left > MOST else min(1.0, left / LEAST)
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return how many cycles of the stream are played in ``cycles`` cycles, fewer than ``left``."""
+    """Return how many cycles of the stream, fewer than ``left``, are played in ``cycles`` cycles of time."""
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))
     rest = cycles - straight / pace
@@ -241,10 +242,10 @@ def _gone(left: float, cycles: float) -> float:
 
 
 def finite(values: Any, size: int, what: str) -> npt.NDArray[np.float64]:
-    """Return numbers (size,) from a library.
+    """Return numbers (size,) that an arm's library reported.
 
     Raises:
-        DriverError: they are not finite, or too few.
+        DriverError: the numbers are not finite, or too few.
     """
     found = np.asarray(values, dtype=np.float64).reshape(-1)[:size]
     if found.shape != (size,) or not np.isfinite(found).all():

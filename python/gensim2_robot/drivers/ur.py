@@ -1,4 +1,4 @@
-"""Arms of Universal Robots by ``ur_rtde`` (extra ``ur``); not tested on an arm."""
+"""Drive arms of Universal Robots with ``ur_rtde`` (extra ``ur``); not tested on an arm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gensim2_robot.devices import ArmMode
 from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 
 RATE = 500.0
-"""Command rate of an e-Series, Hz; a CB3 has 125."""
+"""Command rate of an e-Series, Hz; a CB3 has 125 Hz."""
 LOOKAHEAD, GAIN = 0.05, 500.0
 """Parameters of ``servoJ``: lookahead time (s), and gain."""
 DECELERATION = 4.0
@@ -26,9 +26,9 @@ class URArm(StreamedArm):
 
     Args:
         host: address of the arm.
-        grip: function that moves its gripper, -1 to 1; None for no gripper. RTDE supports none, because grippers have
-            interfaces of their own.
-        rate: 500 for an e-Series, 125 for a CB3.
+        grip: function that moves the gripper to a command, -1 to 1; None for no gripper. You supply this function,
+            because RTDE does not support grippers.
+        rate: command rate, Hz: 500 for an e-Series, 125 for a CB3.
 
     Raises:
         MissingExtraError: ``ur_rtde`` is not installed.
@@ -62,7 +62,7 @@ class URArm(StreamedArm):
 
     def _write(self, q: Array, v: Array) -> None:
         if not self._control.servoJ(q.tolist(), 0.0, 0.0, self._period, LOOKAHEAD, GAIN):
-            raise DriverError("servoJ was refused: check that the arm is in remote control and its program is running")
+            raise DriverError("the arm refused servoJ: check that it is in remote control and its program is running")
 
     def _halt(self) -> None:
         self._control.servoStop(DECELERATION)

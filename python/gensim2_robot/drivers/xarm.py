@@ -1,4 +1,4 @@
-"""Arms of UFACTORY by ``xarm-python-sdk`` (extra ``xarm``); not tested on an arm."""
+"""Drive arms of UFACTORY with ``xarm-python-sdk`` (extra ``xarm``); not tested on an arm."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ WIDEST = 850
 
 
 class XArm(StreamedArm):
-    """An xArm.
+    """An xArm of UFACTORY.
 
     Args:
         host: address of the arm.
         gripper: whether the arm has the manufacturer's gripper.
-        sensor: whether it has a force sensor; without one the force is reported as 0, and only the arm's own collision
-            detection stops it.
+        sensor: whether the arm has a force sensor. Without a sensor the reported force is 0, and only the arm's own
+            collision detection stops the arm.
 
     Raises:
         MissingExtraError: ``xarm-python-sdk`` is not installed.
@@ -83,4 +83,4 @@ class XArm(StreamedArm):
 
     def _require(self, code: Any, what: str) -> None:
         if code != 0:
-            raise DriverError(f"{what}: the arm's error {code}")
+            raise DriverError(f"{what}: the arm reported error {code}")

@@ -1,1 +1,1 @@
-"""Trials on a real or simulated arm by protocols: seeded placements, results, causes of failure, a table."""
+"""Run trials on a real or simulated arm by a protocol, with seeded placements, and record the results."""

@@ -1,4 +1,4 @@
-"""Protocols of trials, and records of their results."""
+"""Read protocols of trials, and record the results of trials."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ from gensim2.tasks.presets import preset
 from gensim2.tasks.spec import Name, Offset, Randomization, TaskSpec
 
 FOLDER = Path(__file__).parents[1] / "protocols"
-"""Folder of the package's protocols."""
+"""Folder of the protocols that come with the package."""
 Text = Annotated[str, Field(min_length=1, max_length=400)]
 Metres = Annotated[float, Field(ge=-3, le=3)]
-"""Largest distance from the robot's base that an arm may reach, m."""
+"""Type of a distance (m) from the robot's base that an arm can reach."""
 Shares = tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
 
 
 class PlacementRange(BaseModel):
-    """Ranges of one object's placement.
+    """Ranges from which the placement of one object is drawn.
 
     Attributes:
-        at: centre of the ranges, m in front of the robot's base and to its left.
-        x, y: offset (m) to the front and to the left; one number stands for the range from minus to plus this number.
-        yaw: largest rotation in degrees, towards the robot from the side of the offset.
+        at: centre of the ranges, m: distance in front of the robot's base and to the left of the base.
+        x, y: ranges (m) of the offset to the front and to the left; a single number r stands for -r to r.
+        yaw: maximum rotation, degrees. An object left of the centre is rotated towards the robot in one direction, an
+            object right of the centre in the other direction.
         openness: range of its joint's openness; None without a joint.
     """
 
@@ -55,7 +56,7 @@ class PlacementRange(BaseModel):
     @model_validator(mode="after")
     def _opens_in_order(self) -> PlacementRange:
         if self.openness is not None and self.openness[0] > self.openness[1]:
-            raise ValueError("the first number of openness must not be the greater")
+            raise ValueError("the first number of openness must not exceed the second")
         return self
 
 
@@ -64,9 +65,9 @@ class Placed:
     """Placement of one object in one trial.
 
     Attributes:
-        x, y: m in front of the robot's base and to its left.
-        offset: offset from the centre of its ranges: front (m), left (m), rotation about the vertical (rad).
-        openness: openness of its joint; None without a joint.
+        x, y: distance in front of the robot's base and to the left of the base, m.
+        offset: offset from the centre of the ranges: front (m), left (m), rotation about the vertical (rad).
+        openness: openness of the object's joint; None without a joint.
     """
 
     x: float
@@ -75,7 +76,7 @@ class Placed:
     openness: float | None
 
     def told(self, name: str) -> str:
-        """Return the placement as a line for the person who lays it out."""
+        """Describe the placement in a line of text for the person who lays out the scene."""
         side = "left" if self.y >= 0 else "right"
         degrees = math.degrees(self.offset[2])
         turn = "anticlockwise" if degrees >= 0 else "clockwise"
@@ -91,11 +92,11 @@ class TrialProtocol(BaseModel):
 
     Attributes:
         task: name of the task.
-        objects: description of each object for the person.
+        objects: description of each object, for the person who lays out the scene.
         placements: placement ranges of each object.
         sentence: instruction for the policy.
-        verdict: question whose answer yes means success.
-        causes: causes of failure to choose from.
+        verdict: question to the person; the answer yes means success.
+        causes: causes of failure that the person can choose from.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -115,7 +116,7 @@ class TrialProtocol(BaseModel):
         return self
 
     def require(self, task: TaskSpec) -> None:
-        """Check that a task has the protocol's objects.
+        """Check that a task has the same objects as the protocol.
 
         Raises:
             InputError: the task has other objects.
@@ -125,7 +126,7 @@ class TrialProtocol(BaseModel):
             raise InputError(said, file=f"protocol of {self.task}", field="objects")
 
     def place(self, seed: int, number: int) -> dict[str, Placed]:
-        """Draw the placements of one trial."""
+        """Draw the random placements of one trial."""
         generator, found = rng(seed, f"{self.task}/trial placements", number), {}
         for name, given in self.placements.items():
             low, high = given.openness or (0.0, 0.0)
@@ -144,7 +145,7 @@ class TrialProtocol(BaseModel):
 
 
 def reset_options(placed: Mapping[str, Placed]) -> dict[str, Any]:
-    """Return reset options that make a simulator lay out the same placements."""
+    """Return reset options with which a simulator lays out the given placements."""
     return {
         "offset": {name: list(each.offset) for name, each in placed.items()},
         "openness": {name: each.openness for name, each in placed.items() if each.openness is not None},
@@ -152,15 +153,15 @@ def reset_options(placed: Mapping[str, Placed]) -> dict[str, Any]:
 
 
 def protocol_names() -> list[str]:
-    """Return the names of the package's protocols."""
+    """Return the names of the protocols that come with the package."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
 def read_protocol(word: str) -> TrialProtocol:
-    """Read a protocol by its task's name, or from a file.
+    """Read the protocol of a task, given by the task's name or by a file.
 
     Raises:
-        InputError: the protocol does not exist or is invalid; names the file and the field.
+        InputError: the protocol does not exist or is invalid; the message names the file and the field.
     """
     own = word.endswith((".yaml", ".yml", ".json"))
     if not own and word not in protocol_names():
@@ -178,13 +179,13 @@ REMEDY = "choose another --out"
 
 
 class TrialSettings(RunSettings):
-    """Content of ``asked.json``: settings that all trials of a folder share.
+    """Content of ``asked.json``: settings that all trials in a folder share.
 
     Attributes:
         task: name of the task.
         policy: description of the policy.
         seed: seed of the placements.
-        protocol: the whole protocol.
+        protocol: protocol of the trials.
         line: settings of the control loop.
         scene: settings of the scenes.
     """
@@ -203,15 +204,15 @@ class TrialSettings(RunSettings):
 
 
 class Trial(BaseModel):
-    """One trial.
+    """Record of one trial.
 
     Attributes:
-        number: number from 0, which determines the placements together with the seed.
-        placements: placements by object, in m, rad and openness.
-        success: result.
-        cause: cause of a failure.
-        by: origin of the result.
-        goal: whether the goal held in the simulator; None without one.
+        number: number of the trial, from 0. Number and seed determine the placements.
+        placements: placement of each object by name.
+        success: whether the trial succeeded.
+        cause: cause of the failure; None after a success.
+        by: who judged the trial, or what ended it.
+        goal: whether the goal was reached in the simulator; None without a simulator.
         state, reason: state of the watchdog at the end.
         seconds: duration of the episode, s.
         at: end time, with time zone.
@@ -235,18 +236,18 @@ _TRIAL = TypeAdapter(Trial)
 
 
 class TrialFolder(ResumableFolder[TrialSettings]):
-    """Trials of one task with one policy.
+    """Folder with the trials of one task with one policy.
 
     Args:
-        folder: folder of the trials.
+        folder: path of the folder.
         asked: settings of the trials.
-        resume: continue the trials in the folder.
+        resume: whether to continue the trials in the folder.
 
     Attributes:
         trials: finished trials by number.
 
     Raises:
-        InputError: the folder has other trials, or ``resume`` is missing.
+        InputError: the folder has trials with other settings, or has trials and ``resume`` is false.
     """
 
     def __init__(self, folder: Path, asked: TrialSettings, resume: bool) -> None:
@@ -258,10 +259,10 @@ class TrialFolder(ResumableFolder[TrialSettings]):
             raise
 
     def add(self, trial: Trial) -> None:
-        """Append a trial and flush it to disk; an incomplete last line is overwritten.
+        """Append a trial to the file and flush it to disk; an incomplete last line is overwritten.
 
         Raises:
-            WriteError: it cannot be written.
+            WriteError: the file cannot be written.
         """
         path = self.path / LINES
         try:
@@ -276,7 +277,7 @@ class TrialFolder(ResumableFolder[TrialSettings]):
 
 
 def read_trials(folder: Path) -> list[Trial]:
-    """Return the trials of a folder, without an incomplete last line.
+    """Read the trials in a folder; an incomplete last line is ignored.
 
     Raises:
         InputError: the file cannot be read, or an earlier line is damaged or repeats a trial.
@@ -303,7 +304,7 @@ def _whole_lines(data: bytes) -> bytes:
 
 
 def row_of(asked: TrialSettings, trials: Sequence[Trial]) -> dict[str, Any]:
-    """Return the figures of one task, with Wilson's interval."""
+    """Return the results of one task as a table row, with the Wilson interval of the success rate."""
     successes = sum(each.success for each in trials)
     return {
         "task": asked.task,
@@ -319,7 +320,7 @@ def row_of(asked: TrialSettings, trials: Sequence[Trial]) -> dict[str, Any]:
 
 
 def write_table(out: Path) -> dict[str, Any]:
-    """Write the table of all trials in the folders of ``out``, also as JSON, and return it as plain data.
+    """Write a table of all trials in the subfolders of ``out``, also as JSON, and return the table as plain data.
 
     Raises:
         InputError: a folder is damaged.

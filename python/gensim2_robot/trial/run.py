@@ -1,4 +1,4 @@
-"""``gensim2 robot trial``: lead a person through seeded placements, and store each result at once."""
+"""Lead a person through seeded trials, and store each result at once (``gensim2 robot trial``)."""
 
 from __future__ import annotations
 
@@ -37,26 +37,26 @@ from gensim2_robot.trial.record import (
 
 
 class Person(Protocol):
-    """The person who lays out objects and judges results."""
+    """Interface to the person who lays out objects and judges results."""
 
     def lay_out(self, lines: Sequence[str]) -> None:
-        """Return when everything is placed as described."""
+        """Ask the person to place the objects as described, and return when this is done."""
         ...
 
     def judge(self, question: str, offered: bool | None) -> bool:
-        """Return the answer to a question; ``offered`` is the simulator's answer."""
+        """Return the person's answer to a question; ``offered`` is the simulator's answer."""
         ...
 
     def cause(self, causes: Sequence[str]) -> str:
-        """Return the cause of a failure: one of the causes, or other words."""
+        """Return the cause of a failure: one of ``causes``, or a free text."""
         ...
 
 
 class Terminal:
-    """A person at the terminal, asked on standard error.
+    """A person at the terminal; questions are printed on standard error.
 
     Args:
-        keys: keyboard that is released during a question.
+        keys: keyboard reader that is suspended during a question.
         progress: progress display that is hidden during a question.
     """
 
@@ -64,20 +64,20 @@ class Terminal:
         self._keys, self._progress = keys, progress
 
     def lay_out(self, lines: Sequence[str]) -> None:
-        """Show what to lay out, and wait for Enter."""
+        """Show how to place the objects, and wait for Enter."""
         with self._asking():
             for line in lines:
                 click.echo(line, err=True)
             click.prompt("Enter begins", default="", show_default=False, prompt_suffix=" ", err=True)
 
     def judge(self, question: str, offered: bool | None) -> bool:
-        """Ask for yes or no; the simulator's answer is the default."""
+        """Ask a question with yes or no; the simulator's answer is the default."""
         says = "" if offered is None else f" (the simulator says {'yes' if offered else 'no'})"
         with self._asking():
             return click.confirm(f"{question}{says}", default=offered, err=True)
 
     def cause(self, causes: Sequence[str]) -> str:
-        """Ask a person for the cause of a failure, as a number from the list or in their own words, and return it."""
+        """Ask for the cause of a failure, as a number from the list or as free text, and return the cause."""
         with self._asking():
             for number, cause in enumerate(causes, 1):
                 click.echo(f"  {number}  {cause}", err=True)
@@ -90,7 +90,7 @@ class Terminal:
 
     @contextlib.contextmanager
     def _asking(self) -> Iterator[None]:
-        """Restore the terminal and let Ctrl-C act at once; the arm is released meanwhile."""
+        """Restore the terminal for a question, and let Ctrl-C act at once, because the arm is released meanwhile."""
         with self._progress.paused(), self._keys.let_go(), _interruptible():
             yield
 
@@ -113,7 +113,7 @@ TRIALS = 10
 
 
 class TrialsEndedError(GenSim2Error):
-    """The trials cannot continue; finished ones are kept."""
+    """The trials cannot continue; finished trials are kept."""
 
 
 def trial(
@@ -133,37 +133,37 @@ def trial(
 ) -> dict[str, Any]:
     """Run trials of one protocol and write the table of all trials in ``out``.
 
-    Finished trials are kept whatever ends the run. If the watchdog holds or stops a simulated arm, the trial has
-    failed, and the next one starts with new devices. With a real arm the run ends, so that a person can look after the
+    Finished trials are always kept. If the watchdog holds or stops a simulated arm, the trial counts as failed, and the
+    next trial starts with new devices. If it holds or stops a real arm, the run ends, so that a person can check the
     arm.
 
     Args:
-        protocol: the protocol.
-        out: output folder, with a folder for each task.
+        protocol: protocol of the trials.
+        out: output folder, with a subfolder for each task.
         trials: number of trials.
-        verdict: decides about success: the ``"person"`` or the ``"simulator"``.
-        person: person who lays out and judges; None if a simulator does both.
-        resume: continue the trials in the folder.
-        logged: log everything, with a log for each opening of the devices.
-        name: name of the folder in ``out``; None: the task's.
-        keys: keyboard of the person, who resumes or stops.
-        watching: further logs.
+        verdict: who judges success: ``"person"`` or ``"simulator"``.
+        person: person who lays out objects and judges; None if a simulator does both.
+        resume: whether to continue the trials in the folder.
+        logged: whether to write a log, a new one each time the devices are opened.
+        name: name of the subfolder of ``out``; None: the task's name.
+        keys: keyboard with which the person resumes or stops the arm.
+        watching: additional logs, such as a web page.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
 
     Returns:
-        Plain data: the table with all records.
+        Table of all trials with their records, as plain data.
 
     Raises:
-        InputError: an argument is invalid, or the folder has other trials.
-        WriteError: a trial cannot be written; the arm is at rest.
-        TrialsEndedError: the loop stopped before an episode started, or a person must look after a real arm.
-        KeyboardInterrupt: a signal asked to stop; the arm is at rest.
+        InputError: an argument is invalid, or the folder has trials with other settings.
+        WriteError: a trial cannot be written; the arm is stopped first.
+        TrialsEndedError: the loop stopped before an episode started, or a person must check a real arm.
+        KeyboardInterrupt: a stop signal arrived; the arm is stopped first.
     """
     config, scene = LineConfig.split(line)
     if verdict == "simulator" and not config.is_simulated:
-        raise InputError("no simulator can judge a real arm", field="--verdict", remedy="person")
+        raise InputError("a simulator cannot judge trials on a real arm", field="--verdict", remedy="person")
     if person is None and verdict == "person":
-        raise InputError("the verdict requires a person", field="person")
+        raise InputError("a person must be given, because the verdict is the person's", field="person")
     given = read_task_input(protocol.task, seed=config.seed, **scene)
     protocol.require(given.spec)
     told = given.spec.model_copy(update={"description": protocol.sentence})
@@ -205,11 +205,11 @@ def trial(
             if course.current is None:
                 continue
             if not session.in_episode:
-                raise TrialsEndedError(f"trial {course.current.number} was not begun: {watch.reason}")
+                raise TrialsEndedError(f"trial {course.current.number} did not start: {watch.reason}")
             course.halted(str(watch.state), watch.reason)
             if not config.is_simulated:
                 raise TrialsEndedError(
-                    f"the watch has {watch.state} the arm: check the arm, then continue with --resume"
+                    f"the watchdog has {watch.state} the arm: check the arm, then continue with --resume"
                 )
     finally:
         kept.release()
@@ -225,7 +225,7 @@ class _Current:
 
 
 class _Course:
-    """The remaining trials."""
+    """Iterates over the remaining trials and records their results."""
 
     def __init__(
         self,
@@ -249,7 +249,7 @@ class _Course:
         return [number for number in range(self._trials) if number not in self._kept.trials]
 
     def layouts(self) -> Iterator[Layout]:
-        """Yield the scenes of the remaining trials; without a simulator a person lays them out."""
+        """Yield the scenes of the remaining trials; without a simulator, a person lays out each scene."""
         for number in self.pending():
             placed = self._protocol.place(self._seed, number)
             self.current = _Current(number, placed)
@@ -272,7 +272,7 @@ class _Course:
         self._keep(success, cause, self._verdict, end.goal, "idle", "episode over", end.seconds)
 
     def halted(self, state: str, reason: str) -> None:
-        """Count a trial in which the watchdog held or stopped the arm as a failure."""
+        """Record the current trial as failed, because the watchdog held or stopped the arm."""
         self._keep(False, f"{state}: {reason}", "watch", None, state, reason, 0.0)
 
     def _keep(

@@ -70,8 +70,7 @@ class InvertedResidual(nn.Module):  # type: ignore[misc]
 
 
 class PointNextEncoder(nn.Module):  # type: ignore[misc]
-    """PointNeXt-S: a stem of width 32, four stages that halve the points and double the width, a final MLP and a
-    maximum.
+    """PointNeXt-S: a stem of width 32, four stages that halve the points and double the width, and a maximum.
 
     Args:
         channels: C, number of channels of a point.

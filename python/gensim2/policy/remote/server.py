@@ -207,7 +207,7 @@ class PolicyServer:
         spoken = message.get("protocol")
         if spoken != VERSION:
             said = reprlib.repr(spoken)
-            return f"speaks version {said} of the protocol, this is {VERSION}: install the same gensim2"
+            return f"uses version {said} of the protocol, this server uses {VERSION}: install the same gensim2"
         try:
             hello = read_message(message, Hello, Hello, sender=who)
         except RemoteError as error:
