@@ -18,13 +18,13 @@ RUN = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin"]
     [
         (["--fault", "nothing@1"], "unknown fault 'nothing'"),
         (["--fault", "camera-late"], "has no valid time"),
-        (["--pixels", "big"], "no size of a picture"),
+        (["--pixels", "big"], "not the size of a picture"),
         (["--speed", "2"], "--speed"),
         (["--policy", "somewhere"], "either --plan or --policy"),
         (["--arm", "fr3"], "franka:HOST"),
         (["--arm", "franka:1.2.3.4"], "both are real, or both are simulated"),
-        (["--arm", "ur:1.2.3.4", "--cameras", "realsense:left=1"], "the true scene"),
-        (["--no-log", "--fault", "disk-full@1"], "requires a log"),
+        (["--arm", "ur:1.2.3.4", "--cameras", "realsense:left=1"], "true state of the scene"),
+        (["--no-log", "--fault", "disk-full@1"], "needs a log"),
     ],
 )
 def test_wrong_words_are_one_line(capfd: pytest.CaptureFixture[str], words: list[str], said: str) -> None:

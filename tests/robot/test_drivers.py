@@ -527,7 +527,7 @@ def test_cameras_that_cannot_be_used_are_told(rs: Any, tmp_path: Path, monkeypat
             found.model, found.coeffs = rs.distortion.brown_conrady, [0.1, 0, 0, 0, 0]
             return found
 
-    with pytest.raises(DriverError, match="distorted"):
+    with pytest.raises(DriverError, match="distortion"):
         RealSenseCameras([LEFT], {"left": Distorted(LEFT, "1", 30).device}, 30)
     monkeypatch.setitem(sys.modules, "pyrealsense2", None)
     with pytest.raises(MissingExtraError, match=r"gensim2-robot\[realsense\]"):

@@ -199,7 +199,7 @@ def test_moments_of_a_log_are_counted_before_they_are_kept(tmp_path: Path, monke
         read = 0
         with monkeypatch.context() as patch:
             patch.setattr(poses, name, 3)
-            with pytest.raises(InputError, match=r"over 3 .*shorter log"):
+            with pytest.raises(InputError, match=r"more than 3 .*shorter log"):
                 read_standing(tmp_path)
         assert read < 12
 

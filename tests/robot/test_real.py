@@ -262,7 +262,7 @@ def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> Non
     from gensim2_robot.faults import Fault
 
     given = read_task_input("CloseBox", assets="builtin")
-    with pytest.raises(InputError, match="the true scene"):
+    with pytest.raises(InputError, match="true state of the scene"):
         prepare(given, LineConfig(policy=ControllerSpec(CHAIN, {"strategies": given.strategies}), **REAL))
     with pytest.raises(InputError, match="keypoints of the objects, which no camera provides"):
         prepare(given, LineConfig(policy=ControllerSpec(f"{__file__}:SeesKeypoints")))

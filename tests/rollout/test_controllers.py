@@ -183,7 +183,7 @@ def test_an_episode_ends_where_the_cameras_see_nothing_any_more() -> None:
 @pytest.mark.parametrize(
     ("target", "arguments", "words"),
     [
-        ("controllers", {}, "is not the name of a controller"),
+        ("controllers", {}, "must be the name of a controller"),
         (f"{FILE}:Nothing", {}, "has no class 'Nothing'"),
         (f"{FILE}:NoAct", {}, "has no method 'act'"),
         ("no_such_module:Rest", {}, "cannot be imported: ModuleNotFoundError"),
@@ -202,7 +202,7 @@ def test_what_is_no_controller_is_one_line(target: str, arguments: dict[str, Any
     ("name", "words"),
     [
         ("Nan", r"Nan: CloseBox, seed 3: act at step 2: an action must be finite"),
-        ("Short", r"Short: CloseBox, seed 3: act at step 0: an action must be \(8,\), is \(7,\)"),
+        ("Short", r"Short: CloseBox, seed 3: act at step 0: an action must have the shape \(8,\), has \(7,\)"),
         ("Fails", r"Fails: CloseBox, seed 3: act at step 0: KeyError: 'no such"),
     ],
 )

@@ -136,6 +136,6 @@ def test_the_word_of_earlier_releases_is_understood() -> None:
     ids=lambda each: getattr(each, "__name__", None),
 )
 def test_a_keyword_that_there_is_not_is_refused(function: Any, given: dict[str, Any], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"instnces: is no argument \(did you mean instances"):
+    with pytest.raises(InputError, match=r"instnces: is an unknown argument \(did you mean instances"):
         function(**given, assets="builtin", instnces="all", out=tmp_path / "out")
     assert not (tmp_path / "out").exists()

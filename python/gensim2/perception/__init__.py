@@ -1,12 +1,9 @@
-"""Observations of a policy, with the same code for simulated and real cameras, in training and in evaluation.
+"""Compute observations of a policy, with the same code for simulated and real cameras.
 
-Depth images of several cameras become one point cloud in the robot's base frame. It is cropped to the workspace,
-contains
-the robot's gripper, and is sampled to a fixed size. An observation also has the robot's joints, tool pose and gripper,
-and
-the instruction. An :class:`ObservationSpec` selects the contents, and an :class:`Encoder` makes an
-:class:`Observation`.
-This package does not depend on a simulator.
+Depth images of several cameras are fused into one point cloud in the robot's base frame. The cloud is cropped to the
+workspace, includes the robot's gripper, and is sampled to a fixed size. An observation also has the robot's joints,
+tool pose, gripper state and the instruction. An :class:`ObservationSpec` selects the contents, and an :class:`Encoder`
+computes an :class:`Observation`. This package does not depend on a simulator.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cameras of a robot and their images."""
+"""Describe cameras and their images."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from gensim2.robots import MountedCamera, RobotProfile
 Array = npt.NDArray[np.float64]
 
 MAX_SIDE = 8192
-"""Largest width and height of an image, pixels."""
+"""Maximum width and height of an image, pixels."""
 MAX_DISTANCE = 100.0
-"""Largest distance of a camera from the origin of its frame, m."""
+"""Maximum distance of a camera from the origin of its frame, m."""
 MIN_FOCAL, MAX_INTRINSIC = 0.1, 1e6
-"""Smallest focal length and largest magnitude of an intrinsic parameter, pixels."""
+"""Minimum focal length and maximum magnitude of an intrinsic parameter, pixels."""
 
 
 def pinhole(width: int, height: int, fov: float) -> Array:
@@ -34,15 +34,15 @@ class Camera:
 
     Attributes:
         name: unique name among the robot's cameras.
-        width, height: pixels; the centre of the first pixel is at (0.5, 0.5).
-        intrinsic: (3, 3), pixels.
+        width, height: image size, pixels; the centre of the first pixel is at (0.5, 0.5).
+        intrinsic: (3, 3) intrinsic matrix, pixels.
         T_base_camera: (4, 4) pose of the camera in the robot's base frame.
-        far: largest depth, m.
-        link: link of the robot that carries it; None for a fixed camera.
+        far: maximum depth, m.
+        link: link of the robot that carries the camera; None for a fixed camera.
         depth_scale, depth_bias: calibration: true depth = ``depth_scale`` * measured depth + ``depth_bias`` (m).
 
     Raises:
-        InputError: a value has the wrong shape or is out of range; names the attribute.
+        InputError: a value has the wrong shape or is out of range; the message names the attribute.
     """
 
     name: str
@@ -68,11 +68,11 @@ class Camera:
             raise self._refusal("must be a (4, 4) pose whose last row is 0, 0, 0, 1", "T_base_camera")
         turn = T[:3, :3]
         if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
-            raise self._refusal("must turn without scaling or mirroring", "T_base_camera")
+            raise self._refusal("must be a rotation without scaling or mirroring", "T_base_camera")
         if np.abs(T[:3, 3]).max() > MAX_DISTANCE:
-            raise self._refusal(f"must lie within {MAX_DISTANCE:g} m of the origin of its frame", "T_base_camera")
+            raise self._refusal(f"must be at most {MAX_DISTANCE:g} m from the origin of its frame", "T_base_camera")
         if not (0.0 < self.far < np.inf and 0.0 < self.depth_scale < np.inf and np.isfinite(self.depth_bias)):
-            raise self._refusal("must be finite, the first two positive", "far, depth_scale, depth_bias")
+            raise self._refusal("must be finite, and the first two must be positive", "far, depth_scale, depth_bias")
 
     def _refusal(self, said: str, attribute: str) -> InputError:
         return InputError(said, field=f"camera {self.name}: {attribute}")
@@ -136,11 +136,11 @@ FIELD_OF_VIEW = float(np.deg2rad(60))
 """Vertical field of view, rad."""
 
 NEAR, FAR = 0.01, 10.0
-"""Smallest and largest depth, m."""
+"""Minimum and maximum depth, m."""
 
 
 def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
-    """Return the fixed cameras in the robot's base frame."""
+    """Return the fixed cameras, with poses in the robot's base frame."""
     base, turn = np.array(profile.base_position), profile.T_world_base[:3, :3].T
     return tuple(
         Camera.looking(
@@ -151,22 +151,24 @@ def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
 
 
 def mounted(camera: MountedCamera, T_base_link: npt.NDArray[np.float64]) -> Camera:
-    """Return a camera on a link whose pose is ``T_base_link`` (4, 4)."""
+    """Return a camera on a link with its pose in the base frame; ``T_base_link`` (4, 4) is the link's pose."""
     pose = T_base_link @ np.asarray(camera.T_link_camera, dtype=np.float64)
     intrinsic = pinhole(camera.width, camera.height, camera.field_of_view)
     return Camera(camera.name, camera.width, camera.height, intrinsic, pose, FAR, camera.link)
 
 
 def require_cameras(names: tuple[str, ...], profile: RobotProfile) -> None:
-    """Refuse unknown camera names.
+    """Check that cameras with the given names exist.
 
     Raises:
-        InputError: neither a fixed camera nor one of the robot's has the name, or both have it.
+        InputError: no fixed camera and no camera of the robot has the name, or both have it.
     """
     own = [camera.name for camera in profile.cameras]
     for name in own:
         if name in PLACES:
-            raise InputError(f"{name!r} is a fixed camera", field=f"{profile.name}.cameras", remedy="rename it")
+            raise InputError(
+                f"{name!r} is the name of a fixed camera", field=f"{profile.name}.cameras", remedy="rename it"
+            )
     for name in names:
         if name not in PLACES and name not in own:
             known = ", ".join([*PLACES, *own])
@@ -179,12 +181,12 @@ class View(Protocol):
 
     @property
     def depth(self) -> npt.NDArray[np.float32]:
-        """Depth (H, W), m; 0 where nothing was measured."""
+        """Depth (H, W), m; 0 for pixels without a measurement."""
         ...
 
     @property
     def segmentation(self) -> npt.NDArray[np.int16] | None:
-        """Segmentation ids (H, W), 0 for nothing; None if unknown."""
+        """Segmentation ids (H, W), 0 for background; None if unknown."""
         ...
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
@@ -194,7 +196,7 @@ class View(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image of a real camera, or one with noise; implements :class:`View`."""
+    """A measured image, of a real camera or with added noise; implements :class:`View`."""
 
     camera: Camera
     depth: npt.NDArray[np.float32]
@@ -202,7 +204,7 @@ class Picture:
     colors: npt.NDArray[np.uint8] | None = None
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
-        """Return the colours (k, 3) of pixels; black without colours."""
+        """Return the colours (k, 3) of pixels; black if the image has no colours."""
         if self.colors is None:
             return np.zeros((len(pixels), 3), dtype=np.uint8)
         return self.colors.reshape(-1, 3)[pixels]

@@ -1,4 +1,4 @@
-"""Cameras as plain data: JSON in a robot's logs, arrays in requests to a policy server."""
+"""Convert cameras to plain data, for a robot's logs (JSON) and for requests to a policy server (arrays)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class CameraRecord(BaseModel):
         return CameraRecord(**{name: getattr(camera, name) for name in CameraRecord.model_fields})
 
     def camera(self) -> Camera:
-        """Return the camera.
+        """Return the camera that this record describes.
 
         Raises:
             InputError: a value has the wrong shape or is out of range.
@@ -53,6 +53,6 @@ class CameraRecord(BaseModel):
 
     @staticmethod
     def message(camera: Camera) -> dict[str, Any]:
-        """Return the fields with arrays; default calibration is left out, because version 0.2 does not know it."""
+        """Return the fields with arrays. The default depth calibration is left out, for servers of version 0.2."""
         told = {name: getattr(camera, name) for name in CameraRecord.model_fields}
         return {name: value for name, value in told.items() if name not in _CALIBRATED or value != _CALIBRATED[name]}

@@ -1,4 +1,4 @@
-"""Fuse several depth images into one point cloud in the robot's base frame, cropped and of fixed size."""
+"""Fuse depth images into one point cloud of fixed size in the robot's base frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Points = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
 _TREE_HEIGHT = 5
-"""Height of fpsample's tree: fastest between 2,000 and 8,000 points; any value gives farthest point sampling."""
+"""Height of fpsample's tree, which is fastest for 2,000 to 8,000 points; the result does not depend on it."""
 
 
 def uniform_stride(count: int, wanted: int) -> Indices:
@@ -30,13 +30,13 @@ def uniform_stride(count: int, wanted: int) -> Indices:
 
 
 def farthest_points(points: Points, wanted: int) -> Indices:
-    """Return the sorted indices (wanted,) of a farthest point sampling.
+    """Sample points by farthest point sampling, and return their sorted indices (wanted,).
 
-    If there are fewer points, all of them are repeated in turn.
+    If there are fewer points than ``wanted``, all points are repeated in turn.
 
     Args:
-        points: (N, 3) finite, N at least 1.
-        wanted: number of points.
+        points: (N, 3) finite points, N at least 1.
+        wanted: number of points to sample.
     """
     if len(points) <= wanted:
         return np.sort(np.arange(wanted) % len(points))
@@ -48,10 +48,10 @@ def farthest_points(points: Points, wanted: int) -> Indices:
 
 
 def inlier_mask(points: Points, neighbors: int, deviations: float) -> npt.NDArray[np.bool_]:
-    """Return which points (N,) are inliers.
+    """Return a mask (N,) of the points that are not outliers.
 
-    A point is an inlier if its mean distance to its nearest ``neighbors`` is at most the mean of all these distances
-    plus ``deviations`` standard deviations.
+    For each point, the mean distance to its ``neighbors`` nearest points is computed. A point is an outlier if this
+    value exceeds the mean over all points by more than ``deviations`` standard deviations.
     """
     from scipy.spatial import cKDTree
 
@@ -70,12 +70,12 @@ LOW, HIGH = (0.15, -0.62, 0.01), (1.15, 0.62, 1.0)
 MAX_POINTS = 49152
 
 RESOLUTION = np.float32(1e-4)
-"""Resolution of coordinates, m; stored points equal observed ones, and 16 bits reach 3.2 m."""
+"""Resolution of coordinates, m. With it points can be stored exactly as 16-bit integers, up to 3.2 m."""
 FARTHEST = 3.2
 
 
 class EmptyCloudError(GenSim2Error):
-    """The point cloud of all cameras is empty."""
+    """The point cloud is empty, because the cameras see no point in the workspace."""
 
 
 @dataclass(frozen=True)
@@ -94,21 +94,20 @@ def candidates_for(points: int) -> int:
 
 @dataclass(frozen=True)
 class CloudSettings:
-    """Settings of a point cloud; lengths in m, base frame.
+    """Settings of a point cloud; lengths are in m, and corners are in the base frame.
 
     Attributes:
         points: number of points.
         low, high: corners of the workspace to which the cloud is cropped. The default contains the objects on the table
             in front of a Panda, but not the table's surface.
-        robot: part of the robot to keep, if segmentation identifies it: ``"gripper"``, ``"all"`` or ``"none"``.
-        candidates: number of points taken evenly from the images before farthest point sampling; 0: all.
-        outliers: number of standard deviations above which a candidate is dropped as an outlier; None: keep all.
+        robot: part of the robot that the cloud contains: ``"gripper"``, ``"all"`` or ``"none"``; needs segmentation.
+        candidates: number of pixels sampled evenly from the images before farthest point sampling; 0: all pixels.
+        outliers: number of standard deviations above which a candidate is dropped (:func:`inlier_mask`), or None.
         neighbors: number of neighbours for the outlier test.
-        noise: noise of the depth images; None: exact.
-        source: ``"depth"``: images; ``"keypoints"``: true positions of the objects' keypoints and bounding box corners
-            in a fixed order (:mod:`gensim2.perception.raycast.observer`), which only a simulator knows, for privileged
-            baselines. Such a cloud has no settings except ``points``: corners, candidates and robot get fixed values,
-            and noise and outliers are refused.
+        noise: noise of the depth images; None: exact images.
+        source: ``"depth"``: depth images. ``"keypoints"``: true positions of keypoints and bounding box corners in a
+            fixed order (:mod:`gensim2.perception.raycast.observer`), which only a simulator knows, for privileged
+            baselines. With ``"keypoints"`` only ``points`` can be set.
     """
 
     points: int = 1024
@@ -130,21 +129,19 @@ class CloudSettings:
         _check_count(self.candidates, "candidates", 0)
         _check_count(self.neighbors, "neighbors", 1)
         if 0 < self.candidates < self.points:
-            raise InputError(f"must be 0 or at least points, {self.points}", field="candidates")
+            raise InputError(f"must be 0 or at least the setting points, {self.points}", field="candidates")
         if self.robot not in ROBOT_PARTS:
             raise InputError(f"must be one of {', '.join(ROBOT_PARTS)}, got {reprlib.repr(self.robot)}", field="robot")
         low, high = (np.asarray(corner, dtype=np.float64) for corner in (self.low, self.high))
         if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
-            raise InputError("must be three numbers each, low below high", field="low, high")
+            raise InputError("must be three numbers each, with low below high", field="low, high")
         if max(np.abs(low).max(), np.abs(high).max()) > FARTHEST:
             raise InputError(f"must lie within {FARTHEST} m of the base", field="low, high")
         if self.outliers is not None and not self.outliers > 0:
             raise InputError("must be positive", field="outliers")
 
     def _keep_points_alone(self) -> None:
-        """Set all settings that a cloud of keypoints does not use to fixed values, so that equal clouds have equal
-        settings.
-        """
+        """Set unused settings of a cloud of keypoints to fixed values, so that equal clouds have equal settings."""
         for name in ("noise", "outliers"):
             if getattr(self, name) is not None:
                 message = "is of depth pictures, and the cloud is made of keypoints"
@@ -154,7 +151,7 @@ class CloudSettings:
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> CloudSettings:
-        """Return settings from plain data of :meth:`to_dict`.
+        """Return settings from plain data, as returned by :meth:`to_dict`.
 
         Raises:
             InputError: a setting is unknown or invalid.
@@ -192,9 +189,9 @@ class PointCloud:
     """A point cloud of N points.
 
     Attributes:
-        xyz: (N, 3) m in the robot's base frame, multiples of ``RESOLUTION``.
-        rgb: (N, 3) colours.
-        segmentation: (N,) ids; None if unknown.
+        xyz: (N, 3) positions in the robot's base frame, m, multiples of ``RESOLUTION``.
+        rgb: (N, 3) colours, 0 to 255.
+        segmentation: (N,) segmentation ids; None if unknown.
     """
 
     xyz: npt.NDArray[np.float32]
@@ -203,16 +200,17 @@ class PointCloud:
 
 
 def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegments | None = None) -> PointCloud:
-    """Fuse images into one cloud: crop, sample evenly, drop outliers, sample farthest points. The result is
-    deterministic.
+    """Fuse images into one cloud: crop, sample evenly, drop outliers, sample farthest points.
+
+    The result is deterministic.
 
     Args:
         views: images of one instant, with their noise.
         settings: settings of the cloud.
-        robot: segmentation ids of the robot; None: the robot is treated like anything else.
+        robot: segmentation ids of the robot; None: the robot is not distinguished from objects.
 
     Raises:
-        EmptyCloudError: no point is left.
+        EmptyCloudError: no point is in the workspace.
 
     Example:
         ```python
@@ -238,7 +236,7 @@ def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegm
 
 
 def _inside(view: View, settings: CloudSettings, robot: RobotSegments | None) -> npt.NDArray[np.int64]:
-    """Return the indices of an image's pixels inside the workspace, without dropped parts of the robot."""
+    """Return the indices of an image's pixels in the workspace, without excluded parts of the robot."""
     depth, camera = view.depth, view.camera
     inside = depth > 0
     for axis in range(3):
@@ -273,7 +271,7 @@ def _gather(
     points: npt.NDArray[np.float32],
     rows: npt.NDArray[np.int64],
 ) -> PointCloud:
-    """Return the given rows (in ascending order) of all points as a cloud with colours and ids."""
+    """Return the points at ``rows`` (ascending) as a cloud with colours and segmentation ids."""
     starts = np.cumsum([0, *(len(part) for part in parts)])
     colors, ids = [], []
     for view, part, first, last in zip(views, parts, starts[:-1], starts[1:], strict=True):
@@ -291,7 +289,7 @@ def to_steps(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.int16]:
 
 
 def from_steps(steps: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
-    """Return coordinates in m, bit for bit those given to :func:`to_steps`."""
+    """Return coordinates in m; the exact inverse of :func:`to_steps`."""
     return steps * RESOLUTION
 
 

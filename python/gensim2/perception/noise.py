@@ -1,4 +1,4 @@
-"""Noise of a stereo depth camera: disparity steps, edges, holes, and errors of calibration and clock."""
+"""Simulate the noise of a stereo depth camera: disparity steps, edges, holes, calibration and clock errors."""
 
 from __future__ import annotations
 
@@ -22,36 +22,35 @@ Colors = npt.NDArray[np.uint8]
 
 MAX_SETTING = 1e9
 FIELD = 3.0
-"""Standard deviation (pixels) of the smooth field for fattened edges if the noise is uncorrelated."""
+"""Standard deviation (pixels) of the random field that selects fattened edges, if the noise is uncorrelated."""
 
 
 @dataclass(frozen=True)
 class DepthNoise:
     """Parameters of depth noise.
 
-    The defaults are white noise with the figures of a RealSense D435 at 848 x 480; :data:`D435` is its complete model.
+    The defaults are white noise with the parameters of a RealSense D435 at 848 x 480; :data:`D435` has all effects.
 
     Attributes:
         focal: focal length of the stereo pair, pixels.
-        baseline: distance of its two cameras, m.
+        baseline: distance of the cameras of the stereo pair, m.
         disparity_sigma: standard deviation of a measured disparity, pixels.
-        disparity_step: disparities are rounded to multiples of it, pixels.
-        edge: depth difference of neighbouring pixels that counts as an edge, m.
-        edge_lost: share of pixels at an edge without a measurement.
-        edge_mixed: share of pixels at an edge with a depth between both sides.
-        lost: share of all other pixels without a measurement.
-        correlation: standard deviation of the Gaussian by which neighbouring errors are correlated, pixels; 0: white
-            noise.
-        shadow: drop pixels that the right camera does not see beside a near object, ``f B (1/z_near - 1/z_far)`` pixels
-            wide.
-        fattening: largest growth of near objects at their edges, pixels.
-        dark, dark_lost: below this brightness (0 to 1), this share of pixels has no measurement.
-        grazing, grazing_lost: above this angle of incidence (rad), this share of pixels has no measurement.
-        specular, specular_lost: below this angle of incidence (rad), this share of pixels is lost by reflections.
-        spread: standard deviation of the logarithm of the factor on noise and losses in each episode.
-        rotation, translation: standard deviations (rad, m) of the error of a camera's assumed pose in each episode.
-        scale, bias: standard deviations of the errors of depth in each episode, as a ratio and in m.
-        time: standard deviation of the delay of joint readings after the image in each episode, s.
+        disparity_step: step to which disparities are rounded, pixels.
+        edge: minimum depth difference between neighbouring pixels that counts as an edge, m.
+        edge_lost: fraction of pixels at edges without a measurement.
+        edge_mixed: fraction of pixels at edges with a depth between both sides of the edge.
+        lost: fraction of all other pixels without a measurement.
+        correlation: standard deviation (pixels) of the Gaussian that correlates neighbouring errors; 0: white noise.
+        shadow: whether to drop the pixels beside a near object that the right camera does not see; the shadow is ``f B
+            (1/z_near - 1/z_far)`` pixels wide.
+        fattening: maximum growth of near objects at their edges, pixels.
+        dark, dark_lost: brightness (0 to 1) below which a fraction ``dark_lost`` of pixels has no measurement.
+        grazing, grazing_lost: angle of incidence (rad) above which a fraction ``grazing_lost`` has no measurement.
+        specular, specular_lost: angle of incidence (rad) below which reflections lose a fraction ``specular_lost``.
+        spread: standard deviation of the logarithm of a random factor on noise and losses in each episode.
+        rotation, translation: standard deviations (rad, m) of the error of a camera's pose in each episode.
+        scale, bias: standard deviations of the depth errors in each episode: relative error, and offset (m).
+        time: standard deviation of the delay between an image and the joint readings in each episode, s.
     """
 
     focal: float = 425.0
@@ -86,7 +85,7 @@ class DepthNoise:
         if min(self.focal, self.baseline) <= 0:
             raise InputError("must be positive", field="noise.focal and noise.baseline")
         if self.edge_lost + self.edge_mixed > 1 or self.lost > 1:
-            raise InputError("the shares must sum to at most 1", field="noise.edge_lost, noise.edge_mixed, noise.lost")
+            raise InputError("must have a sum of at most 1", field="noise.edge_lost, noise.edge_mixed, noise.lost")
         for name in ("dark_lost", "grazing_lost", "specular_lost"):
             if getattr(self, name) > 1:
                 raise InputError("must be at most 1", field=f"noise.{name}")
@@ -103,10 +102,10 @@ class DepthNoise:
         """Return depth (H, W), m, with noise; 0 means no measurement and stays 0.
 
         Args:
-            depth: (H, W), m.
+            depth: (H, W) exact depth, m.
             generator: random generator.
-            colors: (H, W, 3) for losses on dark surfaces; None: no surface is dark.
-            focal: focal length of this image, for shadows and angles, pixels; None: focal length of the stereo pair.
+            colors: (H, W, 3) colours, for losses on dark surfaces; None: no surface is dark.
+            focal: focal length of the image, pixels; None: focal length of the stereo pair.
         """
         seen = depth > 0
         draws = generator.random(depth.shape, dtype=np.float32)
@@ -131,7 +130,7 @@ class DepthNoise:
         return np.where(lost, 0.0, measured).astype(np.float32)
 
     def drawn(self, generator: np.random.Generator) -> DepthNoise:
-        """Return the noise of one episode, with its random factors."""
+        """Return the noise of one episode, with random factors drawn from ``spread``."""
         if not self.spread:
             return self
         factors = np.exp(self.spread * generator.standard_normal(4))
@@ -159,7 +158,7 @@ class DepthNoise:
     def _lost_by_surface(
         self, depth: Depth, generator: np.random.Generator, colors: Colors | None, focal: float
     ) -> npt.NDArray[np.bool_]:
-        """Return the mask (H, W) of pixels that are lost because of the surface they show."""
+        """Return a mask (H, W) of pixels that are lost because their surface is dark, grazing or specular."""
         lost = np.zeros(depth.shape, dtype=bool)
         if self.dark_lost and colors is not None:
             lost |= (brightness(colors) < self.dark) & (self._even(depth, generator) < self.dark_lost)
@@ -180,7 +179,7 @@ class DepthNoise:
         return np.asarray(ndtr(field))
 
     def _fattened(self, depth: Depth, generator: np.random.Generator) -> Depth:
-        """Return depth with near objects grown at random parts of their edges."""
+        """Return depth in which near objects have grown at random parts of their edges."""
         from scipy.ndimage import minimum_filter
         from scipy.special import ndtr
 
@@ -211,7 +210,7 @@ class CameraError:
     bias: float
 
     def on(self, depth: Depth) -> Depth:
-        """Return the depth (H, W) with the error, m; 0 stays 0."""
+        """Return the depth (H, W) with the calibration error, m; 0 stays 0."""
         found = np.float32(self.scale) * depth + np.float32(self.bias)
         return np.where((depth > 0) & (found > 0), found, np.float32(0.0))
 
@@ -231,8 +230,7 @@ D435 = DepthNoise(
 """Noise of a RealSense D435 at 848 x 480 from published figures; ``gensim2 robot fit-noise`` fits it to your camera."""
 
 DEPLOYED = replace(D435, rotation=0.0035, translation=0.003, scale=0.005, bias=0.002, time=0.01)
-"""The same with typical errors of calibration and clock in each episode: 0.2 degrees, 3 mm, 0.5 % and 2 mm of depth, 10
-ms.
+"""``D435`` with typical errors in each episode: camera pose 0.2 degrees and 3 mm, depth 0.5 % and 2 mm, clock 10 ms.
 """
 
 PRESETS = {"white": DepthNoise(), "d435": D435, "deployed": DEPLOYED}
@@ -240,12 +238,12 @@ PRESETS = {"white": DepthNoise(), "d435": D435, "deployed": DEPLOYED}
 
 
 def shadows(depth: Depth, baseline: float, focal: float) -> npt.NDArray[np.bool_]:
-    """Return the mask (H, W) of pixels that the left camera of a stereo pair sees and the right one does not.
+    """Return a mask (H, W) of pixels that the left camera of a stereo pair sees and the right camera does not.
 
     Args:
-        depth: (H, W) of the left camera, m; 0 for nothing.
-        baseline: m.
-        focal: focal length of this image, pixels.
+        depth: (H, W) depth of the left camera, m; 0 for no measurement.
+        baseline: distance of the cameras, m.
+        focal: focal length of the image, pixels.
     """
     seen = depth > 0
     disparity = focal * baseline / np.where(seen, depth, np.inf)
@@ -261,12 +259,12 @@ def brightness(colors: Colors) -> npt.NDArray[np.float32]:
 
 
 def incidence(depth: Depth, focal: float, edge: float) -> npt.NDArray[np.float32]:
-    """Return the angle (H, W), rad, between the camera's axis and the surface normal; 0.5 where it is unknown.
+    """Return the angle (H, W), rad, between the camera's axis and the surface normal; 0.5 if it is unknown.
 
     Args:
-        depth: (H, W), m.
-        focal: focal length of this image, pixels.
-        edge: depth difference of neighbours above which they belong to different objects, m.
+        depth: (H, W) depth, m.
+        focal: focal length of the image, pixels.
+        edge: maximum depth difference between neighbouring pixels on the same object, m.
     """
     slopes = []
     for axis in (0, 1):
@@ -296,7 +294,7 @@ def _weakened(sigma: float) -> float:
 
 
 def _around(depth: Depth) -> tuple[Depth, Depth]:
-    """Return the smallest and largest depth of each pixel and its four neighbours, without missing measurements."""
+    """Return the minimum and maximum depth among each pixel and its four neighbours, ignoring missing measurements."""
     low = np.where(depth > 0, depth, np.float32(np.inf))
     near, far = low.copy(), depth.copy()
     for here, there in (
@@ -314,7 +312,7 @@ REMEDY = "make it anew with gensim2 robot fit-noise"
 
 
 class NoiseFile(BaseModel):
-    """File of fitted parameters."""
+    """Content of a file with fitted noise parameters."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -324,7 +322,7 @@ class NoiseFile(BaseModel):
 
 
 def read_noise(name: str | Path) -> DepthNoise:
-    """Return noise by name (``white``, ``d435``, ``deployed``), or from a file of ``gensim2 robot fit-noise``.
+    """Return a preset (``white``, ``d435``, ``deployed``), or read a file written by ``gensim2 robot fit-noise``.
 
     Raises:
         InputError: the name or file does not exist, or a parameter is invalid.

@@ -1,4 +1,4 @@
-"""Observations: their spec, columns, proprioception and encoder."""
+"""Define observations: spec, columns, proprioception and encoder."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ IMAGE, DEPTH, SEGMENTATION = "image_", "depth_", "segmentation_"
 
 
 def cloud_column(xyz: npt.NDArray[Any], rgb: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.float32]:
-    """Return the column (..., N, 6) of coordinates in m and colours from 0 to 1; (..., N, 3) without colours."""
+    """Return the column of a cloud: (..., N, 6) with coordinates (m) and colours (0 to 1), or (..., N, 3) without."""
     points = xyz.astype(np.float32)
     return points if rgb is None else np.concatenate([points, rgb.astype(np.float32) / 255], axis=-1)
 
@@ -52,11 +52,11 @@ Row = npt.NDArray[np.float32]
 class Proprioception(Mapping[str, Row]):
     """Proprioception of one instant: ``state``, ``velocity``, ``tool_pose`` and ``gripper``.
 
-    The last two are computed on first access, because few controllers need them in every step and the tool pose takes a
-    tenth of a control step. Pickled as a dict.
+    ``tool_pose`` and ``gripper`` are computed on first access, because few controllers need them in every step and the
+        tool pose takes a tenth of a control step. The object is pickled as a dict.
 
     Args:
-        positions, velocities: (n,) of all active joints, in rad and m, and per second.
+        positions, velocities: (n,) positions and velocities of all active joints, rad or m, and per second.
         command: last gripper command, -1 to 1.
     """
 
@@ -97,7 +97,7 @@ def tool_pose(profile: RobotProfile, positions: npt.NDArray[np.float32]) -> Row:
     """Return the pose (7,) of the tool link in the base frame: x, y, z, qw, qx, qy, qz, with qw at least 0.
 
     Args:
-        positions: (n,) all active joints, rad and m; or (N, n), which gives (N, 7) and is much faster than N calls.
+        positions: (n,) all active joints, rad or m. Positions (N, n) give poses (N, 7), much faster than N calls.
     """
     from scipy.spatial.transform import Rotation  # imported here: argument checks do not need SciPy
 
@@ -123,8 +123,8 @@ class ObservationSpec:
 
     Attributes:
         modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer; empty for
-            the robot's own state only.
-        cameras: names of the cameras: the fixed ones in their order, then the robot's own in the given order.
+        only the robot's state.
+        cameras: names of the cameras: fixed cameras in their order, then cameras on the robot in the given order.
         cloud: settings of point clouds; its noise also applies to depth images.
     """
 
@@ -143,7 +143,7 @@ class ObservationSpec:
                 raise InputError(
                     f"must be some of {', '.join(known)}{beside}, without repetition, not {said}", field=name
                 )
-            # Normalize the order, so that equal specs compare equal.
+            # Normalize the order of names, so that equal specs compare equal.
             object.__setattr__(self, name, tuple(word for word in known if word in given))
 
     @property
@@ -163,8 +163,9 @@ class ObservationSpec:
 
     @staticmethod
     def of(values: ObservationSpec | Mapping[str, Any] | None) -> ObservationSpec:
-        """Return a spec from plain data of :meth:`to_dict`, also with fields of :class:`CloudSettings`; None: the
-        default.
+        """Return a spec from plain data, as returned by :meth:`to_dict`; None gives the default spec.
+
+        The fields of :class:`CloudSettings` may also be given at the top level.
 
         Raises:
             InputError: a setting is unknown or invalid.
@@ -201,15 +202,15 @@ class ObservationSpec:
         return {"modalities": list(self.modalities), "cameras": list(self.cameras), "cloud": self.cloud.to_dict()}
 
     def require(self, other: ObservationSpec, what: str, *, of: str) -> None:
-        """Refuse to combine two things whose specs differ.
+        """Check that another spec equals this spec.
 
         Args:
-            other: spec that must equal this one.
-            what: thing with the spec ``other``, for the message.
-            of: thing with this spec, for the message.
+            other: spec that must equal this spec.
+            what: name of the owner of ``other``, for the message.
+            of: name of the owner of this spec, for the message.
 
         Raises:
-            InputError: names the first field that differs, and both values.
+            InputError: the specs differ; the message names the first field that differs, and both values.
         """
         mine, theirs = _flat(self.to_dict()), _flat(other.to_dict())
         for name in mine:
@@ -231,15 +232,15 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Observation(Mapping[str, Array]):
-    """Observation of one instant; as a mapping, arrays by their names in exports.
+    """Observation of one instant; also a mapping from names in exports to arrays.
 
     Attributes:
-        step: control steps since the reset.
+        step: number of control steps since the reset.
         time: time since the reset, s.
-        language: instruction.
+        language: instruction of the task.
         arrays: arrays by name (:mod:`gensim2.perception.observation`), except the point cloud.
-        cloud: the point cloud; None if not requested.
-        cameras: the used cameras by name, with intrinsics and poses in the base frame.
+        cloud: point cloud; None if it was not requested.
+        cameras: cameras of the observation by name, with intrinsics and poses in the base frame.
     """
 
     step: int
@@ -302,11 +303,11 @@ class Observation(Mapping[str, Array]):
 
 
 class Encoder:
-    """Makes the observations of one robot by one spec.
+    """Computes the observations of one robot for one spec.
 
     Args:
-        language: instruction.
-        robot: segmentation ids of the robot; None: the robot is treated like anything else.
+        language: instruction of the task.
+        robot: segmentation ids of the robot; None: the robot is not distinguished from objects.
     """
 
     def __init__(
@@ -327,12 +328,12 @@ class Encoder:
         """Return the observation of one instant.
 
         Args:
-            step: control steps since the reset.
-            positions, velocities: (n,) of all active joints.
+            step: number of control steps since the reset.
+            positions, velocities: (n,) positions and velocities of all active joints.
             command: last gripper command, -1 to 1.
             views: images of the cameras, for all modalities except ``rgb``.
-            pictures: (H, W, 3) by camera, for ``rgb``.
-            known: cloud of keypoints, for specs that ask for it.
+            pictures: colour images (H, W, 3) by camera, for ``rgb``.
+            known: cloud of keypoints, for specs with the source ``keypoints``.
 
         Raises:
             EmptyCloudError: the point cloud is empty.
@@ -346,11 +347,11 @@ class Encoder:
                 seen[DEPTH + name] = depth_column(view.depth)
             if "segmentation" in modalities:
                 if view.segmentation is None:
-                    raise GenSim2Error(f"the camera {name!r} gives no segmentation")
+                    raise GenSim2Error(f"the camera {name!r} provides no segmentation")
                 seen[SEGMENTATION + name] = view.segmentation
         if "rgb" in modalities:
             if pictures is None:
-                raise GenSim2Error("there are no colour pictures: no renderer was given")
+                raise GenSim2Error("colour pictures need a renderer, but none was given")
             for name in self.spec.cameras:
                 seen[IMAGE + name] = pictures[name]
         cloud = known

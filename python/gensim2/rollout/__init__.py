@@ -1,4 +1,4 @@
-"""Run episodes: plan, act, evaluate and record, in one loop for all controllers."""
+"""Run episodes: plan, act, evaluate and record. All controllers use the same loop."""
 
 from __future__ import annotations
 

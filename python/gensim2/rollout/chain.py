@@ -1,4 +1,4 @@
-"""Controller that plans and executes a task's steps in order, and plans again after deviations."""
+"""Plan and execute a task's steps in order, and plan again after deviations."""
 
 from __future__ import annotations
 
@@ -29,40 +29,39 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 Array = npt.NDArray[np.float64]
 
 NOT_DONE = "not done"
-"""Triggers of plans other than deviations."""
+"""Reasons for planning that are not deviations."""
 
 MAX_ROUNDS = 8
-"""Largest number of times that a step is planned in an episode; each time its strategies are tried in order."""
+"""Maximum number of times that a step is planned in an episode; each time its strategies are tried in order."""
 MAX_TRIES = 2
-"""Number of times that a strategy may be executed without completing its step."""
+"""Maximum number of times that a strategy is executed without completing its step."""
 WAIT_SECONDS = 0.5
-"""Time (s) that a step has after its motion to become done, and that a lost object has to fall."""
+"""Time (s) to wait after a motion until the step is done, and after the loss of an object until it has fallen."""
 CALM_SECONDS = 2.0
-"""Longest time (s) that the arm waits for a rolling object."""
+"""Maximum time (s) for which the arm waits for a rolling object."""
 CALM = 0.02
-"""Object speed (m/s) below which a step is planned."""
+"""Maximum speed (m/s) of an object at which a step is planned."""
 CALM_JOINT = 0.02
-"""Openness change per second below which a joint counts as still, if the step could not be planned while it moved."""
+"""Openness change per second below which a joint counts as still; used if planning failed while the joint moved."""
 CALM_ARM = 0.02
-"""Joint speed (rad/s, m/s) below which the arm counts as still, in the same case."""
+"""Joint speed (rad/s or m/s) below which the arm counts as still; used if planning failed while the arm moved."""
 
 
 class ChainController:
-    """Plans and executes the steps of a task in order.
+    """Controller that plans and executes the steps of a task in order.
 
-    A step is planned on the scene at its start. It is planned again, from the robot's present state and velocity, if
-    its object moves before it is touched or if the fingers close on nothing. If a grasped object is lost, the step that
-    grasped it is repeated. If a motion ends and the step is not done, the same strategy is tried once more and then the
-    next one. If no strategy has a plan, a strategy that makes room moves obstacles. A step has at most ``MAX_ROUNDS``
-    rounds of planning. After the last step a hand near the objects returns to the rest pose
+    A step is planned on the scene at its start. The step is planned again, from the robot's current state and velocity,
+    if its object moves before the hand touches it, or if the fingers close on nothing. If a grasped object is lost, the
+    step that grasped the object is repeated. If a motion ends and the step is not done, the same strategy is tried once
+    more, then the next strategy. If no strategy can be planned, a strategy with ``makes_room`` moves an obstacle. A
+    step is planned at most ``MAX_ROUNDS`` times. After the last step a hand near the objects returns to the rest pose
     (:mod:`gensim2.rollout.retreat`).
 
     Args:
         strategies: strategies by name, as plain data or parsed.
-        open_loop: plan all steps at the start, on predicted scenes, each by the first strategy with a complete plan,
-            and do not react to deviations.
-        one_plan: plan every step once, when its turn comes, by its first strategy, and continue with the next step in
-            any case.
+        open_loop: whether to plan all steps at the start, on predicted scenes, each with the first strategy that has a
+            complete plan, and not to react to deviations.
+        one_plan: whether to plan every step once, with its first strategy, and always to continue with the next step.
         options: solver options for every plan.
 
     Raises:
@@ -91,7 +90,7 @@ class ChainController:
         }
 
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
-        """Start an episode; the only random numbers are the solver's, whose seed is one of its options."""
+        """Start an episode. ``seed`` is not used, because the solver's seed is a solver option."""
         self._planner = StepPlanner(self._profile, self._options)
         self._turns: list[ChainTurn] = []
         self._rounds: dict[str, int] = {}
@@ -112,7 +111,7 @@ class ChainController:
 
     @property
     def reference(self) -> Reference | None:
-        """Reference of the last action; None while the arm waits."""
+        """Reference motion behind the last action; None while the arm waits."""
         return self._reference
 
     @property
@@ -121,11 +120,11 @@ class ChainController:
 
     @property
     def history(self) -> list[StepRecord]:
-        """Return a record of each started step, with the plans of all its turns."""
+        """Return a record of each started step, with all plans of the step."""
         plans: dict[str, list[PlanRecord]] = {}
         for turn in self._turns:
             plans.setdefault(turn.step.name, []).extend(plan.record() for plan in turn.plans)
-        # The loop decides whether each step was done, because it also sees what happens after the last action.
+        # The episode loop determines ``done``, because it also measures the state after the last action.
         return [StepRecord(name, records, paper=False, done=False) for name, records in plans.items()]
 
     @property
@@ -201,13 +200,13 @@ class ChainController:
         positions, velocities = run.planned.schedule.reference[run.ran]
         action = run.next_action()
         force = np.nan if self._held is None or self._held.force is None else self._held.force
-        # While the fingers press, the distance of the pads stays the width of the object.
+        # While the fingers press, the recorded pad distance is the width of the object.
         width = observation.measurement.finger_opening if np.isfinite(force) else self._profile_width(float(action[-1]))
         self._reference = Reference(positions, velocities, np.array([width, force], dtype=np.float32))
         return self._pressing(action, observation, run.scene.finger_stiffness)
 
     def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
-        """Start the retreat from the objects; None if the hand is away from them or must stay."""
+        """Start the retreat from the objects; None if the hand is not near them or must stay."""
         strategy = self._strategies[run.strategy]
         stays = isinstance(strategy, KeypointStrategy) and strategy.solver_config.let_go is None
         if stays or self._held is not None or is_about_the_gripper(self._task):
@@ -232,17 +231,17 @@ class ChainController:
         return np.append(retreat.targets[row], command).astype(np.float32)
 
     def _profile_width(self, command: float) -> float:
-        """Return the distance of the pads (m) for a gripper command, with a cache of the last one."""
+        """Return the distance of the pads (m) for a gripper command; the last result is cached."""
         if self._width is None or self._width[0] != command:
             gripper = self._profile.gripper
             self._width = command, gripper.opening(gripper.at_command(command))
         return self._width[1]
 
     def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
-        """Return the action with a gripper command that presses with the planned force at the present finger distance.
+        """Return the action with a gripper command that presses with the planned force at the current pad distance.
 
-        A finger's drive acts as a spring. If the object is narrower than planned, or if the pads sink into it, as in
-        some simulators, the planned target would press less.
+        A finger's drive acts as a spring. If the object is narrower than planned, or if the pads sink into the object,
+        as in some simulators, the planned command would press less.
         """
         held = self._held
         if held is None or held.force is None:
@@ -254,7 +253,7 @@ class ChainController:
         self._events.append(Event(observation.step, self._step.name, what))
 
     def _deviation(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
-        """Return the cause of a deviation from the plan, if any, and update the grasped object."""
+        """Update the grasped object, and return the cause of a deviation from the plan, or None."""
         found = self._look(observation, run)
         if found is not None:
             self._notice(observation, found)
@@ -282,14 +281,15 @@ class ChainController:
             return Cause.GRASP_LOST
         name = self._step.object
         until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
-        # Only check drift after the plan has run, because the measurement was taken just before it.
+        # Drift is only checked once the plan has run, because planning used the measurement just before.
         if 0 < run.ran < until and has_drifted(run.scene, measured, name):
             return Cause.OBJECT_DRIFTED
         return None
 
     def _must_wait(self, observation: PrivilegedObservation) -> bool:
-        """Return whether to wait: the object still moves, or the arm must be at rest before planning. The time is
-        limited.
+        """Return whether to wait because the object still moves or the arm must come to rest before planning.
+
+        The waiting time is limited.
         """
         if self._trigger in (Cause.GRASP_LOST, Cause.GRASP_MISSED) and self._waited < self._profile.steps(WAIT_SECONDS):
             return True
@@ -300,7 +300,7 @@ class ChainController:
         return waits and (moves or falls or (self._from_rest and self._is_under_way(observation)))
 
     def _is_calm(self, observation: PrivilegedObservation) -> bool:
-        """Return whether waiting for arm and joint to stop is useless, because both are at rest or the wait is over."""
+        """Return whether arm and joint are at rest, or the time limit for waiting is reached."""
         return self._from_rest or not self._is_under_way(observation)
 
     def _is_under_way(self, observation: PrivilegedObservation) -> bool:
@@ -319,7 +319,7 @@ class ChainController:
         return np.append(arm, 1.0 if self._last is None else self._last[-1]).astype(np.float32)
 
     def _begin(self, observation: PrivilegedObservation) -> bool:
-        """Plan the current step; return whether there is a motion."""
+        """Plan the current step; return whether a motion was found."""
         if self._rounds.get(self._step.name, 0) >= self._most_rounds or self._step.tool not in (HAND, self._holds):
             return False
         self._rounds[self._step.name] = self._rounds.get(self._step.name, 0) + 1
@@ -344,7 +344,7 @@ class ChainController:
         return self._running is not None
 
     def _make_room(self, scene: Scene, at_step: int) -> ChainPlan | None:
-        """Plan to move an obstacle of the current step; None if there is none or it cannot be moved."""
+        """Plan to move an obstacle out of the way of the current step; None if there is no obstacle or no plan."""
         turn, step = self._turn(), self._step
         following = self._following()
         ways = [self._strategies[name] for name in self._doing(step)]
@@ -365,16 +365,16 @@ class ChainController:
         return None if self._held is None else self._held.name
 
     def _go_back(self) -> None:
-        """Continue with the step that grasps the object needed by the current step, if it is not in the hand."""
+        """If the current step needs an object that is not in the hand, continue with the step that grasps it."""
         if self._step.tool not in (HAND, self._holds):
             before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
             if before:
                 self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
 
     def _is_there_already(self, measured: Measurement) -> bool:
-        """Skip to the step after placing an object if a lost object already lies where the goal requires.
+        """If a lost object already lies where the goal requires, skip to the step after its placement.
 
-        The hand may not reach it there, for example a cup that was dropped into the box.
+        The hand may be unable to reach the object there, for example a cup that was dropped into the box.
         """
         if self._trigger != Cause.GRASP_LOST:
             return False
@@ -387,18 +387,16 @@ class ChainController:
         return True
 
     def _untried(self, turn: ChainTurn) -> list[str]:
-        """Return the strategies that may still be executed in this turn, in order of preference."""
+        """Return the strategies that may still be executed in ``turn``, in order of preference."""
         names = self._doing(turn.step)[: 1 if self._one_plan else None]
         return [name for name in names if turn.tries.get(name, 0) < MAX_TRIES]
 
     def _doing(self, step: Step) -> list[str]:
-        """Return the strategies that complete a step, in order of preference, without those that only make room."""
+        """Return the strategies of a step, in order of preference, without strategies that only move obstacles."""
         return [name for name in step.strategies if self._strategies[name].makes_room is None]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
-        """Return the plan for the current step and strategy that was made together with the grasp of the present
-        object, if any.
-        """
+        """Return the plan for the current step that was made together with the grasp of the held object, or None."""
         grasp = self._held_by
         if grasp is None or self._held is None or grasp.step != self._step.name:
             return None
@@ -421,7 +419,7 @@ class ChainController:
         return [(step, [self._strategies[each] for each in step.strategies]) for step in later]
 
     def _plan_ahead(self, scene: Scene) -> list[list[ChainPlan]]:
-        """Return the plans of every step, the complete one last, up to the first step without one."""
+        """Return, for each step up to the first failure, the step's plans with the complete plan last."""
         ahead: list[list[ChainPlan]] = []
         for number, step in enumerate(self._task.steps):
             self._at = number

@@ -1,4 +1,4 @@
-"""State of the executed steps: the plans made so far, and the current step."""
+"""Store the state of a chain of steps: the plans so far, and the current step."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from gensim2.tasks.spec import HAND, Step
 Array = npt.NDArray[np.float64]
 
 ROOM = 0.06
-"""Clearance (m) that an open hand needs on each side of an object, seen from above."""
+"""Horizontal clearance (m) that an open hand needs on each side of an object."""
 
 
 def room_for_hand(after: Scene | None, step: Step, following: Sequence[Step]) -> float:
-    """Return the clearance (m), seen from above, between the link that a step moves and the next step's object.
+    """Return the horizontal clearance (m) between the link that a step moves and the next step's object.
 
     Args:
         after: scene predicted by a plan of ``step``; None without a plan.
         step: step that moves a joint.
-        following: the steps after it.
+        following: steps after ``step``.
 
     Returns:
-        The clearance, at most ``ROOM``.
+        Clearance, limited to ``ROOM``.
     """
     if after is None or not following or following[0].tool != HAND:
         return ROOM
@@ -49,24 +49,24 @@ def room_for_hand(after: Scene | None, step: Step, following: Sequence[Step]) ->
 
 
 def _outline(bodies: Sequence[SceneBody]) -> Array:
-    """Return the convex outline (N, 2), m, seen from above in the base frame, counter-clockwise."""
+    """Return the convex outline (N, 2) of bodies in the horizontal plane of the base frame, m, counter-clockwise."""
     points = [hull @ body.T_base_body[:3, :3].T + body.T_base_body[:3, 3] for body in bodies for hull in body.hulls]
     return outline(np.concatenate(points), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 @dataclass
 class ChainPlan:
-    """A plan and its execution.
+    """A plan and the progress of its execution.
 
     Attributes:
-        strategy: name of its strategy.
+        strategy: name of the planned strategy.
         planned: result of the planner.
-        scene: scene that it was made for.
-        at_step: control step at which it was made.
+        scene: scene that the plan was made for.
+        at_step: control step at which the plan was made.
         trigger: reason for planning.
-        profile: robot whose simulated drives execute it.
-        room: clearance for the hand around the next step's object, m; at most ``ROOM``.
-        makes_room: whether it only moves an obstacle of the step.
+        profile: robot whose simulated drives execute the plan.
+        room: horizontal clearance for the hand around the next step's object, m; at most ``ROOM``.
+        makes_room: whether the plan only moves an obstacle out of the way.
         ran: number of actions executed.
     """
 
@@ -82,14 +82,12 @@ class ChainPlan:
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """Return the sort key, lower is better: complete plans, then more room for the next step, then the planner's
-        rank.
-        """
+        """Return the sort key, lower is better: complete plans first, then ``room``, then the planner's rank."""
         return not self.planned.is_solved, ceil((ROOM - self.room) / 0.01), self.planned.rank
 
     @property
     def is_best(self) -> bool:
-        """Return whether no better plan is possible."""
+        """Return whether the rank is the best possible rank."""
         return self.planned.rank == 0 and self.room >= ROOM
 
     @property
@@ -97,14 +95,14 @@ class ChainPlan:
         return self.planned.schedule is None or self.ran >= len(self.planned.schedule)
 
     def next_action(self) -> Action:
-        """Return the next action of a plan that is not over."""
+        """Return the next action of a plan that has actions left."""
         action: Action = self.actions[self.ran]
         self.ran += 1
         return action
 
     @cached_property
     def actions(self) -> npt.NDArray[np.float32]:
-        """Return commands (N, m + 1) for the simulated drives that follow the reference."""
+        """Return actions (N, m + 1) with which the simulated drives follow the plan's reference motion."""
         schedule = self.planned.schedule
         assert schedule is not None
         targets = self.profile.simulated_targets(schedule.reference[:, 0], schedule.ends)
@@ -125,13 +123,13 @@ class ChainPlan:
 
 @dataclass
 class ChainTurn:
-    """One turn of a step; a step has another turn if its grasped object is lost.
+    """One execution of a step. A step is executed again if its grasped object is lost.
 
     Attributes:
-        step: the step.
-        plans: plans made in this turn, in order.
-        tries: number of complete executions by strategy.
-        acted: measurement when the fingers had last closed, or before they opened.
+        step: executed step.
+        plans: plans made in this execution, in order.
+        tries: number of complete executions of each strategy.
+        acted: measurement after the fingers last closed, or before they last opened.
     """
 
     step: Step
@@ -140,9 +138,7 @@ class ChainTurn:
     acted: Measurement | None = None
 
     def is_done(self, measured: Measurement) -> bool:
-        """Return whether the step is done; criteria about the gripper may also hold at the grasp or release, before the
-        retreat.
-        """
+        """Return whether the step is done. A criterion about the gripper may also hold at the grasp or release."""
         return all(
             criterion.holds(measured)
             or (self.acted is not None and isinstance(criterion, OF_GRIPPER) and criterion.holds(self.acted))
@@ -151,5 +147,5 @@ class ChainTurn:
 
 
 def best_of(plans: Sequence[ChainPlan]) -> ChainPlan | None:
-    """Return the first of the best plans that have a motion."""
+    """Return the best plan that has a motion; among equals, the first."""
     return min((plan for plan in plans if plan.planned.schedule is not None), key=lambda plan: plan.rank, default=None)

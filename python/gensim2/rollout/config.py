@@ -1,4 +1,4 @@
-"""Configuration of episodes: their scenes, and options of their execution."""
+"""Configure episodes: scenes, and options of the execution."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from gensim2.scenes.physics import with_current_scene
 from gensim2.tasks.spec import TaskSpec
 
 Disturbance = Literal["push", "drop"]
-"""Kind of disturbance, applied once in an episode at a seeded moment."""
+"""Kind of disturbance, applied once in an episode at a random time."""
 
 DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 
 MAX_NOISE = 0.2
-"""Largest standard deviation (rad) of noise on joint targets."""
+"""Maximum standard deviation (rad) of noise on joint targets."""
 
 
 class RolloutArguments(SceneArguments, total=False):
     """Options of scenes and of the planned execution of steps.
 
     Keys:
-        open_loop: plan all steps at the start of an episode, each by the first strategy with a complete plan.
+        open_loop: whether to plan all steps at the start, each with the first strategy that has a complete plan.
     """
 
     open_loop: bool
@@ -41,14 +41,15 @@ class EvaluationArguments(SceneArguments, ExecutionArguments, total=False):
 
 @dataclass(frozen=True)
 class RolloutOptions:
-    """Options of all episodes of a run other than their scenes.
+    """Options of all episodes of a run, without the options of scenes.
 
     Attributes:
-        open_loop: plan all steps at the start, each by the first strategy with a complete plan.
-        one_plan: plan each step once, by its first strategy; deviations are recorded but not handled.
-        disturbance: ``"push"`` or ``"drop"``, once in an episode at a seeded moment; None for no disturbance.
-        attempts: largest number of attempts from the same start until one succeeds.
-        noise: standard deviation (rad) of occasional noise on joint targets; the noise-free action is recorded.
+        open_loop: whether to plan all steps at the start, each with the first strategy that has a complete plan.
+        one_plan: whether to plan each step only once, with its first strategy; deviations are recorded but not handled.
+        disturbance: ``"push"`` or ``"drop"``, applied once in an episode at a random time; None for no disturbance.
+        attempts: maximum number of attempts from the same start; the first success ends them.
+        noise: standard deviation (rad) of noise that is sometimes added to joint targets; recordings have the
+            noise-free action, too.
 
     Raises:
         InputError: the noise is out of range.
@@ -66,11 +67,11 @@ class RolloutOptions:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> RolloutOptions:
-        """Return the options among the fields of a record; other fields are ignored."""
+        """Read the options from the fields of a record; other fields are ignored."""
         return cls(**{each.name: record[each.name] for each in fields(cls) if each.name in record})
 
     def to_record(self) -> dict[str, Any]:
-        """Return the fields of a record; zero noise is left out."""
+        """Return the options as fields of a record; zero noise is left out."""
         return {name: value for name, value in asdict(self).items() if name != "noise" or value}
 
 
@@ -80,11 +81,11 @@ DEFAULT_ROLLOUT = RolloutOptions()
 
 @dataclass(frozen=True)
 class EpisodeConfig:
-    """Inputs of one task's episodes other than strategies and seed, as plain values that can be pickled.
+    """Inputs of a task's episodes, without strategies and seed, as plain values that can be pickled.
 
     Attributes:
-        scene: scene of the task.
-        rollout: further options.
+        scene: settings of the task's scenes.
+        rollout: options of the execution.
     """
 
     scene: SceneConfig
@@ -96,7 +97,7 @@ class EpisodeConfig:
 
 
 def nested_options(record: Any) -> Any:
-    """Return the fields of a record with scene options nested under ``scene`` and rollout options under ``rollout``."""
+    """Return a record with its scene options moved into ``scene``, and its rollout options into ``rollout``."""
     if not isinstance(record, dict):
         return record
     current = with_current_scene(record)

@@ -1,10 +1,11 @@
 """Find the free space inside a container from its convex collision hulls, to decide whether an object is inside.
 
-The container's measured point (its last keypoint) lies in this space, or above it for boxes into which things are
-dropped. It belongs to the link that contains things: the moving link of a drawer, the body of a box or refrigerator. On
-a grid over that link's hulls, a cell is free space if it overlaps no hull, has something below it, and has walls on at
-least three of four sides, because a refrigerator is open in front and a drawer may lack a back. Of the connected spaces
-the one at or below the measured point is used, as a box along the link's axes that reaches to the walls.
+The container's measured point (its last keypoint) lies in the free space, or above it if objects are dropped into the
+container. The point belongs to the link that contains objects: the moving link of a drawer, the body of a box or
+refrigerator. The hulls of this link are covered by a grid. A cell is free if it overlaps no hull, has a floor below it,
+and has walls on at least three of four sides; a refrigerator is open in front, and a drawer may lack a back. The
+connected free space at or below the measured point is approximated by a box along the link's axes that reaches to the
+walls.
 """
 
 from __future__ import annotations
@@ -22,23 +23,23 @@ from gensim2.planning.hulls import HullsKey, crossings
 Array = npt.NDArray[np.float64]
 
 CELL = 0.005
-"""Cell size, m; for a link longer than ``CELLS`` cells it is its longest side divided by ``CELLS``."""
+"""Cell size, m; for a link longer than ``CELLS`` cells, the link's longest side divided by ``CELLS``."""
 CELLS = 64
 
 WALLS = 3
-"""Number of the four sides that must have a wall."""
+"""Minimum number of sides, out of four, that must have a wall."""
 
 NEAR = 0.03
-"""Largest horizontal distance (m) between the measured point and the space."""
+"""Maximum horizontal distance (m) between the measured point and the free space."""
 
 BELOW = 0.15
-"""Largest vertical distance (m) between the measured point and the space."""
+"""Maximum vertical distance (m) between the measured point and the free space."""
 
 SMALLEST = 0.02
-"""Shortest side (m) of a space; smaller ones are ignored."""
+"""Minimum side length (m) of a free space; smaller spaces are ignored."""
 
 FILLED = 0.5
-"""Share of free cells that every outer layer of the box must have; other layers are cut off."""
+"""Minimum fraction of free cells in an outer layer of the box; other outer layers are cut off."""
 
 
 @dataclass(frozen=True)
@@ -53,16 +54,16 @@ class InnerBox:
     high: Array
 
     def contains(self, point: Array) -> bool:
-        """Return whether a point (3,) in the link frame is inside."""
+        """Return whether a point (3,) in the link frame is inside the box."""
         return bool(((self.low <= point) & (point <= self.high)).all())
 
 
 def inner_box(hulls: tuple[Array, ...], measured_point: Array, up: Array) -> InnerBox | None:
-    """Return the free space inside a link, or None if there is none at its measured point.
+    """Return the free space inside a link; None if there is no free space at the measured point.
 
     Args:
-        hulls: vertices (N, 3) of the link's convex hulls in its frame, m; results are cached by their identity.
-        measured_point: (3,) in the link frame, m.
+        hulls: vertices (N, 3) of the link's convex hulls in the link frame, m; results are cached by identity.
+        measured_point: (3,) measured point in the link frame, m.
         up: (3,) vertical direction in the link frame; the nearest axis is used.
     """
     axis = int(np.argmax(np.abs(up)))
@@ -94,7 +95,7 @@ def _inner_box(key: HullsKey, measured_point: tuple[float, ...], axis: int, upwa
 
 
 def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
-    """Return the cells whose centre is within half a cell of a hull, so that thin walls are not missed."""
+    """Return the cells whose centre is within half a cell size of a hull, so that thin walls are not missed."""
     solid = np.zeros(shape, bool)
     for hull in hulls:
         planes = np.unique(ConvexHull(hull, qhull_options="QJ").equations.round(9), axis=0)
@@ -108,10 +109,10 @@ def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray
 
 
 def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> InnerBox:
-    """Extend each side of a box of cells to the wall behind it, so that objects flat on the floor are inside.
+    """Extend each side of a box of cells to the wall behind the side, so that flat objects on the floor are inside.
 
-    Walls are searched within two cells, because cells near a hull do not count as free and uneven layers are cut off. A
-    side without a wall stays.
+    A wall is searched within two cells, because cells near a hull do not count as free, and uneven layers are cut off.
+    A side without a wall is not moved.
     """
     corners = [box.low.copy(), box.high.copy()]
     spread = np.linspace(0.1, 0.9, 9)
@@ -128,7 +129,7 @@ def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> In
 
 
 def _behind(solid: npt.NDArray[np.bool_], axis: int, forwards: bool) -> npt.NDArray[np.bool_]:
-    """Return the cells with a solid cell before them along the axis, or after them if not ``forwards``."""
+    """Return the cells that have a solid cell before them along the axis; with ``forwards=False``, after them."""
     turned = solid if forwards else np.flip(solid, axis)
     found = np.maximum.accumulate(turned, axis)
     return found if forwards else np.flip(found, axis)
@@ -140,7 +141,7 @@ def _walled(solid: npt.NDArray[np.bool_], up: int) -> npt.NDArray[np.bool_]:
 
 
 def _box(room: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_]]:
-    """Return first and last cell of the box around a space, without outer layers that are mostly not free."""
+    """Return the first and last cell of the box around a free space, without outer layers that are mostly not free."""
     cells = np.argwhere(room)
     first, last = cells.min(axis=0), cells.max(axis=0)
     while (last > first).all():

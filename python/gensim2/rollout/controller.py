@@ -1,4 +1,4 @@
-"""Interface of controllers, such as planners, policies and people, which choose the actions in one loop."""
+"""Define the interface of controllers, such as planners and policies, which choose the actions of an episode."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ACTUATION: Literal["actuation"] = "actuation"
 """Name of the event that the hand has reached an actuation pose."""
 
 PROPRIOCEPTIVE = ObservationSpec(modalities=())
-"""Observation spec with the robot's own state and without cameras."""
+"""Observation spec with only the robot's state, without cameras."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,8 @@ class PrivilegedObservation(Observation):
     """Observation of a privileged controller, with the true state of the simulated world.
 
     Attributes:
-        measurement: state of objects and gripper at this instant.
-        scene: function that returns the whole scene with geometry; slower, and valid at this instant only.
+        measurement: true state of objects and gripper.
+        scene: function that returns the scene with geometry. It is slower, and must be called before the next step.
     """
 
     measurement: Measurement
@@ -37,7 +37,7 @@ class PrivilegedObservation(Observation):
 
     @staticmethod
     def of(observation: Observation, measurement: Measurement, scene: Callable[[], Scene]) -> PrivilegedObservation:
-        """Return an observation with the true state added."""
+        """Return an observation to which the true state is added."""
         seen = observation
         return PrivilegedObservation(
             seen.step, seen.time, seen.language, seen.arrays, seen.cloud, seen.cameras, measurement, scene
@@ -54,13 +54,13 @@ class PrivilegedObservation(Observation):
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Reference of an action at the end of its control step, independent of the robot's drives.
+    """Desired state at the end of an action's control step, independent of the robot's drives.
 
     Attributes:
-        joint_positions, joint_velocities: (m,) of the arm, in rad or m, and per second.
+        joint_positions, joint_velocities: (m,) positions and velocities of the arm joints, rad or m, and per second.
         gripper: (2,) commanded distance of the pads, m, and force (N) of each finger on the grasped object; NaN if no
             force is specified.
-        action: (m + 1,) action before noise was added; None if it was executed as it is.
+        action: (m + 1,) action before noise was added; None if no noise was added.
     """
 
     joint_positions: npt.NDArray[np.float32]
@@ -74,9 +74,9 @@ class Event:
     """Event reported by a controller.
 
     Attributes:
-        at_step: control steps since the reset.
+        at_step: number of control steps since the reset.
         step: name of the task step.
-        what: ``ACTUATION`` if the hand has reached the end of the motions before contact; otherwise the deviation.
+        what: ``ACTUATION`` if the hand has reached the actuation pose; otherwise the kind of deviation.
         detail: measured values, as plain data.
     """
 
@@ -89,13 +89,13 @@ class Event:
 class Controller(Protocol):
     """Chooses every action of an episode (docs/guides/controllers.md).
 
-    A class may define further attributes:
+    A class may define optional attributes:
 
     - ``privileged = True``: its constructor also gets ``task`` and ``profile``, and its observations are
       :class:`PrivilegedObservation`.
-    - ``observation_spec``: an :class:`~gensim2.perception.ObservationSpec` or its fields. Default: point clouds, or for
-      privileged controllers the robot's own state. It is read before every observation, so a controller that needs
-      clouds only now and then sets it to ``PROPRIOCEPTIVE`` in between.
+    - ``observation_spec``: an :class:`~gensim2.perception.ObservationSpec` or its fields. Default: point clouds; for
+      privileged controllers only the robot's state. The loop reads the spec before every observation, so a controller
+      that seldom needs clouds sets it to ``PROPRIOCEPTIVE`` in between.
     - ``reference``: a :class:`Reference`, read after every action and recorded; None if the action has none.
     - ``close()``: release resources such as connections; called when the controller is no longer needed.
     - ``turn``, ``history``, ``events``: name of the current task step, records of all started steps, and reported
@@ -104,7 +104,7 @@ class Controller(Protocol):
     """
 
     def reset(self, observation: Any, seed: int) -> None:
-        """Start an episode and forget the previous one.
+        """Start an episode and forget the previous episode.
 
         Args:
             observation: first observation, an :class:`~gensim2.perception.Observation`.
@@ -113,9 +113,7 @@ class Controller(Protocol):
         ...
 
     def act(self, observation: Any) -> npt.ArrayLike | None:
-        """Return the next action (m + 1,), targets of the arm's joints and the gripper from -1 to 1, or None at the
-        end.
-        """
+        """Return the next action (m + 1,): arm joint targets and gripper command (-1 to 1); None ends the episode."""
         ...
 
 
@@ -128,7 +126,7 @@ def spec_of(controller: Controller) -> ObservationSpec:
     """Return the observation spec of a controller.
 
     Raises:
-        InputError: its ``observation_spec`` is invalid.
+        InputError: the controller's ``observation_spec`` is invalid.
     """
     given = getattr(controller, "observation_spec", None)
     if given is None and is_privileged(controller):
@@ -137,31 +135,31 @@ def spec_of(controller: Controller) -> ObservationSpec:
 
 
 def reference_of(controller: Controller) -> Reference | None:
-    """Return the reference of a controller's last action, if any."""
+    """Return the reference of a controller's last action; None if it reports no reference."""
     reference: Reference | None = getattr(controller, "reference", None)
     return reference
 
 
 def turn_of(controller: Controller) -> str | None:
-    """Return the name of a controller's current step, if it reports one."""
+    """Return the name of a controller's current step; None if it reports no step."""
     turn: str | None = getattr(controller, "turn", None)
     return turn
 
 
 def history_of(controller: Controller) -> Sequence[StepRecord]:
-    """Return a controller's records of its started steps, if it reports any."""
+    """Return a controller's records of its started steps; None if it reports no records."""
     history: Sequence[StepRecord] = getattr(controller, "history", ())
     return history
 
 
 def events_of(controller: Controller) -> Sequence[Event]:
-    """Return a controller's events in order, if it reports any."""
+    """Return the events that a controller has reported, in order."""
     events: Sequence[Event] = getattr(controller, "events", ())
     return events
 
 
 class WrappedController:
-    """Base of controllers that wrap another one, ``_controller``, and pass on its optional attributes."""
+    """Base class of controllers that wrap another controller, ``_controller``, and pass on its optional attributes."""
 
     _controller: Controller
 

@@ -1,4 +1,4 @@
-"""Controllers by name: values that can be sent to worker processes and create a controller there."""
+"""Specify controllers by name, so that worker processes can create them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ControllerError(InputError):
 
 @dataclass(frozen=True)
 class ControllerSpec:
-    """Recipe for making a controller in any process.
+    """Specification of a controller, with which any process can create the controller.
 
     Attributes:
         target: ``module:Class``, or ``FILE.py:Class``.
@@ -42,10 +42,10 @@ class ControllerSpec:
 
     @staticmethod
     def of(given: str | type | ControllerSpec, arguments: Mapping[str, Any] | None = None) -> ControllerSpec:
-        """Return the spec of a name, or of a class that another process can import.
+        """Return the specification of a controller that is given by name or class.
 
         Raises:
-            ControllerError: ``given`` is neither, or the arguments are not plain data.
+            ControllerError: ``given`` is not a name or an importable class, or the arguments are not plain data.
         """
         if isinstance(given, ControllerSpec):
             return replace(given, arguments={**given.arguments, **(arguments or {})})
@@ -76,13 +76,13 @@ class ControllerSpec:
         return found
 
     def make(self, task: TaskSpec | None = None, profile: RobotProfile | None = None) -> Controller:
-        """Make the controller.
+        """Create the controller.
 
         Args:
             task, profile: passed to privileged controllers only.
 
         Raises:
-            ControllerError: the controller cannot be made with these arguments.
+            ControllerError: the controller cannot be created with these arguments.
         """
         kind = self.load()
         beside: dict[str, Any] = {"task": task, "profile": profile} if is_privileged(kind) else {}
@@ -95,11 +95,10 @@ class ControllerSpec:
 
     @property
     def digest(self) -> str:
-        """Digest of name, arguments, source and dependencies, which must agree when a run is resumed.
+        """SHA-256 of name, arguments, source and dependencies, which must be the same when a run is resumed.
 
-        The dependencies are the files returned by the class's static method ``depends_on``, which gets the arguments.
-        The location of the source and the folder of a checkpoint with such files do not count, because they may be
-        moved.
+        Dependencies are the files that the class's static method ``depends_on`` returns for the arguments. Source files
+        and checkpoints may be moved, so their folders do not count.
         """
         where, name = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
@@ -122,10 +121,10 @@ class ControllerSpec:
 
 
 def close(controller: Controller) -> None:
-    """Let a controller release its resources.
+    """Call a controller's ``close``, if it has this method.
 
     Raises:
-        ControllerError: its ``close`` fails.
+        ControllerError: ``close`` fails.
     """
     kind = type(controller)
 
@@ -141,7 +140,7 @@ def close(controller: Controller) -> None:
 def _parts(target: str) -> tuple[str, str]:
     where, _, name = target.rpartition(":")
     if not where or not name.isidentifier():
-        raise ControllerError("is not the name of a controller", field=target, remedy=_REMEDY)
+        raise ControllerError("must be the name of a controller", field=target, remedy=_REMEDY)
     return where, name
 
 
@@ -167,7 +166,7 @@ def _module(where: str, target: str) -> ModuleType:
 
 
 def _of_file(path: Path) -> ModuleType:
-    """Return the module in a file, imported once per process and content; it may import from its own folder."""
+    """Import a file as a module, once in each process unless the file changes; it may import from its own folder."""
     path = path.resolve()
     if not path.is_file():
         raise ControllerError("there is no such file", file=path, remedy=_REMEDY)

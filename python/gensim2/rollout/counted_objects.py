@@ -1,4 +1,4 @@
-"""Scenes with any number of generated objects of each class, beyond those that a library lists."""
+"""Use any number of generated objects of each class, in addition to the objects that a library lists."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ HASHED = 8
 
 
 def can_be_counted(given: TaskInput) -> bool:
-    """Return whether a task has generated articulated objects, which can be made in any number."""
+    """Return whether a task has generated articulated objects, of which any number can be generated."""
     return given.scene.assets == BUILTIN and bool(_articulated(given))
 
 
 def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
-    """Return a task whose scenes use ``count`` generated objects of each articulated class, neither listed nor ``new``.
+    """Return a task whose scenes use ``count`` generated objects of each articulated class, none listed or ``new``.
 
     Raises:
         InputError: the objects are from a folder, or the task has no articulated object.
     """
     if not can_be_counted(given):
-        raise InputError(f"{given.spec.name}: is possible for generated articulated objects only", field="objects")
+        raise InputError(f"{given.spec.name}: applies only to generated articulated objects", field="objects")
     chosen = frozenset((name, _drawn(given, kind, count, seed)) for name, kind in _articulated(given).items())
     scene = given.scene.options.with_task(given.spec, chosen)
     return replace(given, scene=scene, instances=f"{count}{_COUNTED}{seed}")
@@ -47,7 +47,7 @@ def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[
 
 
 def number_of_objects(given: TaskInput) -> int:
-    """Return the number of different (articulated, if any) objects that a task's scenes use."""
+    """Return the number of different objects in a task's scenes; articulated objects only, if there are any."""
     chosen = given.scene.instances
     classes = _articulated(given) or {name: thing.asset_class for name, thing in given.spec.objects.items()}
     drawn = dict(chosen) if isinstance(chosen, frozenset) else dict.fromkeys(classes, chosen)
@@ -60,12 +60,12 @@ def number_of_objects(given: TaskInput) -> int:
 
 
 def is_counted(instances: str) -> bool:
-    """Return whether an ``instances`` word is one that :func:`with_objects` made."""
+    """Return whether :func:`with_objects` has created the selection ``instances``."""
     return _COUNTED in instances
 
 
 def hashes(given: TaskInput) -> list[str]:
-    """Return hashes of some generated objects, which change with the generator; empty for listed objects."""
+    """Return hashes of some generated objects, to detect changes of the generator; empty for listed objects."""
     chosen = given.scene.instances
     if not is_counted(given.instances) or not isinstance(chosen, frozenset):
         return []
@@ -83,6 +83,6 @@ def _articulated(given: TaskInput) -> dict[str, str]:
 def _drawn(given: TaskInput, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
     new = set(given.library.choose(asset_class, "new"))
     ids = tuple(each for each in given.library.sample(asset_class, count + len(new), seed) if each not in new)
-    # Take a random selection, because the first numbers would all be small.
+    # Ids are selected at random, because the first ids would all be small numbers.
     order = rng(seed, f"objects/{asset_class}").permutation(len(ids))[:count]
     return tuple(ids[number] for number in sorted(order))

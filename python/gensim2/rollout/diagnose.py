@@ -1,7 +1,7 @@
-"""Find why an episode failed: the first fault that was not corrected, with measured values.
+"""Determine why an episode failed: the first fault that was not corrected, with measured values.
 
-Steps are checked in order. The first step that was not done is blamed: for its controller's last reported deviation, or
-else for a fault of its last plan, or else for a fault visible in the measurements of this step.
+Steps are checked in order, and the first step that was not done is blamed. Its fault is the deviation that the
+controller last reported; without a deviation, a fault of the step's last plan; otherwise, a fault in its measurements.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PLAN_CAUSES = {
     "collision": Cause.COLLISION_ON_THE_WAY,
     NO_GRASP: Cause.NO_GRASP,
 }
-"""Cause by the status of a plan without a motion; all others are ``NO_MOTION_FOUND``."""
+"""Cause of failure for each status of a plan without a motion; other statuses give ``NO_MOTION_FOUND``."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class Outcome:
     """End of an episode.
 
     Attributes:
-        goal: the goal holds at the end.
-        stable: the simulation was stable, also in the no-op baseline.
-        settled: the scene was at rest.
-        cut: the time limit ended the episode before the controller did.
-        truncated: the episode was longer than the task allows.
-        by_itself: the goal also holds in the no-op baseline.
+        goal: whether the goal is reached at the end.
+        stable: whether the simulation was stable, also in the no-op baseline.
+        settled: whether the scene was at rest.
+        cut: whether the time limit ended the episode before the controller did.
+        truncated: whether the episode was longer than the task allows.
+        by_itself: whether the goal is also reached in the no-op baseline.
     """
 
     goal: bool
@@ -72,10 +72,10 @@ def diagnose(
 
     Args:
         trace: measurements before the first control step and after each one.
-        turns: ranges of measurements by step.
+        turns: range of measurements of each executed step.
         history: records of the steps.
         events: events reported by the controller.
-        outcome: end of the failed episode.
+        outcome: how the failed episode ended.
     """
     if not outcome.stable:
         return Cause.UNSTABLE, {}
@@ -114,8 +114,8 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # A grasp counts as done without a check; the steps that use the object show whether it succeeded. A
-            # criterion that held only while the hand still had the object does not count.
+            # A grasp without criterion counts as done; later steps show whether it succeeded. A criterion that was met
+            # only while the hand held the object does not count.
             gave_up = self._given_up(step) if not went_on else None
             return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
@@ -134,7 +134,7 @@ class _Facts:
         return (Cause.TIME_OVER if self.outcome.cut else Cause.STOPPED_SHORT), {}
 
     def context(self, step: Step) -> dict[str, Any]:
-        """Return the context of a step's fault: its last plan, and all deviations so far."""
+        """Return the context of a step's fault: the step's last plan, and all deviations so far."""
         record = self.records.get(step.name)
         found: dict[str, Any] = {}
         if record is not None and record.plans:
@@ -145,16 +145,16 @@ class _Facts:
         return found | ({"deviations": deviations} if deviations else {})
 
     def _is_stuck(self, record: StepRecord) -> bool:
-        """Return whether a step was not executed because it had no motion."""
+        """Return whether a step was not executed because no motion was found."""
         return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
 
     def _given_up(self, step: Step) -> Fault | None:
-        """Return the step's last deviation if no actuation pose was reached after it."""
+        """Return the step's last deviation, if the hand reached no actuation pose afterwards."""
         last = next((event for event in reversed(self.events) if event.step == step.name), None)
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
 
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """Return the fault of a step that should have grasped its object but left it behind or lost it."""
+        """Return the fault of a step that should have grasped an object but left it behind or lost it."""
         wanted = {later.tool for later in self.task.steps[index + 1 :]}
         wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid | RigidLifted)}
         if step.object not in wanted or not own or own[-1].last == own[-1].first:
@@ -170,7 +170,7 @@ class _Facts:
         return (Cause.GRASP_LOST if lost else Cause.GRASP_MISSED), {"distance": distance}
 
     def _passed_by(self, record: StepRecord, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """Return the fault of an object that was at its goal only while the hand held it."""
+        """Return the fault of a step that reached its criterion only while the hand held the object."""
         if record.done or step.tool == HAND or not step.done or not own:
             return None
         measured = self.trace[own[-1].first : own[-1].last + 1]
@@ -189,7 +189,9 @@ def _has_motion(plan: PlanRecord) -> bool:
 
 
 def _fault_of_plans(plans: Sequence[PlanRecord]) -> Fault | None:
-    """Return the fault of the last executed plan, or else of the last plan; plans that make room do not count."""
+    """Return the fault of the last executed plan, or of the last plan if none was executed.
+
+    Plans that only move obstacles do not count."""
     if not plans:
         return None
     followed = [plan for plan in plans if plan.ran and not plan.detail.get(MAKES_ROOM)]
@@ -211,7 +213,7 @@ def _speeds(measured: Measurement) -> dict[str, Any]:
 
 
 def _goal_numbers(task: TaskSpec, measured: Measurement) -> dict[str, Any]:
-    """Return the criteria of the goal that do not hold, and their measured values."""
+    """Return the measured values of the goal's criteria that are not met."""
     failing = [criterion for criterion in task.success if not criterion.holds(measured)]
     distances = {
         c.rigid: distance_apart(measured, c.articulated, c.rigid)

@@ -1,4 +1,4 @@
-"""Disturbances at a seeded moment: push an object, or open the fingers."""
+"""Disturb an episode at a random, seeded time: push an object, or open the fingers."""
 
 from __future__ import annotations
 
@@ -24,29 +24,30 @@ PUSHED = 0.03
 TICKS_HZ = 20
 """Ticks per second; times are sampled in ticks, independently of the control rate."""
 PUSHED_WITHIN = 25
-"""Largest number of ticks between the start of the grasping step and a push."""
+"""Maximum number of ticks between the start of the grasping step and a push."""
 LIFTED = 0.01
-"""Height (m) above its start at which an object counts as grasped."""
+"""Height (m) above its initial position at which an object counts as grasped."""
 DROPPED_WITHIN = 40
-"""Largest number of ticks between the grasp and the opening of the fingers."""
+"""Maximum number of ticks between the grasp and the opening of the fingers."""
 OPEN_TICKS = 8
 """Time (s) that the fingers stay open."""
 
 
 class Pushable(Protocol):
-    """A world in which objects can be pushed."""
+    """Interface of a world in which objects can be pushed."""
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None: ...
 
 
 class Disturbed(WrappedController):
-    """Controller with a disturbance, once in an episode, while it grasps or carries its first rigid object.
+    """Controller that is disturbed once in an episode, while it grasps or carries its first rigid object.
 
     Args:
-        controller: controller to disturb; it is not told about the disturbance.
+        controller: controller to disturb; it is not informed about the disturbance.
         world: world in which the controller acts.
-        task: task whose first step on a rigid object is disturbed; without such a step there is no disturbance.
-        kind: ``"push"``: the object moves 3 cm before it is touched. ``"drop"``: the fingers open while they hold it.
+        task: task whose first step on a rigid object is disturbed; without such a step nothing is disturbed.
+        kind: ``"push"`` moves the object by 3 cm before the hand touches it; ``"drop"`` opens the fingers while they
+            hold the object.
         seed: seed of the episode.
     """
 
@@ -102,7 +103,7 @@ class Disturbed(WrappedController):
         return np.append(action[:-1], np.float32(1.0)).astype(np.float32)
 
     def _touched(self) -> Event | None:
-        """Return the event of the hand's first arrival at the grasp pose."""
+        """Return the event of the hand's first arrival at the grasp pose, or None."""
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
 

@@ -1,4 +1,4 @@
-"""A minimal control loop, and timing of controllers for robots that cannot wait."""
+"""Provide a minimal control loop, and run controllers on robots that cannot wait."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from gensim2.rollout.controller import Action, Controller, spec_of
 from gensim2.rollout.world import Body
 
 THINKING_SHARE = 0.8
-"""Share of a control step that the controller may take on a robot that cannot wait."""
+"""Fraction of a control step that the controller may take on a robot that cannot wait."""
 
 
 class Asked:
-    """Asks a controller for actions within the time that the robot can wait.
+    """Requests actions from a controller within the time that the robot can wait.
 
     A simulated robot waits for the controller. A real robot needs an action in every control step. While the controller
-    is still computing, the arm holds its last command, or its position if there is none. The delayed action still
-    refers to the state at the request, at which the arm was held.
+    computes, the arm keeps its last command, or its position if there was no command. The delayed action refers to the
+    state at the request, in which the arm has been kept.
 
     Args:
-        controller: the controller.
-        body: the robot.
+        controller: controller that computes the actions.
+        body: robot.
     """
 
     def __init__(self, controller: Controller, body: Body) -> None:
@@ -37,7 +37,7 @@ class Asked:
         self._last: Action | None = None
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Start an episode; the robot does not move yet, so this may take long."""
+        """Start an episode. This may take long, because the robot does not move yet."""
         self._last = None
         self._controller.reset(observation, seed)
 
@@ -56,7 +56,7 @@ class Asked:
         return self._last
 
     def close(self) -> None:
-        """Wait for a pending action, and discard it."""
+        """Wait for a pending action, and discard the action."""
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
 
@@ -71,9 +71,9 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
     """Run a controller on a robot until it is done, without evaluation; return the number of control steps.
 
     Args:
-        body: the robot, which is reset. A robot that cannot wait is stepped at the control rate.
+        body: robot, which is reset first. A robot that cannot wait is stepped at the control rate.
         controller: controller, which must not be privileged.
-        steps: largest number of steps.
+        steps: maximum number of control steps.
         seed: seed of the reset and of the controller.
 
     Example:
@@ -92,7 +92,8 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
                 return step
             body.step(action)
             if not body.waits:
-                # At most half a step of delay is caught up, otherwise the next commands would come too fast.
+                # The loop catches up at most half a control step of delay, so that the next commands do not follow too
+                # fast.
                 period = 1.0 / body.profile.control_hz
                 due = max(due, time.monotonic() - 0.5 * period) + period
                 time.sleep(max(0.0, due - time.monotonic()))

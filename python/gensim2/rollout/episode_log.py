@@ -1,7 +1,7 @@
-"""Log of finished episodes in any order, identified by their index.
+"""Log finished episodes, identified by their index, in any order.
 
-Each finished episode is appended as one JSON line. A last line without a line feed was cut off and is dropped, and its
-episode is run again. Any other unreadable line is an error.
+Each finished episode is appended as one JSON line. A last line without a line feed is incomplete: it is dropped, and
+its episode is run again. Any other unreadable line is an error.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from gensim2.core.record_files import parse_record
 from gensim2.rollout.record import Episode
 
 ATTEMPTS = "attempts.jsonl"
-"""File name of a collection's log."""
+"""File name of the log of a collection."""
 
 MAX_LINE = 64 * 2**20
-"""Largest record of one episode, bytes; ours have a few kB."""
+"""Maximum size of the record of an episode, bytes; typical records have a few kB."""
 
 _REMEDY = "delete the file and resume; its episodes are made again"
 _ADAPTER = TypeAdapter(Episode)
 
 
 class EpisodeLog:
-    """Log in one file.
+    """Log of episodes in one file.
 
     Args:
-        path: the file, which may be missing.
-        seeds: seed of the environment by index, to check the log.
+        path: path of the file, which may be missing.
+        seeds: seed of each episode by index, to check that the log belongs to this run.
 
     Attributes:
         done: finished episodes by index.
@@ -76,11 +76,11 @@ class EpisodeLog:
         self.done[index] = entry
 
     def forget(self, index: int) -> None:
-        """Remove an episode, so that it is run again and its new line counts."""
+        """Remove an episode from ``done``, so that it is run again; its new line then replaces the old line."""
         del self.done[index]
 
     def finish(self, count: int) -> list[Episode]:
-        """Rewrite the file with the first ``count`` episodes by index, and return them."""
+        """Rewrite the file with the first ``count`` episodes, ordered by index, and return these episodes."""
         self.done = {index: self.done[index] for index in range(count)}
         self._rewrite(self.done.values())
         return list(self.done.values())
@@ -95,12 +95,12 @@ def log_line(entry: Episode) -> bytes:
 
 
 def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY) -> Iterator[Episode | None]:
-    """Yield the episodes of a log line by line, one in memory at a time; None for an incomplete last line.
+    """Yield the episodes of a log one by one, so that only one is in memory; yield None for an incomplete last line.
 
     Args:
-        path: the log.
-        remedy: remedy for an unreadable line.
-        unreadable: remedy for an unreadable file.
+        path: path of the log.
+        remedy: remedy in the error message for an unreadable line.
+        unreadable: remedy in the error message for an unreadable file.
 
     Raises:
         InputError: the file or a line cannot be read.
@@ -125,7 +125,7 @@ def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY)
 
 
 def read_log(path: Path) -> list[Episode]:
-    """Return the episodes of a log by index, without an incomplete last line.
+    """Return the episodes of a log by index; an incomplete last line is ignored.
 
     Raises:
         InputError: a line cannot be read.

@@ -1,4 +1,4 @@
-"""Check the actions of user controllers and report their errors in one line."""
+"""Check the actions of users' controllers, and report their errors in one line."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from gensim2.tasks.spec import TaskSpec
 
 
 class Guarded(WrappedController):
-    """Wrapper that refuses invalid actions of a controller.
+    """Wrapper that raises an error for invalid actions of a controller.
 
     Args:
-        controller: the controller.
+        controller: controller to wrap.
         spec: specification of the controller.
-        task: task with the steps that it may report.
-        episode: number of the episode, for messages.
+        task: task whose steps the controller may report.
+        episode: description of the episode, for error messages.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Guarded(WrappedController):
             self._controller.reset(observation, seed)
 
     def act(self, observation: Observation) -> Action | None:
-        """Return the next action, checked for size and finite values, or None at the end.
+        """Return the next action after checking its size and values; None at the end of the episode.
 
         Raises:
             ControllerError: the controller fails or returns an invalid action.
@@ -57,9 +57,9 @@ class Guarded(WrappedController):
         if action is None:
             return None
         if action.shape != (self._size,):
-            raise self._error(f"an action must be ({self._size},), is {action.shape}", where)
+            raise self._error(f"an action must have the shape ({self._size},), has {action.shape}", where)
         if not np.isfinite(action).all():
-            raise self._error("an action must be finite, holds NaN or infinity", where)
+            raise self._error("an action must be finite, but contains NaN or infinity", where)
         return action
 
     @property

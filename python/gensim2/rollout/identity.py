@@ -1,4 +1,4 @@
-"""Digests of a run's inputs, which must agree when the run is resumed."""
+"""Compute digests of a run's inputs, which must be the same when the run is resumed."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def versions(engine: Engine) -> dict[str, str]:
 
 
 def provenance() -> dict[str, str]:
-    """Return the origin of results: commit of the sources (``unknown`` outside a git checkout), date, and command."""
+    """Describe the origin of results: commit of the sources (``unknown`` without a git checkout), date, and command."""
     return {
         "commit": _commit(Path(__file__).parents[3]),
         "date": time.strftime("%Y-%m-%d"),
@@ -52,7 +52,7 @@ def provenance() -> dict[str, str]:
 
 
 def _commit(root: Path) -> str:
-    """Return the commit of a checkout, with ``-modified`` if its sources have changed."""
+    """Return the commit of a checkout, with the suffix ``-modified`` if its sources have changed."""
     if not (root / ".git").exists():
         return "unknown"
     try:
@@ -66,22 +66,22 @@ def _commit(root: Path) -> str:
 
 
 def digest(value: Any) -> str:
-    """Return a digest of plain data; equal data have equal digests."""
+    """Return a hash of plain data: the first 16 hexadecimal digits of the SHA-256."""
     return hashlib.sha256(json.dumps(value, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
 
 
 def listing(library: Library, classes: Iterable[str]) -> str:
-    """Return a digest of the list of objects: episodes choose from it, so another object means another run."""
+    """Return a hash of a library's list of objects, because a changed list changes the episodes."""
     return digest({name: list(library.instances(name)) for name in classes})
 
 
 def listings(given: Sequence[TaskInput]) -> dict[str, str]:
-    """Return the digest of the list of objects for each class that the tasks use."""
+    """Return a hash of the list of objects for each class that the tasks use."""
     return {name: listing(given[0].library, [name]) for name in _classes(given)}
 
 
 def identity(given: Sequence[TaskInput]) -> dict[str, str]:
-    """Return the digests of a run of several tasks with one library."""
+    """Return the digests of the inputs of a run with several tasks and one library."""
     return {
         "tasks": digest([one.spec.model_dump(mode="json") for one in given]),
         "strategies": digest([one.strategies for one in given]),

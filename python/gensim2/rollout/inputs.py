@@ -1,6 +1,6 @@
 """Read and check the inputs of commands before anything starts.
 
-Cheap checks (files, fields, names) come first, then checks that load an object of each class.
+Fast checks of files, fields and names come first, then checks that load an object of each class.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from gensim2.tasks.strategies import Strategies, with_strategies
 
 @dataclass(frozen=True)
 class TaskInput:
-    """A checked task: it is valid, its objects exist, and they have everything that its strategies refer to.
+    """A checked task: the task is valid, its objects exist, and its strategies name only existing keypoints.
 
     Attributes:
-        scene: settings of its scenes.
-        instances: name of the set of its objects: ``"all"``, ``"train"``, ``"test"``, ``"new"`` or an id.
+        scene: settings of the task's scenes.
+        instances: selection of the task's objects: ``"all"``, ``"train"``, ``"test"``, ``"new"`` or an id.
         strategies: strategies by name, as plain data.
-        library: library of its objects.
-        rollout: options of its episodes.
+        library: library of the task's objects.
+        rollout: options of the task's episodes.
     """
 
     scene: SceneConfig
@@ -64,7 +64,7 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
-        InputError: names the file and the field, or the argument.
+        InputError: an input is invalid; the message names the file and the field, or the argument.
     """
     seed = check_seed(seed)
     options = scene_options(**given)
@@ -91,14 +91,14 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
 
 
 def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:
-    """Return the scene options among a run's keyword arguments.
+    """Return the scene options from a run's keyword arguments.
 
     Raises:
         InputError: an argument is invalid or unknown.
     """
     for name in given:
         if name not in RunArguments.__annotations__:
-            raise InputError("is no argument", field=name, remedy=near(name, RunArguments.__annotations__))
+            raise InputError("is an unknown argument", field=name, remedy=near(name, RunArguments.__annotations__))
     if not isinstance(given.get("assets"), str | Path | None):
         raise InputError("must be None, 'builtin' or a folder", field="assets")
     return SceneOptions.of(**split_arguments(given)[0])
@@ -108,7 +108,7 @@ def instances_word(**given: Unpack[RunArguments]) -> str:
     """Return the ``instances`` argument of a run.
 
     Raises:
-        InputError: it is not a single word.
+        InputError: the argument is not a single word.
     """
     word = given.get("instances", "all")
     if not isinstance(word, str):
@@ -119,14 +119,14 @@ def instances_word(**given: Unpack[RunArguments]) -> str:
 def read_task_inputs(
     tasks: Sequence[str], *, seed: int, origin: str | None = None, **given: Unpack[RunArguments]
 ) -> tuple[list[TaskInput], dict[str, str]]:
-    """Read and check the tasks whose objects are available; return the others with the reason.
+    """Read and check the tasks whose objects are available; also return the reason for each other task.
 
     Args:
         tasks, origin: as for :func:`of_these_objects`.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
-        InputError: as for :func:`of_these_objects` and :func:`read_task_input`, or a task is named twice.
+        InputError: a task is named twice, or as for :func:`of_these_objects` and :func:`read_task_input`.
     """
     assets, word = scene_options(**given).assets, instances_word(**given)
     wanted, skipped = of_these_objects(assets, tasks, word, origin)
@@ -137,7 +137,7 @@ def read_task_inputs(
 
 
 def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[RunArguments]) -> list[TaskInput]:
-    """Read and check tasks, all of which must be available.
+    """Read and check tasks; raise an error if the objects of one of them are missing.
 
     Args:
         tasks, seed, given: as for :func:`read_task_inputs`.
@@ -152,15 +152,15 @@ def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[Run
 
 
 def only_strategies(given: Sequence[TaskInput], names: Sequence[str]) -> list[TaskInput]:
-    """Return tasks whose steps use only the strategies ``names``; steps without any of these are unchanged.
+    """Restrict the steps of tasks to the strategies ``names``; a step without any of these is unchanged.
 
     Raises:
-        InputError: no step has such a strategy.
+        InputError: no step has one of these strategies.
     """
     known = {name for one in given for step in one.spec.steps for name in step.strategies}
     for name in names:
         if name not in known:
-            raise InputError(f"no step has {name!r}", field="strategy", remedy=near(name, sorted(known)))
+            raise InputError(f"no step has the strategy {name!r}", field="strategy", remedy=near(name, sorted(known)))
     return [_only(one, set(names)) for one in given] if names else list(given)
 
 
@@ -175,7 +175,7 @@ def _only(given: TaskInput, names: set[str]) -> TaskInput:
 
 
 def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:
-    """Return the ``--instances`` word of a task, with ``random`` replaced by a random id from the seed.
+    """Return the ``--instances`` selection of a task; ``random`` is replaced by an id that the seed determines.
 
     Raises:
         InputError: a class has no such instance or split.
@@ -189,7 +189,7 @@ def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> 
 
 
 def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, ...]]:
-    """Return the ids that an ``--instances`` word selects, by object.
+    """Return the ids that an ``--instances`` selection contains, by object.
 
     Raises:
         InputError: a class has no such instance or split.
@@ -207,7 +207,7 @@ def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, .
 
 
 def has_instances(library: Library, asset_class: str, instances: str) -> bool:
-    """Return whether a class has instances for an ``--instances`` word."""
+    """Return whether a class has instances in an ``--instances`` selection."""
     try:
         return bool(library.choose(asset_class, instances))
     except InputError:
@@ -221,16 +221,16 @@ def _classes(spec: TaskSpec) -> dict[str, str]:
 def of_these_objects(
     assets: str | Path | None, tasks: Sequence[str] = (), instances: str = "all", origin: str | None = None
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the tasks that can be run with the given objects, and for all others the reason why they cannot.
+    """Return the tasks that can be run with the given objects, and the reason for each task that cannot.
 
     Args:
-        assets: as in :class:`~gensim2.scenes.config.SceneArguments`.
+        assets: library of the objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
         tasks: names of library tasks, or folders; empty for all tasks of ``origin``.
         instances: name of the set of objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
         origin: origin of the tasks if none is named; None: the paper's suite.
 
     Raises:
-        InputError: the folder cannot be used, a task is unknown, no task is left, or both tasks and an origin are
+        InputError: a folder cannot be read, a task is unknown, no task can be run, or both tasks and an origin are
             given.
     """
     if tasks and origin is not None:
@@ -256,13 +256,13 @@ def of_these_objects(
 
 
 def what_it_lacks(library: Library, spec: TaskSpec) -> str | None:
-    """Return a message with the classes of a task's objects that a library lacks; None if it has all."""
+    """Return a message that names the classes of a task's objects that a library lacks; None if it lacks none."""
     lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]
     return f"{library.location} has no {', '.join(lacking)}" if lacking else None
 
 
 def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
-    """Return spec and strategies of a library task, or of a folder with task.yaml and strategies/.
+    """Return the spec and the strategies of a library task, or of a folder with task.yaml and strategies/.
 
     Raises:
         InputError: the task or folder does not exist, or a file in it cannot be used.
@@ -292,10 +292,10 @@ def _is_folder(task: str) -> bool:
 
 
 def check_counts(**values: int) -> None:
-    """Refuse counts below one.
+    """Check that all given counts are at least 1.
 
     Raises:
-        InputError: names the first.
+        InputError: a count is invalid; the message names the first.
     """
     for name, value in values.items():
         if value < 1:

@@ -1,4 +1,4 @@
-"""Find faults of a step whose criterion does not hold, from the measurements while the step was executed."""
+"""Determine from measurements why a step did not meet its criterion."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from gensim2.tasks.spec import HAND, Step
 Array = npt.NDArray[np.float64]
 
 LEAST_TRAVEL = 0.05
-"""Change of openness above which the hand must have gripped the joint's handle."""
+"""Minimum change of openness that shows that the hand has gripped the handle."""
 
 LEFT_BEHIND = 0.03
-"""Distance (m) that a grasped object may shift in the hand."""
+"""Maximum distance (m) that a grasped object may shift in the hand."""
 
 LEAST_OPENING = 0.002
-"""Smallest distance of the pads, and smallest change of it, that count as open (m)."""
+"""Minimum distance of the pads, and minimum change of this distance, at which the hand counts as open, m."""
 
 LIFTED = 0.01
-"""Height (m) above its start above which an object counts as lifted."""
+"""Height (m) above its initial position at which an object counts as lifted."""
 
 SLIPPED = 0.08
-"""Distance (m) that the hand moves on in the object's direction after the object stopped; more than a retreat."""
+"""Distance (m) that the hand moves along the object's path after the object has stopped; longer than a retreat."""
 
 DRIFTED = 0.005
 """Distance (m) above which an object counts as moved before the actuation pose."""
@@ -47,10 +47,10 @@ DRIFTED = 0.005
 def fault_of_criterion(
     step: Step, measured: Sequence[Measurement], at_actuation: Measurement | None
 ) -> tuple[Cause, dict[str, Any]] | None:
-    """Return why a step's criteria do not hold; None if the measurements do not show it.
+    """Return the fault because of which a step's criteria are not met; None if the measurements show no fault.
 
     Args:
-        step: the step.
+        step: step to diagnose.
         measured: measurements while the step was executed.
         at_actuation: measurement at the step's actuation pose; None if unknown.
     """
@@ -84,7 +84,7 @@ def fault_of_criterion(
 
 
 def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
-    """Return the distance (m) that a rigid object moved before the actuation pose; None if it stayed or is unknown."""
+    """Return the distance (m) that a rigid object moved before the actuation pose; None if below ``DRIFTED``."""
     if at_actuation is None or name not in at_actuation.poses:
         return None
     moved = change(measured[0], at_actuation, name).distance
@@ -92,9 +92,7 @@ def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, nam
 
 
 def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
-    """Return the increase of the distance (m) between hand and object at the end; None if the object moved with the
-    hand.
-    """
+    """Return by how much (m) the hand moved away from an object; None if the object moved with the hand."""
     if measured[-1].finger_opening < LEAST_OPENING:
         return _distances(measured[-1:], name)[-1]
     distances = _distances(measured, name)
@@ -103,15 +101,13 @@ def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
 
 
 def was_lifted(measured: Sequence[Measurement], name: str) -> bool:
-    """Return whether a rigid object was higher than at its start, and so in the hand."""
+    """Return whether a rigid object was lifted above its initial height, and was therefore in the hand."""
     heights = [float(instant.poses[name][2]) for instant in measured]
     return max(heights) > heights[0] + LIFTED
 
 
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
-    """Return the distance (m) that a grasped object slipped from its place in the hand; None if it did not or was
-    released.
-    """
+    """Return the distance (m) that a grasped object slipped in the hand; None if it did not slip or was released."""
     distances = _distances(measured, name)
     let_go = released(measured)
     for distance, instant in zip(distances, measured, strict=True):
@@ -139,7 +135,7 @@ def _apart(measured: Measurement, first: str, second: str) -> float:
 
 
 def _of_push(name: str, measured: Sequence[Measurement]) -> tuple[Cause, dict[str, Any]]:
-    """Return the fault of a rigid object that should have been moved."""
+    """Return the fault of a step that should have moved a rigid object."""
     way = float(np.linalg.norm((measured[-1].poses[name] - measured[0].poses[name])[:2]))
     if way < DRIFTED:
         return Cause.NO_CONTACT, {"distance": way, "nearest": min(_distances(measured, name))}
@@ -160,7 +156,7 @@ def _of_joint(name: str, sign: float, measured: Sequence[Measurement]) -> tuple[
 
 
 def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -> float:
-    """Return the distance (m) that the hand moved on in the object's direction after the object had stopped."""
+    """Return the distance (m) that the hand moved along the object's path after the object had stopped."""
     stopped = next(i for i, travelled in enumerate(course) if travelled > max(course) - 0.1 * LEAST_TRAVEL)
     began = next(i for i, travelled in enumerate(course) if travelled > 0.5 * course[stopped])
     hand = np.stack([_hand(instant) for instant in measured])

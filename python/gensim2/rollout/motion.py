@@ -1,4 +1,4 @@
-"""Displacements between two instants, and tests for rest."""
+"""Compute displacements between two instants, and test whether a scene is at rest."""
 
 from __future__ import annotations
 
@@ -25,11 +25,10 @@ SETTLED_TURN = 0.5
 """Angular speed (rad/s) below which a rigid object counts as settled; a ball may slowly roll in place."""
 
 LARGEST_OVERSHOOT = 0.5
-"""Largest openness outside 0..1 in a stable simulation; joint limits yield by a hundredth of that."""
+"""Maximum openness outside 0..1 in a stable simulation; joint limits usually yield by a hundredth of this."""
 
 FARTHEST = 10.0
-"""Largest distance (m) of a rigid object from the world's origin in a stable simulation, also after a fall off the
-table.
+"""Maximum distance (m) of a rigid object from the world's origin in a stable simulation, even after a fall.
 """
 
 
@@ -38,10 +37,10 @@ class Change:
     """Change of one object between two instants.
 
     Attributes:
-        openness: signed change of its joint's openness; 0 for a rigid object.
+        openness: signed change of the joint's openness; 0 for a rigid object.
         distance: displacement of a rigid object, m; 0 for an articulated object, whose root is fixed.
         turn: rotation angle about any axis, rad.
-        tilt: angle between its former and its present upright axis, rad.
+        tilt: angle between the object's upright axis before and after, rad.
     """
 
     openness: float = 0.0
@@ -50,7 +49,7 @@ class Change:
     tilt: float = 0.0
 
     def exceeds(self, openness: float, distance: float) -> bool:
-        """Return whether the change is larger; always True for NaN."""
+        """Return whether the change is larger than a limit; always True for NaN."""
         return not (abs(self.openness) <= openness and self.distance <= distance)
 
 
@@ -74,7 +73,7 @@ def changes(before: Measurement, after: Measurement) -> Mapping[str, Change]:
 
 
 def is_at_rest(before: Measurement, after: Measurement, period: float) -> bool:
-    """Return whether nothing moved noticeably between two measurements ``period`` (s) apart."""
+    """Return whether nothing moved noticeably between two measurements that are ``period`` (s) apart."""
     return all(
         not moved.exceeds(SETTLED_CHANGE * period, SETTLED_DISTANCE * period) and moved.turn <= SETTLED_TURN * period
         for moved in changes(before, after).values()
@@ -82,7 +81,7 @@ def is_at_rest(before: Measurement, after: Measurement, period: float) -> bool:
 
 
 def is_stable(measured: Measurement) -> bool:
-    """Return whether the simulation is stable; otherwise positions are NaN or far away."""
+    """Return whether the simulation is stable: all positions are finite and near the table."""
     return all(-LARGEST_OVERSHOOT <= value <= 1 + LARGEST_OVERSHOOT for value in measured.openness.values()) and all(
         bool(np.isfinite(pose).all()) and float(np.abs(pose[:3]).max()) <= FARTHEST for pose in measured.poses.values()
     )
@@ -93,36 +92,36 @@ def _rotation(pose: Array) -> Rotation:
 
 
 GOAL_SECONDS = 0.5
-"""Time (s) for which the goal must hold without interruption to end an episode."""
+"""Time (s) for which the goal must be reached without interruption to end an episode."""
 
 SETTLE_SECONDS = 0.5
-"""Shortest time (s) for which the last command is held."""
+"""Minimum time (s) for which the last command is kept."""
 
 MAX_SETTLE_SECONDS = 2.0
-"""Time (s) after which an episode is evaluated even if something still moves."""
+"""Maximum time (s) until an episode is evaluated, even if an object still moves."""
 
 LASTING_SECONDS = 1.0
-"""Time (s) after the last command at which a lasting goal must still hold."""
+"""Time (s) after the last command at which the goal must still be reached to count as lasting."""
 
 
 def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] = float) -> bool:
-    """Return whether the last command has been held long enough to evaluate the episode.
+    """Return whether the last command was kept long enough to evaluate the episode.
 
     Args:
-        held: time for which it has been held, in the unit of ``unit``.
-        at_rest: whether the scene is at rest; None: not measured, and not waited for.
-        unit: conversion from seconds, for example to control steps (:meth:`RobotProfile.steps`).
+        held: time for which the last command was kept, in the unit that ``unit`` returns.
+        at_rest: whether the scene is at rest; None: not measured, so that only the minimum time counts.
+        unit: function that converts seconds, for example to control steps (:meth:`RobotProfile.steps`).
     """
     return held >= unit(MAX_SETTLE_SECONDS) or (held >= unit(SETTLE_SECONDS) and at_rest is not False)
 
 
 def settle(step: Callable[[], Measurement], before: Measurement, profile: RobotProfile) -> bool:
-    """Hold the last command until the episode may be evaluated; return whether the scene is at rest.
+    """Keep the last command until the episode may be evaluated; return whether the scene is at rest.
 
     Args:
-        step: function that makes one control step with the last command and measures.
+        step: function that executes a control step with the last command and returns a measurement.
         before: measurement before the first of these steps.
-        profile: the robot, for the length of a control step.
+        profile: robot profile, which gives the length of a control step.
     """
     held, at_rest = 0, False
     while not may_judge(held, at_rest, profile.steps):

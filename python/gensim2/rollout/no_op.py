@@ -1,4 +1,4 @@
-"""No-op baseline: the scene without a moving arm. Goals that are reached without the robot do not count."""
+"""Run the no-op baseline, a scene without a moving arm; goals that are reached without the robot do not count."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ UNMOVED_SECONDS = 2.0
 """Time (s) after which objects that have not moved are assumed to stay."""
 
 UNMOVED_CHANGE = 0.002
-"""Openness change in that time below which a joint has not moved; at that rate it changes by 0.02 in 20 s."""
+"""Openness change within ``UNMOVED_SECONDS`` below which a joint counts as unmoved; this rate gives 0.02 in 20 s."""
 
 UNMOVED_DISTANCE = 0.001
-"""Distance (m) in that time below which a rigid object has not moved; at that rate it moves 1 cm in 20 s."""
+"""Displacement (m) within ``UNMOVED_SECONDS`` below which an object counts as unmoved; this rate gives 1 cm in 20 s."""
 
 
 class NoOpController:
-    """Holds the arm where it is.
+    """Controller that keeps the arm in place.
 
     Args:
-        robot: the robot.
+        robot: robot profile.
         steps: number of control steps.
-        gripper: command of the fingers, from -1 (closed) to 1 (open).
+        gripper: gripper command, from -1 (closed) to 1 (open).
     """
 
     observation_spec = PROPRIOCEPTIVE
@@ -58,9 +58,9 @@ class NoOpResult:
     """Result of the no-op baseline.
 
     Attributes:
-        success: the goal holds at the end.
-        stable: the simulation was stable.
-        start, end: measurements.
+        success: whether the goal is reached at the end.
+        stable: whether the simulation was stable.
+        start, end: measurements at the start and at the end.
     """
 
     success: bool
@@ -72,17 +72,17 @@ class NoOpResult:
 def no_op_baseline(
     world: World, seed: int, *, options: Mapping[str, Any] | None = None, steps: int | None = None
 ) -> NoOpResult:
-    """Run the scene of ``seed`` without a moving arm for ``steps`` control steps and the time to settle.
+    """Simulate the scene of a seed without a moving arm, for ``steps`` control steps and the time to settle.
 
-    The scene is built without the arm, because a still arm touches nothing and the simulation is ten times faster
-    without it. The run ends early if all objects are still for the first ``UNMOVED_SECONDS``, because nothing would
-    move them later.
+    The scene is built without the arm, because an arm at rest touches nothing, and simulation is ten times faster
+    without it. The run ends early if no object moves in the first ``UNMOVED_SECONDS``, because nothing would move them
+    later.
 
     Args:
-        world: simulated world, which is reset.
+        world: simulated world, which is reset first.
         seed: seed of the reset.
         options: options of the reset.
-        steps: number of steps; default: the task's limit minus the time to settle.
+        steps: number of control steps; default: the task's limit minus the time to settle.
     """
     steps_in, period = world.profile.steps, 1.0 / world.profile.control_hz
     longest, settle = steps_in(MAX_SETTLE_SECONDS), steps_in(SETTLE_SECONDS)

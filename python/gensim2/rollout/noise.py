@@ -13,20 +13,20 @@ from gensim2.rollout.controller import Action, Controller, Reference, WrappedCon
 PERIOD = 0.6
 """Duration (s) of one disturbance of the arm."""
 SHARE = 0.5
-"""Share of the periods that have a disturbance."""
+"""Fraction of the periods with noise."""
 
 
 class Noisy(WrappedController):
-    """Add noise to another controller's joint targets now and then, without telling it.
+    """Controller that sometimes adds noise to the joint targets of another controller.
 
-    In a period with noise each joint's target has an offset that rises to a random angle and falls back to zero as a
-    half sine wave. The noise-free action is recorded as ``reference/action``.
+    The other controller is not informed. In a period with noise, each joint target has an offset that follows a half
+    sine wave with a random amplitude. The noise-free action is recorded as ``reference/action``.
 
     Args:
-        controller: the controller.
+        controller: controller whose actions get noise.
         control_hz: control rate, Hz.
         arm: number of the arm's joints.
-        noise: standard deviation of the angles, rad.
+        noise: standard deviation of the amplitudes, rad.
         seed: seed of the episode.
     """
 

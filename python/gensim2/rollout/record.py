@@ -1,4 +1,4 @@
-"""Record of a finished episode as plain data, for logs, tables, design and reports."""
+"""Record a finished episode as plain data, for logs, tables, design and reports."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ SCHEMA_VERSION: Literal[2] = 2
 
 
 START = "start"
-"""Trigger of the first plans of a step."""
+"""Reason for planning a step at its start."""
 
 
 class Cause(StrEnum):
-    """Why an episode is not ``held``: the first fault that was not corrected."""
+    """Reason why an episode does not pass the ``held`` verdict: the first fault that was not corrected."""
 
     INVALID_PROBLEM = "invalid problem"
     NO_ACTUATION_POSE = "no actuation pose"
@@ -48,11 +48,11 @@ class Cause(StrEnum):
 
 
 _RENAMED = {"happens with a still arm": "happens in the no-op baseline"}
-"""Present causes by those of the previous release."""
+"""Current names of causes, by their names in the previous release."""
 
 
 class StrictMiss(StrEnum):
-    """Reason why an episode does not meet the ``strict`` criterion."""
+    """Reason why an episode does not pass the ``strict`` verdict."""
 
     NOT_HELD = "not held"
     NOT_LET_GO = "the hand has not let go"
@@ -67,17 +67,17 @@ class StrictMiss(StrEnum):
 
 @dataclass(frozen=True)
 class ObjectRecord:
-    """An object in the episode with its pose and random draws.
+    """An object of the episode, with its pose and its random physical properties.
 
     Attributes:
         asset_class, id, source, content_hash: identity of the object.
-        pose: (7,) pose of its root in the world frame at the start: x, y, z (m), qw, qx, qy, qz.
-        yaw: random rotation, rad.
-        openness_start, openness_end: openness of its joint; None for a rigid object or if not finite.
+        pose: (7,) pose of the object's root in the world frame at the start: x, y, z (m), qw, qx, qy, qz.
+        yaw: random rotation about the vertical, rad.
+        openness_start, openness_end: openness of the joint at start and end; None for a rigid object or if not finite.
         pose_end: (7,) pose of a rigid object at the end; None for an articulated object or if not finite.
-        default_pose: physics preset of the default pose that was randomized (``"ours"`` in earlier files); None if the
-            pose was given.
-        mass_factor, contact_friction_factor, joint_friction_factor: random factors on its physical properties.
+        default_pose: physics preset whose default pose was randomized (``"ours"`` in earlier files); None if the pose
+            was given.
+        mass_factor, contact_friction_factor, joint_friction_factor: random factors on mass and friction.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -99,16 +99,16 @@ class ObjectRecord:
 
 @dataclass(frozen=True)
 class PlanRecord:
-    """One plan and its execution.
+    """A plan and its execution.
 
     Attributes:
-        strategy: name of its strategy.
+        strategy: name of the planned strategy.
         status, reason: result of the planner.
-        at_step: control step at which it was made.
+        at_step: control step at which the plan was made.
         trigger: ``"start"``, or the deviation that caused replanning.
         ran: number of control steps executed.
-        detail: measured values for a designer: unmet residuals, the unreached keyframe, colliding bodies, distances
-            (m or rad); empty if solved.
+        detail: measured values about a failure: unmet residuals, unreached keyframe, colliding bodies, distances (m or
+            rad); empty if planning succeeded.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -128,10 +128,10 @@ class StepRecord:
 
     Attributes:
         name: name of the step.
-        plans: plans in order; more than one after a deviation or a failed strategy.
-        paper: whether the step's criterion held at any control step while the step was executed, as the verdict
-            ``paper`` requires (True without a criterion).
-        done: whether the step's criterion held when the step ended.
+        plans: plans in order; several after a deviation or a failed strategy.
+        paper: whether the step's criterion was met at any control step of the step, as the ``paper`` verdict requires;
+            True without a criterion.
+        done: whether the step's criterion was met when the step ended.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -148,7 +148,7 @@ class StepRecord:
 
     @property
     def replans(self) -> int:
-        """Return the number of plans after the start of the step, without the other strategies tried at its start."""
+        """Return the number of plans made after the start of the step; strategies tried at its start do not count."""
         return sum(plan.trigger != START for plan in self.plans)
 
 
@@ -158,7 +158,7 @@ class AttemptRecord:
 
     Attributes:
         seed: seed of the solver.
-        first: strategy that was tried first in place of the default, by step.
+        first: by step, the strategy that was tried first instead of the default.
         paper, held, strict, cause: as in :class:`Episode`.
     """
 
@@ -174,29 +174,30 @@ class AttemptRecord:
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode: one reset, with everything planned and executed after it.
+    """An episode: a reset, and all plans and actions after it.
 
     Attributes:
         seed: seed of the reset.
         objects: objects by name.
-        placement_draws: number of draws until all objects were apart and within reach.
+        placement_draws: number of random placements until all objects were apart and within reach.
         steps: steps that were started.
         control_steps: number of executed control steps, including settling.
-        paper: verdict ``paper``: each step's criterion held at some control step while the step was executed.
-        held: verdict ``held``, success: the goal holds at the end, at rest, and does not hold in the no-op baseline.
-        strict: the strict criterion of docs/reference/episodes.md; ``strict_misses`` has the reasons if it is not met.
-        still: whether the goal holds in the no-op baseline; None if the baseline was not needed.
-        settled: whether the scene was at rest at the evaluation; required for ``held``.
-        truncated: the episode was longer than the task allows.
-        cause: why the episode is not ``held``; None if it is.
-        diagnosis: measured values about the cause and about each unmet strict condition.
+        paper: ``paper`` verdict: each step's criterion was met at some control step of this step.
+        held: ``held`` verdict, the success criterion: the goal is reached at the end, with the scene at rest, and is
+            not reached in the no-op baseline.
+        strict: ``strict`` verdict (docs/reference/episodes.md); ``strict_misses`` has the reasons for a failure.
+        still: whether the goal is reached in the no-op baseline; None if the baseline was not needed.
+        settled: whether the scene was at rest at the evaluation, which ``held`` requires.
+        truncated: whether the episode was longer than the task allows.
+        cause: reason why the episode does not pass ``held``; None if it passes.
+        diagnosis: measured values about the cause and about each unmet condition of ``strict``.
         randomization: name of the scene's randomization preset.
         start: (n,) all active joints of the robot at the start.
-        attempts: all attempts from this start in order, if several were allowed; everything else describes one of them
-            (:mod:`gensim2.rollout.run`).
+        attempts: all attempts from this start in order, if several were allowed; all other fields describe the deciding
+            attempt (:mod:`gensim2.rollout.run`).
         disturbed_at: control step of the disturbance; None without one.
-        index: position in its log or data set; -1 outside of one. Ignored when episodes are compared.
-        episode_digest: digest of the episode's file; None without a file.
+        index: position in the log or data set; -1 if the episode is in neither. Ignored when episodes are compared.
+        episode_digest: SHA-256 of the episode's file; None without a file.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -223,7 +224,7 @@ class Episode:
     episode_digest: str | None = None
 
     def at(self, index: int, episode_digest: str | None = None) -> Episode:
-        """Return the same episode with a position in a log or data set."""
+        """Return this episode with a position in a log or data set."""
         return replace(self, index=index, episode_digest=episode_digest)
 
     @property

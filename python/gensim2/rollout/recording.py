@@ -1,4 +1,4 @@
-"""One recorded episode as a value that can be pickled; arrays as in ManiSkill's trajectory format."""
+"""Record an episode as a value that can be pickled; arrays are as in ManiSkill's trajectory format."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from gensim2.tasks.measurement import Measurement
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything that ManiSkill's tools need to replay an episode of T steps.
+    """Data that ManiSkill's tools need to replay an episode of T steps.
 
     Attributes:
         seed: seed of the reset.
-        reset_options: options that make the reset reproduce the scene, independently of the available instances.
+        reset_options: options with which the reset reproduces the scene, independently of the available instances.
         instances: id of each object's instance.
-        control_mode: meaning of the actions.
-        actions: (T, m + 1) float32.
+        control_mode: control mode of the actions, as in ManiSkill.
+        actions: (T, m + 1) float32 actions.
         obs: (T + 1, D) float32 state observations.
         env_states: tree of (T + 1, ...) float32: ``actors`` and ``articulations`` by name.
-        rewards: (T,) float32.
-        terminated, truncated, success: (T,) bool.
+        rewards: (T,) float32 rewards.
+        terminated, truncated, success: (T,) bool flags.
         reference: (T, ...) float32 references of the actions, if the controller reports them: ``joint_positions`` and
             ``joint_velocities`` (m) of the arm, ``tool_pose`` (7, base frame), ``gripper`` (2: distance of the pads, m,
             and force of each finger, N, or NaN), and, if noise was added, the noise-free ``action`` (m + 1). NaN at
@@ -71,7 +71,7 @@ class EpisodeResult:
     """A finished episode, from the loop or from its file.
 
     Attributes:
-        episode: the record.
+        episode: record of the episode.
         recording: states, actions and flags of every control step; None if not requested or not stored.
     """
 
@@ -80,10 +80,10 @@ class EpisodeResult:
 
 
 class Recorder:
-    """Collects a recording from a reset on.
+    """Collects the recording of an episode.
 
     Args:
-        world: the world, just after its reset.
+        world: simulated world, just after its reset.
     """
 
     def __init__(self, world: World) -> None:
@@ -124,7 +124,7 @@ class Recorder:
         )
 
     def _observed(self) -> npt.NDArray[np.float32]:
-        """Return the observations (T + 1, D), with the tool poses computed for all instants at once."""
+        """Return the observations (T + 1, D); tool poses are computed for all instants at once."""
         obs = np.stack(self._obs)
         joints = len(self._world.profile.reset_qpos)
         obs[:, 2 * joints : 2 * joints + 7] = tool_pose(self._world.profile, obs[:, :joints])
@@ -158,7 +158,7 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
 
 
 def _plain(value: Any) -> Any:
-    """Return reset options as plain data: arrays and numbers as lists and floats."""
+    """Return reset options as plain data; arrays and numbers become lists and floats."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     return value if value is None or isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()

@@ -1,4 +1,4 @@
-"""Motion to the rest pose after the last step, if the hand is still near its objects."""
+"""Plan a motion to the rest pose after the last step, if the hand is still near its objects."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.float32]
 
 NEAR = 0.06
-"""Distance (m) between keypoints of gripper and object below which the hand counts as near; larger than ``strict``
-requires (:mod:`gensim2.rollout.strict`).
+"""Distance (m) between keypoints of gripper and object below which the hand counts as near; larger than the ``strict``
+verdict requires.
 """
 CLEAR = 0.003
 """Distance (m) between hand and object below which they may be in contact."""
 SPEED = 0.5
-"""Share of the joints' velocity and acceleration limits."""
+"""Fraction of the joints' velocity and acceleration limits that the motion uses."""
 OUT, OUT_SECONDS = 0.08, 1.0
 """Length (m) and duration (s) of the straight motion out of contact."""
 MAX_STRIDE = 0.2
-"""Largest joint change (rad or m) per control step on that motion; a larger one means another posture."""
+"""Maximum joint change (rad or m) per control step on the straight motion; more means a different posture."""
 SLACK = 1e-3
-"""Distance (m) by which surfaces may come closer on that motion, because they turn under the hand."""
+"""Tolerance (m) by which surfaces may come closer on the straight motion."""
 
 
 def is_near(measured: Measurement, names: Collection[str]) -> bool:
@@ -45,8 +45,8 @@ class Retreat:
     """Motion of the arm to its rest pose.
 
     Args:
-        positions, velocities: (N, m) planned for the arm joints at the end of each control step, rad and rad/s.
-        targets: (N, m) targets of the simulated drives that follow them, rad.
+        positions, velocities: (N, m) planned arm joints at the end of each control step, rad and rad/s.
+        targets: (N, m) targets with which the simulated drives follow the plan, rad.
     """
 
     def __init__(self, positions: Rows, velocities: Rows, targets: Rows) -> None:
@@ -61,18 +61,18 @@ class Retreat:
 def planned_retreat(
     world: PlanningWorld, scene: Scene, names: Collection[str], near: bool, profile: RobotProfile
 ) -> Retreat | None:
-    """Plan a collision-free motion to the rest pose; a hand in contact first moves straight away.
+    """Plan a collision-free motion to the rest pose; a hand in contact first moves away on a straight line.
 
-    If there is no such motion, only the straight motion is returned.
+    If there is no collision-free motion, only the straight motion is returned.
 
     Args:
         world: planning world of the episode.
-        scene: present scene.
+        scene: current scene.
         names: objects that the hand has acted on.
-        near: whether a keypoint of the hand is near them; if not, contact with them is checked.
+        near: whether a keypoint of the hand is near these objects; if False, contact with them is checked.
 
     Returns:
-        The motion; None if the hand is away from the objects, or no motion is found.
+        The motion; None if the hand is not near the objects, or no motion is found.
     """
     solver, q = world.of(scene), world.joints(scene)
     if not near and not _touches(solver, q, names):
@@ -101,9 +101,9 @@ def planned_retreat(
 
 
 def _straight_out(solver: kpam.Scene, q: Array, profile: RobotProfile) -> list[Array]:
-    """Return joints (n,) of each control step on a straight motion of the hand on which no clearance shrinks.
+    """Return the joints (n,) at each control step of a straight motion of the hand that reduces no clearance.
 
-    The hand moves opposite to the fingers, up, or both; empty if all these directions are blocked.
+    The hand moves against the fingers' direction, up, or both. The result is empty if all these directions are blocked.
     """
     T_base_hand = profile.model.forward_kinematics(q)
     up = np.linalg.inv(profile.T_world_base)[:3, :3] @ np.array([0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""The episode loop: ask the controller, step the world, let it settle, and evaluate."""
+"""Run an episode: request actions, step the world, let the scene settle, and evaluate."""
 
 from __future__ import annotations
 
@@ -66,24 +66,24 @@ def run(
 ) -> EpisodeResult:
     """Run one episode and evaluate it.
 
-    The controller acts until it is done or the task's step limit is reached. Its last command is then held until the
-    scene has settled, and the episode is evaluated. The settling steps are part of the episode, so a replay ends in the
-    same state. If the goal is lost during settling, the controller continues while there is time. If the goal holds,
-    the simulation runs on for the strict criterion, and the no-op baseline is run; neither is part of the episode. The
-    episode also ends if the controller is done before its first action, or if the point cloud becomes empty because all
-    objects left the workspace.
+    The controller acts until it ends the episode or the task's step limit is reached. Then its last command is kept
+    until the scene has settled, and the episode is evaluated. The settling steps are part of the episode, so a replay
+    ends in the same state. If the goal is lost during settling, the controller continues if time is left. If the goal
+    is reached, the simulation continues for the ``strict`` verdict, and the no-op baseline is run; neither is part of
+    the episode. The episode also ends if the controller ends it before the first action, or if all objects have left
+    the workspace, so that the point cloud is empty.
 
     Args:
-        world: simulated world, which is reset, and reset again for the no-op baseline.
-        controller: the controller; its actions are rounded to float32, as in trajectory files.
+        world: simulated world, which is reset for the episode and again for the no-op baseline.
+        controller: controller of the episode; its actions are rounded to float32, as in trajectory files.
         seed: seed of the reset.
         options: options of the reset.
-        record: store states and observations of every step.
-        stop: ``"controller"``: an episode whose controller is not done at the step limit has failed. ``"goal"``: the
-            episode also ends when the goal has held for ``GOAL_SECONDS`` and still holds after settling, or at the step
-            limit minus the time to settle; then it is evaluated as usual.
+        record: whether to store states and observations of every step.
+        stop: ``"controller"``: the episode fails if the controller has not ended it at the step limit. ``"goal"``: the
+            episode also ends when the goal is reached for ``GOAL_SECONDS`` and still after settling, or at the step
+            limit minus the time to settle, and is evaluated as usual.
         still: function that returns the no-op baseline, for callers that cache it; default: ``no_op_baseline``.
-        every: control steps between evaluations of the steps' criteria, for the ``paper`` criterion.
+        every: number of control steps between evaluations of the steps' criteria, for the ``paper`` verdict.
 
     Raises:
         InputError: the seed, an option or an action is invalid.
@@ -130,7 +130,7 @@ def run(
     stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
     goal = all_hold(world.task.success, trace[-1])
     events = events_of(controller)
-    # Everything that is read from the world before it is reset for the baseline.
+    # Read these values from the world now, because the baseline resets the world.
     initial_state = world.initial_state
     objects = _object_records(initial_state, trace[0], trace[-1])
     recording = motion.recording()
@@ -176,7 +176,7 @@ def run(
 
 
 def controller_seed(seed: int) -> int:
-    """Return the seed of the controller's random numbers, from which the scene's seed cannot be inferred."""
+    """Return the seed of the controller's random numbers, which does not reveal the scene's seed."""
     return int(rng(seed, "controller").integers(2**32))
 
 
@@ -222,7 +222,7 @@ class _Motion:
         return self.trace[-1]
 
     def settle(self) -> None:
-        """Hold the last command until the scene has settled."""
+        """Keep the last command until the scene has settled."""
         action = self._action
         assert action is not None
         settle(lambda: self.step(action), self.trace[-1], self._world.profile)
@@ -231,7 +231,7 @@ class _Motion:
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
     def measure_about(self, step: int) -> tuple[Measurement, Measurement]:
-        """Hold the last command up to control step ``step``, and measure before and after the last step.
+        """Keep the last command up to control step ``step``, and measure before and after the last step.
 
         These steps are not part of the episode.
         """
@@ -244,7 +244,7 @@ class _Motion:
 
 
 def _at_actuation(trace: Sequence[Measurement], events: Sequence[Event]) -> Measurement | None:
-    """Return the measurement at the first actuation pose; None if the controller reports none."""
+    """Return the measurement at the first actuation pose; None if the controller reports no actuation."""
     first = next((event.at_step for event in events if event.what == ACTUATION), None)
     return None if first is None else trace[first]
 
@@ -272,7 +272,7 @@ def _object_records(initial_state: InitialState, start: Measurement, end: Measur
 
 
 def _number(value: float | None) -> float | None:
-    """Return a finite number, or None for NaN and infinity, which JSON lacks."""
+    """Return a number; None for NaN and infinity, which JSON cannot represent."""
     return float(value) if value is not None and math.isfinite(value) else None
 
 
@@ -281,18 +281,18 @@ def _numbers(values: npt.NDArray[np.float64] | None) -> list[float] | None:
 
 
 NUM_SEEDS = 12
-"""Number of start values for an actuation pose in all attempts after the first. With the default of 48 nearly all
-solver seeds find the same cheapest pose, so another attempt would repeat the motion.
+"""Number of start values for an actuation pose in all attempts after the first. With the default of 48, nearly all
+solver seeds find the same best pose, so an attempt would repeat the previous motion.
 """
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt: seed of the solver, and the strategies that are tried first.
+    """Settings of one attempt.
 
     Attributes:
         seed: seed of the solver.
-        first: strategy that is tried first, by step; other steps keep their order.
+        first: by step, the strategy that is tried first; other steps keep their order.
     """
 
     seed: int = 0
@@ -316,7 +316,8 @@ class Attempt:
         return replace(spec, arguments={**spec.arguments, "options": options})
 
     def after(self, episode: Episode, task: TaskSpec) -> Attempt:
-        """Return the next attempt: the blamed step starts with its next strategy, and the solver gets its next seed."""
+        """Return the next attempt: the step that failed starts with its next strategy, and the solver gets the next
+        seed."""
         begun = [step.name for step in episode.steps]
         blamed = episode.diagnosis.get("step") or (begun or [task.steps[0].name])[-1]
         ways = next(step.strategies for step in task.steps if step.name == blamed)
@@ -327,12 +328,13 @@ class Attempt:
 def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attempts: int) -> EpisodeResult:
     """Make attempts until one succeeds, and return the deciding attempt.
 
-    That is the successful attempt; or else the first that meets the ``paper`` criterion; or else the first. So all
-    results of an episode are of the same attempt. If the goal holds in the no-op baseline, no further attempt is made.
+    The deciding attempt is the successful one; otherwise the first that passes the ``paper`` verdict; otherwise the
+    first. All results of the episode are from this attempt. If the goal is reached in the no-op baseline, no other
+    attempt is made.
 
     Args:
-        run: function that makes an attempt, always from the same start.
-        max_attempts: largest number of attempts.
+        run: function that runs an attempt, always from the same start.
+        max_attempts: maximum number of attempts.
     """
     attempt = Attempt()
     counts: EpisodeResult | None = None

@@ -1,4 +1,4 @@
-"""Runs episodes in worker processes with a simulator each."""
+"""Run episodes in worker processes; each process has its own simulator."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class EpisodeRunner:
         execution: settings of the workers.
         progress: listener that is advanced once per job; the caller starts the stage.
         rollout: options of all episodes.
-        log: file for failed attempts with their tracebacks; None for no log.
+        log: file to which failed tries of jobs are written with tracebacks; None for no log.
 
     Attributes:
-        failed_tries: number of failed attempts.
+        failed_tries: number of failed tries of jobs.
     """
 
     def __init__(
@@ -94,8 +94,8 @@ class EpisodeRunner:
             what: name of the jobs for messages.
 
         Raises:
-            NotRunError: some jobs could not be run; raised after all others.
-            InputError: a job refused its input; raised after all others.
+            NotRunError: some jobs could not be run; raised after all other jobs.
+            InputError: the input of a job is invalid; raised after all other jobs.
         """
         return results(self._counted(self._executor.map_unordered(function, jobs)), what, self._log)
 
@@ -107,7 +107,7 @@ class EpisodeRunner:
     def each(
         self, function: Callable[..., Result], jobs: Mapping[int, tuple[Any, ...]], what: str
     ) -> Iterator[tuple[int, Result]]:
-        """Yield (index, result) as :meth:`run`, and advance the progress after each.
+        """Yield (index, result) as :meth:`run` does, and advance the progress after each job.
 
         Args:
             function: function of :mod:`gensim2.rollout.worker`.
@@ -141,7 +141,7 @@ class EpisodeRunner:
                 content = read_input(file, MAX_RECORD, _REMEDY)
                 by_seed[seed] = parse_record(content, _SCREENED, file, _REMEDY)
                 if len(by_seed[seed]) != len(candidates):
-                    raise InputError("is not of this run", file=file, remedy=_REMEDY)
+                    raise InputError("belongs to another run", file=file, remedy=_REMEDY)
                 self._progress.advance()
         jobs = {n: (config, seed, candidates) for n, seed in enumerate(seeds) if seed not in by_seed}
         for n, found in self.each(worker.screen_scene, jobs, f"{config.task.name}: planning of candidates"):
@@ -172,7 +172,7 @@ class EpisodeRunner:
             what: name of the episodes for messages.
             jobs: arguments of ``function``.
             function: function of :mod:`gensim2.rollout.worker`; None: ``episode``.
-            log: log that stores each finished episode; episodes in it are not run again.
+            log: log that stores each finished episode; logged episodes are not run again.
         """
         done = {} if log is None else log.done
         missing = {index: arguments for index, arguments in enumerate(jobs) if index not in done}

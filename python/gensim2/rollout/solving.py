@@ -1,4 +1,4 @@
-"""``gensim2 solve``: plan one motion for each step of a task, without executing it."""
+"""Plan one motion for each step of a task, without executing the motions (``gensim2 solve``)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FOUND = ("solved", "partial")
 
 @dataclass(frozen=True)
 class SolvedStep:
-    """One step of a task with its plan, made in the scene that the plans of the earlier steps predict."""
+    """One step of a task with its plan, which starts from the scene that the earlier plans predict."""
 
     name: str
     strategy: str
@@ -37,8 +37,8 @@ class SolvedStep:
     def to_dict(self) -> dict[str, Any]:
         """Return the step as plain data.
 
-        ``plan`` is null if no motion was searched. If a shorter motion, after which the hand lets go, is executed in
-        place of an incomplete plan, it is ``part``.
+        ``plan`` is null if the solver was not called. ``part`` is a shorter motion with a release, which is executed if
+        ``plan`` is incomplete.
         """
         plan, part = self.found.plan, None
         if self.found.whole is not None:
@@ -62,7 +62,7 @@ class SolveResult:
         objects: class and id of each object, by name.
         steps: planned steps in order.
         count: number of the task's steps.
-        picture: file with the last step, its keypoints, keyframes and residuals; None if no picture was drawn.
+        picture: file with a picture of the last step with keypoints, keyframes and residuals; None if not drawn.
     """
 
     task: str
@@ -100,11 +100,11 @@ def solve(
     view: Callable[[Scene, kpam.Plan, RobotProfile], None] | None = None,
     **scene: Unpack[RolloutArguments],
 ) -> SolveResult:
-    """Plan the steps of a task in the scene of one seed as in an episode, without executing them.
+    """Plan the steps of a task in the scene of one seed, without executing the plans.
 
-    Each later step is planned in the scene that the earlier plans predict. If there is no complete plan, the plan has
-    the longest partial motion (status ``partial``), as in an episode. Strategies are tried in order until one has a
-    complete plan without early contact; otherwise the best plan is used. The result ends at a step without a motion.
+    Each step is planned as in an episode, on the scene that the earlier plans predict. Strategies are tried in order
+    until one has a complete plan without early contact; otherwise the best plan is used, which may be a partial motion
+    (status ``partial``). The result ends at the first step without a motion.
 
     Example:
         ```python
@@ -115,15 +115,15 @@ def solve(
     Args:
         task: name of a library task, or a folder with task.yaml and strategies/.
         seed: seed of the scene.
-        out: folder for ``plan.json`` and ``plan.png``. None: a picture is written to the cache folder, and only if a
-            step has no plan.
-        view: function called at the end with the scene, the plan of the first step, and the robot, for example to show
-            them.
+        out: folder for ``plan.json`` and ``plan.png``. None: only a picture is written, to the cache folder, if a step
+            has no plan.
+        view: function that is called at the end with the scene, the plan of the first step, and the robot, for example
+            to show them.
         scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed selects one of several instances, and
             ``open_loop`` uses only the first strategy of each step.
 
     Returns:
-        The plan of each step, up to the first without a motion.
+        Plans of the steps, up to the first step without a motion.
 
     Raises:
         InputError: an argument is invalid.
@@ -131,7 +131,7 @@ def solve(
     if out is not None:
         check_writable(Path(out) / "plan.json")
     given = read_task_input(task, seed=seed, **scene)
-    # Imported late because these modules take seconds to import.
+    # These modules are imported here because they take seconds to import.
     from gensim2.sim.headless import HeadlessEnv
 
     env = HeadlessEnv(given.scene)
@@ -156,7 +156,7 @@ def plan_steps(task: TaskSpec, profile: RobotProfile, given: Strategies, scene: 
     """Plan the steps of a task in order, until a step has no plan.
 
     Args:
-        task: the task.
+        task: task to plan.
         profile: robot profile.
         given: strategies of the task by name, as plain data.
         scene: scene at the start of the first step.
@@ -189,13 +189,13 @@ def draw_plan(solved: SolvedStep, task: str, profile: RobotProfile, file: Path) 
     """Write a picture of a planned step as PNG.
 
     Args:
-        solved: the step.
-        task: name of its task.
+        solved: planned step.
+        task: name of the task.
         profile: robot profile.
         file: file to write, atomically.
 
     Returns:
-        The file; None if Embree, which casts the rays of the picture, is not installed.
+        Path of the file; None if Embree, which renders the picture, is not installed.
     """
     try:
         from gensim2.planning.picture import plan_picture

@@ -1,4 +1,4 @@
-"""The strict criterion: conditions beyond the goal under which a person would call the task done."""
+"""Evaluate the ``strict`` verdict: conditions, in addition to the goal, under which a person would call a task done."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ StrictMisses = dict[StrictMiss, dict[str, Any]]
 """Measured values for each unmet condition, as plain data."""
 
 RETREAT = 0.05
-"""Smallest distance (m) between keypoints of the gripper and of its objects at the end."""
+"""Minimum distance (m) between keypoints of the gripper and of its objects at the end."""
 
 LINEAR_SPEED, ANGULAR_SPEED = 0.01, 0.05
 """Speeds (m/s and rad/s) below which objects are at rest."""
 
 DISTURBED_OPENNESS, DISTURBED_DISTANCE = 0.02, 0.005
-"""Openness and distance (m) by which objects may move before the first actuation pose."""
+"""Maximum openness change and displacement (m) of objects before the first actuation pose."""
 
 INSIDE = "inside"
-"""Part of the name of a container's measured point."""
+"""Word that the name of a container's measured point contains."""
 
 DEEPEST = 0.001
-"""Largest penetration (m) of a rigid object into another body; a deeper object is held by the contact solver, not by
-its shape.
+"""Maximum penetration (m) of a rigid object into another body; a deeper penetration is an artefact of the contact
+solver.
 """
 
 OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
-"""Largest displacement (m) and rotation (rad) of objects that no step acts on."""
+"""Maximum displacement (m) and rotation (rad) of objects that no step acts on."""
 
 
 def strict_misses(
     world: World, start: Measurement, at_actuation: Measurement | None, before: Measurement, later: Measurement
 ) -> StrictMisses:
-    """Return the reasons why an episode whose goal holds does not meet the strict criterion.
+    """Return the reasons why an episode that reached its goal does not pass the ``strict`` verdict.
 
     Args:
-        world: the world one second after the last command.
+        world: simulated world one second after the last command.
         start: measurement before the first control step.
-        at_actuation: measurement at the first actuation pose; None if the controller does not report it, which skips
-            the check of early motion.
-        before: measurement one control step earlier.
-        later: present measurement.
+        at_actuation: measurement at the first actuation pose; None if the controller does not report it. Early motion
+        is then not checked.
+        before: measurement one control step before ``later``.
+        later: current measurement.
     """
     task = world.task
     acted_on = task.acted_on
@@ -81,14 +81,14 @@ def strict_misses(
 
 
 def is_about_the_gripper(task: TaskSpec) -> bool:
-    """Return whether the goal itself is about the gripper or a lifted object."""
+    """Return whether the goal requires a gripper state or a lifted object."""
     return any(isinstance(c, (*OF_GRIPPER, RigidLifted)) for c in task.success)
 
 
 def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]:
-    """Return the penetrations (m) beyond ``DEEPEST`` of each rigid object into other bodies, by name.
+    """Return, by name, penetrations (m) of rigid objects into other bodies that exceed ``DEEPEST``.
 
-    The planner's collision library measures them for all simulation engines; the robot does not count.
+    The planner's collision library measures them for all simulation engines. Contacts with the robot do not count.
     """
     import gensim2_kpam as kpam  # imported here: reading records does not need the solver
 
@@ -101,7 +101,7 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
     for name, thing in scene.objects.items():
         if not thing.is_rigid:
             continue
-        # The object is attached to the hand, so that it is checked against all other bodies.
+        # The object counts as attached to the hand, so that it is checked against all other bodies.
         bodies = [
             kpam.Body(body.name, "attached", shapes[body.name], T_hand_base @ body.T_base_body)
             if body.name == name
@@ -123,8 +123,8 @@ def _from_gripper(measured: Measurement, name: str) -> float:
 def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, float]:
     """Return the speeds of objects that are not at rest, in m/s, or in rad/s for rotations.
 
-    The speed is computed from the displacement in a control step. The velocity reported by PhysX is not used: for
-    bodies in contact it includes the solver's corrections, up to 0.1 rad/s or 25 cm/s for bodies that do not move.
+    Speeds are computed from displacements in a control step. PhysX's own velocities are unsuitable: for bodies at rest
+    in contact they include solver corrections of up to 0.1 rad/s or 25 cm/s.
     """
     moving, rate = {}, world.profile.control_hz
     for name, moved in changes(before, later).items():
@@ -151,9 +151,9 @@ def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float
 
 
 def _outside(world: World) -> dict[str, str]:
-    """Return the rigid objects whose centre is not inside the container that the goal names, with the container's name.
+    """Return the rigid objects whose centre is outside the container that the goal names, with the container's name.
 
-    Objects whose measured point is not named as a container's (a faucet) need no check.
+    A goal object without a container's measured point, such as a faucet, is not checked.
     """
     pairs = [
         (c.articulated, c.rigid)
@@ -180,7 +180,8 @@ def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
-    """Return how far objects moved on which no step of the task acts; objects within the tolerance are left out."""
+    """Return by how much objects moved that no step of the task acts on; movements within the tolerance are left
+    out."""
     moved = {}
     for name, points in later.keypoints.items():
         if name in acted_on:

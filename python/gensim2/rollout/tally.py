@@ -1,4 +1,4 @@
-"""Counts of episodes by three success criteria."""
+"""Count episodes by the verdicts ``paper``, ``held`` and ``strict``."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class Tally:
 
     Attributes:
         episodes: number of episodes.
-        paper, held, strict: number of episodes that meet each success criterion (docs/reference/episodes.md).
-        partial: number of episodes in which a step executed only part of a motion because no complete plan was found.
+        paper, held, strict: number of episodes that pass each verdict (docs/reference/episodes.md).
+        partial: number of episodes in which only part of a motion was executed because no complete plan was found.
         replanned: number of episodes in which a step was planned again.
-        still: number of episodes whose goal holds in the no-op baseline.
-        causes: failures by cause, most frequent first.
-        strict_misses: unmet strict conditions, most frequent first.
+        still: number of episodes whose goal is reached in the no-op baseline.
+        causes: number of failures by cause, most frequent first.
+        strict_misses: number of unmet conditions of ``strict`` by condition, most frequent first.
         objects: number of different objects by class.
         disturbed: number of disturbed episodes.
     """
@@ -56,7 +56,7 @@ class Tally:
         )
 
     def verdicts(self) -> dict[str, int]:
-        """Return the counts of the three success criteria by name."""
+        """Return the number of episodes that pass each of the three verdicts, by name."""
         return {"paper": self.paper, "held": self.held, "strict": self.strict}
 
     def to_dict(self) -> dict[str, Any]:

@@ -17,10 +17,10 @@ class Turn:
     """Interval of an episode in which one step of the task was executed.
 
     Attributes:
-        step: the step.
+        step: executed step.
         first, last: indices of the first and last measurement in the interval, which may be equal.
-        paper: whether ``step.done`` held at any measurement in the interval, as the verdict ``paper`` requires.
-        done: whether ``step.done`` held at the last measurement.
+        paper: whether ``step.done`` was met at any measurement in the interval, as the ``paper`` verdict requires.
+        done: whether ``step.done`` was met at the last measurement.
     """
 
     step: Step
@@ -37,11 +37,11 @@ def told_turns(
 
     Args:
         trace: measurements before the first control step and after each one.
-        begun: name of each started step, and the index of its first measurement.
-        every: control steps between evaluations of the criteria.
+        begun: name of each started step, and index of the step's first measurement.
+        every: number of control steps between evaluations of the criteria.
 
     Raises:
-        ControllerError: the task has no step of that name.
+        ControllerError: the task has no step of a reported name.
     """
     steps = {step.name: step for step in task.steps}
     for name, _ in begun:
@@ -54,7 +54,7 @@ def told_turns(
 
 
 def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int = 1) -> tuple[Turn, ...]:
-    """Return the turns of a controller that does not report steps; each turn ends when its criterion holds.
+    """Return the turns of a controller that does not report steps; a turn ends when the step's criterion is met.
 
     Args:
         trace: measurements before the first control step and after each one.
@@ -73,13 +73,13 @@ def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int =
 
 
 def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
-    """Return whether each step's criterion held at some control step while that step was executed."""
+    """Return whether each step's criterion was met at some control step while the step was executed."""
     accomplished = {turn.step.name for turn in turns if turn.paper}
     return all(step.name in accomplished for step in task.steps)
 
 
 def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[StepRecord]:
-    """Return one record for each started step, with its results; records are created if there is no history."""
+    """Return a record with results for each started step; without a history, create the records."""
     own: dict[str, list[Turn]] = {}
     for turn in turns:
         own.setdefault(turn.step.name, []).append(turn)

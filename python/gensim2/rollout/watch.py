@@ -16,15 +16,15 @@ from gensim2.tasks.measurement import Measurement
 Array = npt.NDArray[np.float64]
 
 MAX_DRIFT = 0.005
-"""Distance (m) by which an object may move before it is touched."""
+"""Maximum distance (m) that an object may move before the hand touches it."""
 MAX_OPENNESS_DRIFT = 0.02
-"""Openness by which a joint may move before it is touched."""
+"""Maximum openness change of a joint before the hand touches the object."""
 MAX_SLIP = 0.03
-"""Distance (m) by which a grasped object may differ from its planned position in the hand, or slip."""
+"""Maximum distance (m) of a grasped object from its planned position in the hand, and maximum slip."""
 LEAST_OPENING = 0.002
-"""Distance of the pads (m) below which the hand holds nothing."""
+"""Minimum distance of the pads (m) at which the hand can hold an object."""
 LEAST_SHARE = 0.4
-"""Share of a grasp's planned width below which the object is no longer between the pads."""
+"""Minimum fraction of a grasp's planned width at which the object still counts as between the pads."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Held:
 
     Attributes:
         name: name of the object.
-        T_hand_object: (4, 4) pose in the hand when the fingers had closed.
+        T_hand_object: (4, 4) pose of the object in the hand frame after the fingers have closed.
         width: planned distance of the pads, m; None if unknown.
         force: force of each finger, N; None if unknown.
     """

@@ -1,6 +1,6 @@
-"""Jobs of a simulator worker: plan in a scene, run an episode.
+"""Define the jobs of worker processes: plan in a scene, run an episode.
 
-Functions here run in worker processes; arguments and results are plain values that can be pickled.
+Arguments and results of these functions are plain values that can be pickled.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ Screened = tuple[float, str | None, dict[str, Any]]
 
 
 def prepare(scene: SceneOptions) -> None:
-    """Load everything that all episodes of a run need, so that the first episode does not take longer."""
+    """Load modules and data that all episodes of a run need, so that the first episode does not take longer."""
     from gensim2.sim.engines import scene_class
 
     open_library(scene.assets).classes()
@@ -63,7 +63,7 @@ def prepare(scene: SceneOptions) -> None:
 
 @lru_cache(maxsize=2)
 def simulator(scene: SceneConfig) -> HeadlessEnv:
-    """Return the simulator of a scene; the last two are cached, because jobs come task by task."""
+    """Return the simulator of a scene. The last two simulators are cached, because jobs are ordered by task."""
     from gensim2.sim.headless import HeadlessEnv
 
     return HeadlessEnv(scene)
@@ -73,8 +73,9 @@ def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStra
     """Plan every candidate in the scene of one seed.
 
     Returns:
-        For each candidate: 1 and None if every step has a complete plan; else the share of complete steps, plus half a
-        step if the next step's motion passes its actuation pose but not its end.
+        For each candidate a score and a reason. The score is 1, without a reason, if every step has a complete plan.
+        Otherwise it is the fraction of steps with a complete plan; the next step counts half if its motion passes the
+        actuation pose.
     """
     from gensim2.planning.steps import StepPlanner
 
@@ -106,7 +107,7 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
     except MemoryError:
         raise
     except BaseException as error:
-        # One failing candidate must not end the search, not even by a panic of the solver, which is not an Exception.
+        # A failing candidate must not end the search. A panic of the solver is not an Exception.
         if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
             raise
         return 0.0, f"planner error: {type(error).__name__}: {error}", {}
@@ -131,7 +132,7 @@ def parsed(strategies: Mapping[str, Mapping[str, Any]]) -> dict[str, Strategy]:
 
 
 def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
-    """Simulate one episode and, if it seems to succeed, the no-op baseline of the same seed."""
+    """Simulate one episode and, if it reaches the goal, the no-op baseline of the same seed."""
     return _run(config, config.task, strategies, seed, record=False)[0]
 
 
@@ -142,7 +143,7 @@ def trial(config: EpisodeConfig, ways: StepStrategies, seed: int) -> Episode:
 
 
 def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
-    """Run one episode as :func:`episode` and keep the states of a successful one; otherwise the recording is None."""
+    """Run one episode as :func:`episode` does; return the states if it succeeds, else no recording."""
     found, recording = _run(config, config.task, strategies, seed, record=True)
     return found, recording if found.held else None
 
@@ -150,10 +151,10 @@ def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tup
 def record(
     config: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[[Episode, Recording | None], Result]
 ) -> Result:
-    """Run one episode as :func:`episode` and pass its states to a function in this process.
+    """Run one episode as :func:`episode` does, and pass its states to a function in this process.
 
     Args:
-        keep: function that gets record and recording and stores them; must be picklable.
+        keep: picklable function that gets record and recording, and stores them.
 
     Returns:
         The result of ``keep``.
@@ -172,10 +173,10 @@ def evaluate(
     """Run one episode of any controller.
 
     Args:
-        controller: controller, which is made once per process and reset for each episode.
+        controller: controller, which is created once in each process and reset for each episode.
         stop: end of the episode, as for :func:`gensim2.rollout.run.run`.
-        keep: as for :func:`record`; None keeps no states.
-        index: index among the task's episodes, for messages.
+        keep: as for :func:`record`; None: states are not recorded.
+        index: index of the episode among the task's episodes, for error messages.
 
     Returns:
         The record, or the result of ``keep``.
@@ -188,7 +189,7 @@ def evaluate(
 
 
 def chain(strategies: Strategies, rollout: RolloutOptions = DEFAULT_ROLLOUT) -> ControllerSpec:
-    """Return the spec of the controller that executes planned steps with these strategies."""
+    """Return the specification of the controller that plans and executes steps with the given strategies."""
     how = {"open_loop": rollout.open_loop, "one_plan": rollout.one_plan}
     return ControllerSpec(CHAIN, {"strategies": strategies, **how})
 
@@ -264,12 +265,12 @@ def forget() -> None:
 
 
 _kept: dict[tuple[str, str, str], Controller] = {}
-"""The last controller that was made in this process."""
+"""The last controller that was created in this process."""
 
 
 @lru_cache(maxsize=4096)
 def no_op_episode(scene: SceneConfig, seed: int) -> NoOpResult:
-    """Run the no-op baseline of a seed, with a cache for searches that repeat seeds."""
+    """Run the no-op baseline of a seed; results are cached, because searches repeat seeds."""
     from gensim2.rollout.no_op import no_op_baseline
 
     return no_op_baseline(simulator(scene), seed)

@@ -1,4 +1,4 @@
-"""Interfaces of robots and of simulated worlds."""
+"""Define the interfaces of robots and of simulated worlds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Body(Protocol):
 
     Attributes:
         profile: profile of the robot.
-        waits: whether the robot waits for the controller; otherwise it needs an action in every control step.
+        waits: whether the robot waits for the controller; if False, it needs an action in every control step.
     """
 
     profile: RobotProfile
@@ -37,11 +37,11 @@ class Body(Protocol):
         ...
 
     def step(self, action: npt.ArrayLike) -> None:
-        """Make one control step with an action (m + 1,)."""
+        """Execute one control step with an action (m + 1,)."""
         ...
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """Observe the present instant."""
+        """Return an observation of the current instant."""
         ...
 
     def close(self) -> None:
@@ -50,7 +50,7 @@ class Body(Protocol):
 
 
 class World(Body, Protocol):
-    """A task's scene in a simulator, for example :class:`gensim2.sim.headless.HeadlessEnv`."""
+    """Interface of a simulated scene of a task, for example :class:`gensim2.sim.headless.HeadlessEnv`."""
 
     task: TaskSpec
     seed: int
@@ -59,7 +59,7 @@ class World(Body, Protocol):
 
     @property
     def initial_state(self) -> InitialState:
-        """Initial state of the last reset."""
+        """Initial state after the last reset."""
         ...
 
     @property
@@ -68,19 +68,20 @@ class World(Body, Protocol):
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
-        """Make a new scene, without the arm if ``robot`` is False."""
+        """Create a new scene; if ``robot`` is False, the scene has no arm."""
         ...
 
     def wait(self) -> None:
-        """Make one control step without a command."""
+        """Execute one control step without a command."""
         ...
 
     def measure(self) -> Measurement:
-        """Return everything that criteria depend on; a missing arm counts as being at its start."""
+        """Return the measurements that criteria depend on. In a scene without an arm, the arm counts as at its
+        start."""
         ...
 
     def scene_state(self) -> Scene:
-        """Return the scene for a planner."""
+        """Return the scene in the planner's form."""
         ...
 
     def touched(self) -> frozenset[str]:
@@ -89,7 +90,7 @@ class World(Body, Protocol):
 
     @property
     def is_finite(self) -> bool:
-        """Return whether the simulation has finite values."""
+        """Return whether all values of the simulation are finite."""
         ...
 
     def state(self) -> Tree:
@@ -100,6 +101,7 @@ class World(Body, Protocol):
         """Return the environment's state observation (D,): qpos, qvel, tool pose (7,), objects.
 
         Args:
-            tool: False leaves NaN for the tool pose, for recordings, which compute the poses of all instants at once.
+            tool: whether to compute the tool pose; if False it is NaN. Recordings compute the tool poses of all
+                instants at once.
         """
         ...

@@ -1,4 +1,4 @@
-"""Controller that plans on estimated scenes and observes only point clouds and the robot's state."""
+"""Control a robot by plans on estimated scenes, from point clouds and the robot's state only."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from gensim2.tasks.spec import TaskSpec
 Array = npt.NDArray[np.float64]
 
 LEAST_CONFIDENCE = 0.05
-"""Probability of the task's class below which the object counts as absent."""
+"""Minimum probability of the task's class; below it the object counts as absent."""
 LEAST_SEEN = 0.25
-"""Minimum number of object points, as a share of those in the first cloud; with fewer points the object counts as
-hidden, and the estimate is discarded."""
+"""Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
+as hidden, and the estimate is discarded."""
 DISTRUST = 0.5
-"""Standard deviations of the estimate by which a joint must have passed its goal for a step to count as done after the
-first motion; half as many after the second motion, and so on."""
+"""Number of standard deviations by which the estimated joint must exceed its goal for a step to count as done, divided
+by the number of motions so far."""
 
 
 class _Chain(ChainController):
-    """Chain controller on an estimated scene. The scene is not observed during motions, so no deviation is detected."""
+    """Chain controller on an estimated scene; it detects no deviations, because motions are not observed."""
 
     @property
     def waited(self) -> int:
@@ -65,16 +65,16 @@ class _Chain(ChainController):
 
 
 class PerceivingChain:
-    """Plans each step of a task in a scene estimated from a point cloud, and estimates it again after each motion.
+    """Controller that plans each step of a task in an estimated scene, and estimates the scene again after each motion.
 
-    The estimate also decides whether a step is done. The episode ends without an action if the cloud does not show an
-    object of the task's class. Objects of the task must be articulated, and one of them is estimated.
+    The estimate also determines whether a step is done. If the cloud does not show an object of the task's class, the
+    episode ends without an action. The task's objects must be articulated, and only one of them is estimated.
 
     Args:
-        task: the task, its name or its fields.
-        estimator: output folder of ``gensim2 perceive train``.
+        task: the task, its name, or its fields.
+        estimator: folder of the estimator, as written by ``gensim2 perceive train``.
         strategies: strategies by name, as plain data; None: the strategies of the library task with this name.
-        robot_name: robot that acts.
+        robot_name: name of the robot.
         noise: noise on the simulated depth images, as for :func:`~gensim2.perception.noise.read_noise`; None: no
             noise.
         threads: number of PyTorch threads.
@@ -85,7 +85,7 @@ class PerceivingChain:
 
     @staticmethod
     def depends_on(estimator: str, **_: object) -> list[Path]:
-        """Return the file that names the weights by their digest."""
+        """Return the file that contains the SHA-256 of the weights."""
         return [Path(estimator) / ESTIMATOR_JSON]
 
     def __init__(
@@ -114,7 +114,7 @@ class PerceivingChain:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Spec of the next observation: the cameras before a plan and once a motion has come to rest."""
+        """Spec of the next observation: with cameras before a plan and after a motion, else only the robot's state."""
         waits = 0 < self._chain.waited < self._profile.steps(WAIT_SECONDS) if self.looks else False
         return PROPRIOCEPTIVE if self.looks and (self._chain.is_moving or waits) else self._spec
 
@@ -140,11 +140,11 @@ class PerceivingChain:
 
     @property
     def plans(self) -> list[Any]:
-        """Every plan so far, each with its scene."""
+        """All plans so far, each with the scene that it was made for."""
         return self._chain.plans
 
     def reset(self, observation: Observation, seed: int = 0) -> None:
-        """Begin an episode."""
+        """Start an episode."""
         torch.set_num_threads(self._threads)
         self.looks, self._believed, self._seen_at_first, self._motions = [], None, 0, 0
         self._take_in(observation)
@@ -159,7 +159,7 @@ class PerceivingChain:
         return None if self._believed is None else self._chain.act(self._with_belief(observation))
 
     def _take_in(self, observation: Observation) -> None:
-        """Estimate the scene, and store the estimate unless the object is hidden."""
+        """Estimate the scene from an observation, and store the estimate unless the object is hidden."""
         assert observation.cloud is not None, "the cameras were asked for"
         seen = self._estimator.estimate(observation.cloud.xyz, self._class)
         self.looks.append(seen)
@@ -182,7 +182,7 @@ class PerceivingChain:
         return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
 
     def _measurement(self, found: ObjectEstimate, q: Array) -> Measurement:
-        """Return the measurement of the estimated scene, with its joint moved away from the goal by the uncertainty."""
+        """Return a measurement of the estimated scene, with the joint farther from the goal by the uncertainty."""
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
         doubt = DISTRUST * found.joint.openness_deviation / max(self._motions, 1)

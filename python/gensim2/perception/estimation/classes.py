@@ -1,4 +1,4 @@
-"""Constants of the classes of articulated objects that an estimator knows, such as the names of their keypoints."""
+"""Define the constants of object classes that an estimator knows, such as the names of keypoints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gensim2.objects.types import ArticulatedObject
 Array = npt.NDArray[np.float64]
 
 SLOTS = 3
-"""Largest number of keypoints of a class."""
+"""Maximum number of keypoints of a class."""
 
 DIRECTIONS: Array = np.concatenate([np.eye(3), -np.eye(3)])
 """Possible joint axes (6, 3) of an object in its default placement: the world's axes in both directions."""
@@ -25,15 +25,15 @@ Row = tuple[Number, Number, Number]
 
 
 class ClassConstants(BaseModel):
-    """Constants of a class.
+    """Constants of a class of articulated objects.
 
     Attributes:
         name: name of the class.
-        joint_type: type of the joint of its objects.
-        keypoints: names, in the order of the objects of the class.
+        joint_type: type of the joint of the class's objects.
+        keypoints: names of the keypoints, in the order in which the objects list them.
         moving: for each keypoint, whether the joint moves it.
         object_axis: axis of the object frame that "rotate" motions turn about.
-        frame: (3, 3) object frame at joint value zero in the world, for an object in its default placement.
+        frame: (3, 3) rotation of the object frame in the world, at joint value zero and in the default placement.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -47,7 +47,7 @@ class ClassConstants(BaseModel):
 
     @staticmethod
     def of(model: ArticulatedObject) -> ClassConstants:
-        """Return the constants of an object's class.
+        """Return the constants of the class of an object.
 
         Raises:
             InputError: the object has more keypoints than an estimator predicts.
@@ -67,12 +67,12 @@ class ClassConstants(BaseModel):
 
 
 def direction_of(model: ArticulatedObject) -> int:
-    """Return the row of ``DIRECTIONS`` nearest to the joint axis of an object in its default placement."""
+    """Return the index into ``DIRECTIONS`` that is closest to the joint axis of an object in its default placement."""
     return int(np.argmax(DIRECTIONS @ (model.placement.rotation @ model.joint.axis)))
 
 
 def by_name(classes: Sequence[ClassConstants], name: str) -> int:
-    """Return the index of a class.
+    """Return the index of the class with the given name.
 
     Raises:
         InputError: the estimator does not know the class.

@@ -1,4 +1,4 @@
-"""Estimator that returns the articulated objects in a point cloud, with class, parts, joint and keypoints."""
+"""Estimate the articulated object in a point cloud, with class, parts, joint and keypoints."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ LEAST_POINTS = 24
 HYPOTHESES = 3
 """Maximum number of reported directions of a joint."""
 LEAST_SHARE = 0.02
-"""Probability below which a direction is not reported."""
+"""Minimum probability of a reported direction."""
 
 DEVIATIONS = ("openness", "axis", "keypoints")
-"""Estimates with a predicted standard deviation, which calibration scales."""
+"""Names of the estimates whose predicted standard deviation is scaled by the calibration."""
 
 LEVEL = 0.35
-"""Vertical component of a unit normal below which the surface counts as upright."""
+"""Maximum vertical component of a unit normal at which the surface counts as upright."""
 CONCENTRATED = 0.6
 """Minimum concentration of the upright normals (0 to 1) for an object to count as a box."""
 MOST_REFINED = 0.2
@@ -54,13 +54,13 @@ class JointEstimate:
 
     Attributes:
         type: type of the joint.
-        axis: (3,) unit direction in the base frame, of the likeliest hypothesis.
-        origin: (3,) m, a point on the axis in the base frame.
-        origin_deviation: standard deviation of the distance from ``origin`` to the axis, m; of a revolute joint.
-        openness: share of the range, 0 to 1.
+        axis: (3,) unit direction of the most probable axis, in the base frame.
+        origin: (3,) point on the axis in the base frame, m.
+        origin_deviation: standard deviation of the distance from ``origin`` to the true axis of a revolute joint, m.
+        openness: fraction of the joint range, 0 to 1.
         openness_deviation: standard deviation of ``openness``.
-        lower, upper: limits, rad or m.
-        hypotheses: (3,) directions with their probabilities, the likeliest first.
+        lower, upper: joint limits, rad or m.
+        hypotheses: possible directions (3,) with their probabilities, the most probable first.
     """
 
     type: Literal["revolute", "prismatic"]
@@ -81,20 +81,20 @@ class JointEstimate:
 
 @dataclass(frozen=True, eq=False)
 class ObjectEstimate:
-    """Estimated object.
+    """Estimated articulated object.
 
     Attributes:
         asset_class: class that was assumed for the estimate.
-        confidence: probability of that class.
+        confidence: probability of the assumed class.
         classes: probability of each class that the estimator knows.
         points: (M,) row indices of cloud points on the object.
-        moving: (M,) whether each of these points lies on the moving link.
+        moving: (M,) whether each point in ``points`` lies on the moving link.
         yaw: rotation about the vertical from the default placement, rad.
         T_base_object: (4, 4) object frame in the base frame.
         joint: estimated joint.
-        keypoints: (3,) m by name, in the base frame.
+        keypoints: positions (3,) by name, in the base frame, m.
         keypoint_deviations: standard deviation of the distance to each keypoint, m.
-        size: (3,) m along the world's axes in the default placement.
+        size: (3,) extent along the world's axes in the default placement, m.
         object_axis: axis of the object frame that "rotate" motions turn about.
     """
 
@@ -117,7 +117,7 @@ class SceneEstimate:
     """Estimated scene.
 
     Attributes:
-        objects: articulated objects.
+        objects: estimated articulated objects.
         others: (K,) row indices of cloud points on other bodies.
     """
 
@@ -126,7 +126,7 @@ class SceneEstimate:
 
 
 class _Record(BaseModel):
-    """``estimator.json``."""
+    """Content of ``estimator.json``."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -144,9 +144,9 @@ class SceneEstimator:
     Args:
         network: network in evaluation mode.
         classes: constants of the classes, in the network's order.
-        profile: robot in whose base frame the clouds are.
-        scales: factors of the predicted deviations, by the names of ``DEVIATIONS``; None: 1.
-        refine: whether upright surfaces correct the yaw.
+        profile: robot whose base frame the clouds use.
+        scales: factors on the predicted standard deviations, by the names in ``DEVIATIONS``; None: 1.
+        refine: whether to correct the yaw by the upright surfaces in the cloud.
 
     Example:
         >>> estimator = SceneEstimator.load("runs/perceive", robot("panda"))
@@ -168,7 +168,7 @@ class SceneEstimator:
 
     @classmethod
     def load(cls, folder: Path | str, profile: RobotProfile) -> Self:
-        """Read the output of ``gensim2 perceive train``.
+        """Load an estimator that ``gensim2 perceive train`` has written.
 
         Raises:
             InputError: a file is missing, damaged or too large.
@@ -182,7 +182,7 @@ class SceneEstimator:
         return cls(network.eval(), record.classes, profile, record.scales)
 
     def save(self, folder: Path) -> None:
-        """Write ``estimator.json`` and the weights, whole or not at all.
+        """Write ``estimator.json`` and the weights atomically.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -200,12 +200,13 @@ class SceneEstimator:
                 old.unlink()
 
     def estimate(self, xyz: Points, asset_class: str | None = None) -> SceneEstimate:
-        """Estimate the scene in a point cloud. The result has no objects if the cloud shows no articulated object.
+        """Estimate the scene in a point cloud.
 
-        All points on articulated objects are treated as one object.
+        If the cloud shows no articulated object, the result has no objects. All points on articulated objects are
+        treated as one object.
 
         Args:
-            xyz: (N, 3) finite, m in the base frame, without the robot.
+            xyz: (N, 3) finite points in the base frame, m, without points of the robot.
             asset_class: class to assume for the object; None: the most probable class. The reported class probabilities
                 do not depend on this argument.
 
@@ -283,13 +284,14 @@ class SceneEstimator:
 
 
 def squared_yaw(normals: Points, yaw: float) -> float:
-    """Return a yaw (rad) aligned with the upright surfaces of a box; unchanged if the surfaces form no box.
+    """Return a yaw (rad) that is aligned with the upright surfaces of a box; unchanged if they form no box.
 
-    The angles of upright normals agree up to a quarter turn, so the mean of four times the angle gives the box's yaw.
+    The yaw angles of a box's upright normals differ by multiples of 90 degrees, so the mean of four times the angle
+    determines the box's yaw.
 
     Args:
-        normals: (M, 3) unit, in a frame whose z axis is the vertical; either sign.
-        yaw: about the vertical in that frame up to a quarter turn, rad.
+        normals: (M, 3) unit normals with either sign, in a frame with a vertical z axis.
+        yaw: estimated yaw in this frame, rad.
     """
     upright = normals[np.abs(normals[:, 2]) < LEVEL]
     if len(upright) < LEAST_POINTS:

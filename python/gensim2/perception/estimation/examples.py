@@ -1,4 +1,4 @@
-"""Labelled point clouds of generated objects, placed at random and observed with the ray caster, without simulation."""
+"""Generate labelled point clouds of objects that are placed at random and rendered by ray casting."""
 
 from __future__ import annotations
 
@@ -37,25 +37,25 @@ STRAY_DISTANCE = 0.012
 SPREAD, MOST_YAW = 0.15, 0.8
 """Maximum offset of objects from their default placement: along x and y (m), and yaw (rad)."""
 AT_AN_END = 0.15
-"""Share of the clouds in which the joint is closed; the same share has it open."""
+"""Fraction of the clouds in which the joint is closed; in the same fraction of clouds it is open."""
 NOISY = 0.5
-"""Share of the training clouds with the noise of a deployed camera."""
+"""Fraction of the training clouds that have the noise of a deployed camera."""
 REACHING = 0.5
-"""Share of the clouds in which the hand is near the first keypoint instead of at rest."""
+"""Fraction of the clouds in which the hand is near the first keypoint instead of at rest."""
 ACCOMPANIED = 0.25
-"""Share of the training clouds with a rigid object beside the articulated one."""
+"""Fraction of the training clouds with an additional rigid object."""
 TARGET_NAME, OTHER_NAME = "object", "other"
 
 
 @dataclass(frozen=True)
 class LabelledCloud:
-    """A labelled cloud.
+    """A point cloud with labels.
 
     Attributes:
         cloud: point cloud from all cameras.
-        group: (N,) of each point: ``STRAY``, ``OTHER`` or ``TARGET``.
-        moving: (N,) whether a point lies on the moving link of the articulated object.
-        placed: the articulated object.
+        group: (N,) group of each point: ``STRAY``, ``OTHER`` or ``TARGET``.
+        moving: (N,) whether each point lies on the moving link of the articulated object.
+        placed: placed articulated object.
     """
 
     cloud: PointCloud
@@ -69,8 +69,8 @@ class Cameras:
 
     Args:
         profile: robot profile.
-        model: the articulated object.
-        other: the rigid object, or None.
+        model: articulated object.
+        other: rigid object, or None.
     """
 
     def __init__(self, profile: RobotProfile, model: ArticulatedObject, other: ObjectModel | None = None) -> None:
@@ -86,12 +86,12 @@ class Cameras:
     def look(
         self, placed: PlacedObject, q: Array, noise: DepthNoise | None, generator: np.random.Generator
     ) -> LabelledCloud | None:
-        """Return a labelled cloud; None if the articulated object is hidden or outside of the workspace.
+        """Return a labelled cloud; None if the articulated object is hidden or outside the workspace.
 
         Args:
-            placed: the articulated object with its placement.
+            placed: articulated object with its placement.
             q: (n,) joint values of the robot.
-            noise: camera noise, sampled as for one episode; None: exact images.
+            noise: camera noise, drawn as for one episode; None: exact images.
             generator: random generator.
         """
         views = self._scene.see(self._scene.poses(self._states(placed, q, generator))[0])
@@ -126,7 +126,7 @@ class Cameras:
 
 
 def _beside(other: ObjectModel, target: PlacedObject, generator: np.random.Generator) -> npt.NDArray[np.float32]:
-    """Return the state (1, 13) of a rigid object on the table, outside the area that the articulated object sweeps."""
+    """Return a random state (1, 13) of a rigid object on the table, out of reach of the articulated object's motion."""
     swept = target.in_world(swept_points(target.model))
     radius = float(np.linalg.norm(swept[:, :2] - swept[:, :2].mean(0), axis=1).max()) + 0.08
     angle = generator.uniform(0.25 * np.pi, 0.75 * np.pi) * generator.choice([-1.0, 1.0])
@@ -140,7 +140,7 @@ def _beside(other: ObjectModel, target: PlacedObject, generator: np.random.Gener
 
 
 def _surface(views: Sequence[View], ids: set[int]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
-    """Return the exact points (M, 3) of all pixels that show one of the ids (base frame, m), and their ids (M,)."""
+    """Return the exact points (M, 3), base frame, m, of all pixels with one of the ids, and the points' ids (M,)."""
     points, found = [], []
     for view in views:
         segmentation = view.segmentation
@@ -152,7 +152,7 @@ def _surface(views: Sequence[View], ids: set[int]) -> tuple[npt.NDArray[np.float
 
 
 def _noisy(views: Sequence[Any], noise: DepthNoise, generator: np.random.Generator) -> Iterator[View]:
-    """Yield the depth images with the noise and the calibration errors of one episode."""
+    """Yield depth images with noise, and with calibration errors that are drawn as for one episode."""
     drawn = noise.drawn(generator)
     for view in views:
         error = noise.error(generator)
@@ -171,16 +171,16 @@ def object_looks(
     noisy: float = NOISY,
     accompanied: float = ACCOMPANIED,
 ) -> Iterator[LabelledCloud]:
-    """Yield up to ``count`` labelled clouds of one object; clouds in which the object is hidden are left out.
+    """Yield up to ``count`` labelled clouds of one object; clouds that do not show the object are left out.
 
     Args:
-        library: library of the object.
+        library: library that contains the object.
         profile: robot profile.
         asset_class, instance: class and id of the object.
-        count: number of sampled scenes.
+        count: number of random scenes.
         generator: random generator.
-        noisy: share of the clouds with the noise of a deployed camera.
-        accompanied: share of the clouds with a rigid object beside the articulated one.
+        noisy: fraction of the clouds that have the noise of a deployed camera.
+        accompanied: fraction of the clouds with an additional rigid object.
     """
     model = library.load(asset_class, instance, "default")
     assert isinstance(model, ArticulatedObject)
@@ -208,7 +208,7 @@ def _put(model: ArticulatedObject, generator: np.random.Generator) -> PlacedObje
 
 @lru_cache(maxsize=4)
 def _postures(name: str) -> tuple[Array, Array]:
-    """Return random postures (M, n) with the hand above the table, and the tool positions (M, 3) in the base frame."""
+    """Return random robot joints (M, n) with the hand above the table, and tool positions (M, 3) in the base frame."""
     profile = robot(name)
     model, size = profile.model, profile.arm_size
     generator = rng(0, "perception/postures")
@@ -221,7 +221,7 @@ def _postures(name: str) -> tuple[Array, Array]:
 
 
 def _posture(profile: RobotProfile, thing: PlacedObject, generator: np.random.Generator) -> Array:
-    """Return random joint values (n,) of the robot: near the rest posture, or with the hand near the first keypoint."""
+    """Return random robot joints (n,): near the rest posture, or with the hand near the object's first keypoint."""
     if generator.random() >= REACHING:
         q = np.array(profile.reset_qpos)
         q[: profile.arm_size] += 0.1 * generator.standard_normal(profile.arm_size)
@@ -236,7 +236,7 @@ def _posture(profile: RobotProfile, thing: PlacedObject, generator: np.random.Ge
 
 
 def example(look: LabelledCloud, classes: Sequence[str], profile: RobotProfile) -> Example:
-    """Return the arrays of a labelled cloud: the points with their labels, and the truth about the object.
+    """Return the arrays of a labelled cloud: points with labels, and the true state of the object.
 
     ``points`` (N, 3) int16 by :func:`~gensim2.perception.cloud.to_steps`, ``group`` (N,), ``moving`` (N,), ``class``,
     ``direction``: row of ``DIRECTIONS``, ``revolute``, ``axis`` and ``origin`` (3,) in the base frame, ``yaw`` (2,)
@@ -279,10 +279,10 @@ def stacked(examples: Sequence[Example]) -> Example:
 def training_instances(
     library: Library, classes: Sequence[str], count: int, seed: int
 ) -> Mapping[str, tuple[str, ...]]:
-    """Return instances to train on, by class.
+    """Return the ids of training objects by class.
 
-    For generated classes, these are numbers that the object selections ``all`` and ``new`` do not contain; for a folder
-    of objects, the training split.
+    For generated classes these are ids outside the selections ``all`` and ``new``; for a folder of objects they are the
+    training split.
     """
     found: dict[str, tuple[str, ...]] = {}
     for name in classes:

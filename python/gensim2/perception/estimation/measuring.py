@@ -40,7 +40,7 @@ def row_of(arrays: Arrays, row: int, found: ObjectEstimate | None) -> dict[str, 
     Args:
         arrays: labelled clouds.
         row: index of the cloud.
-        found: the estimate; None: no object was found.
+        found: estimated object; None if no object was found.
     """
     revolute = bool(arrays["revolute"][row])
     if found is None:
@@ -84,7 +84,7 @@ def row_of(arrays: Arrays, row: int, found: ObjectEstimate | None) -> dict[str, 
 
 
 def measured(estimator: SceneEstimator, arrays: Arrays, *, given: bool = False) -> list[dict[str, Any]]:
-    """Return the errors of the estimates of all clouds, with the true class given or with an estimated class."""
+    """Return the errors of the estimates of all clouds; ``given`` tells the estimator the true class."""
     names = [each.name for each in estimator.classes]
     rows = []
     for row, number in enumerate(arrays["class"]):
@@ -96,7 +96,7 @@ def measured(estimator: SceneEstimator, arrays: Arrays, *, given: bool = False) 
 
 
 def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return medians and 90th percentiles of errors; objects that were missed count with ``MISSED``."""
+    """Return medians and 90th percentiles of errors; a missed object counts with the errors in ``MISSED``."""
 
     def of(name: str) -> list[float]:
         return [row[name] for row in rows if row.get(name) is not None]
@@ -137,20 +137,20 @@ def measure(
     """Measure an estimator on clouds of articulated objects that stand alone.
 
     Args:
-        folder: output folder of ``gensim2 perceive train``.
+        folder: folder of the estimator, as written by ``gensim2 perceive train``.
         out: folder for ``worst.png``, a picture of the clouds with the largest errors; None: no picture.
-        assets: library of the objects, as :func:`~gensim2.objects.open_library` takes it.
-        instances: word for the objects, as in ``--instances``.
+        assets: library of the objects, as for :func:`~gensim2.objects.open_library`.
+        instances: selection of objects, as in ``--instances``.
         objects: maximum number of objects of each class.
         looks: number of clouds of each object.
         noisy: whether the depth pictures have the noise of a deployed camera.
         classes: classes to measure; empty: all classes of the estimator.
-        robot_name: robot in front of which the objects stand.
+        robot_name: name of the robot in the scenes.
         seed: seed of all random values.
         progress: listener.
 
     Returns:
-        Plain data: error statistics with an estimated class, with the true class given, and for each class.
+        Plain data: error statistics with the class estimated, with the true class given, and for each class.
 
     Raises:
         InputError: the estimator cannot be read, or there is no such class or object.
@@ -170,7 +170,7 @@ def measure(
         clouds += [example(look, names, profile) for look in found]
         progress.advance()
     if not clouds:
-        raise InputError("none of the objects is seen by the cameras", field="classes", remedy="give other classes")
+        raise InputError("the cameras see none of the objects", field="classes", remedy="give other classes")
     arrays = stacked(clouds)
     rows = measured(estimator, arrays)
     if out is not None:
@@ -189,12 +189,14 @@ def measure(
 
 
 def calibrated(estimator: SceneEstimator, arrays: Arrays) -> dict[str, Any]:
-    """Scale the predicted standard deviations so that ``ONE_SIGMA`` of the errors lie within one; return the error
-    statistics.
+    """Scale predicted standard deviations so that a fraction ``ONE_SIGMA`` of the errors lies within them.
 
     Args:
         estimator: estimator to calibrate; its ``scales`` are set.
-        arrays: labelled clouds of objects that were not trained on.
+        arrays: labelled clouds of objects that were not used for training.
+
+    Returns:
+        Error statistics after calibration.
     """
     estimator.scales = dict.fromkeys(DEVIATIONS, 1.0)
     rows = measured(estimator, arrays, given=True)

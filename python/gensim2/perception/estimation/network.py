@@ -1,4 +1,4 @@
-"""Network of the estimator: a transformer over patches computes point features, and the points of an object vote."""
+"""Network of the estimator: a transformer over patches computes point features, and points vote for keypoints."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ POINT = 64
 STRAY, OTHER, TARGET = GROUPS = 0, 1, 2
 """Groups of points: stray points, points on rigid objects, points on the articulated object."""
 LEAST, MOST = -6.0, 1.0
-"""Bounds of the logarithms of predicted deviations."""
+"""Bounds of the logarithms of predicted standard deviations."""
 
 
 def features_of(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return features (N, 5) of points (N, 3): a normal that points away from the centre, and two curvatures."""
+    """Return features (N, 5) of points (N, 3): a normal directed away from the cloud's centre, and two curvatures."""
     _, rows = cKDTree(xyz).query(xyz, k=min(NEIGHBORS, len(xyz)))
     near = xyz[rows] - xyz[rows].mean(1, keepdims=True)
     values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near) + 1e-12 * np.eye(3, dtype=np.float32))
@@ -48,11 +48,11 @@ class EncodedCloud:
     """Encoded clouds: output of the network before the points of an object are selected.
 
     Attributes:
-        xyz: (B, N, 3) m in the base frame.
+        xyz: (B, N, 3) points in the base frame, m.
         features: (B, N, F) features of the points.
-        context: (B, W) feature of the whole cloud.
-        group: (B, N, 3) logits of the groups.
-        weight: (B, N) logits by which points represent their object.
+        context: (B, W) feature of the complete cloud.
+        group: (B, N, 3) logits of the groups (``STRAY``, ``OTHER``, ``TARGET``).
+        weight: (B, N) logits of the weights with which points contribute to the object's feature.
     """
 
     xyz: torch.Tensor
@@ -84,7 +84,7 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         self.classify = nn.Linear(128, classes)
         self.of_class = nn.Embedding(classes, 32)
         self.told = _mlp(128 + 32, 128, 128)
-        # Direction, yaw, openness, both limits, size; then the logarithms of the deviations of yaw and openness.
+        # Outputs: direction, yaw, openness, both limits, size, log deviations of yaw and openness, and of the places.
         self.answer = nn.Linear(128, len(DIRECTIONS) + 2 + 1 + 2 + 3 + 2 + 1 + SLOTS)
         self.vote = nn.Sequential(_mlp(WIDTH + 128, WIDTH, WIDTH), nn.GELU(), nn.Linear(WIDTH, 1 + 4 * (1 + SLOTS)))
 
@@ -92,7 +92,7 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         """Encode clouds.
 
         Args:
-            xyz: (B, N, 3) m in the base frame.
+            xyz: (B, N, 3) points in the base frame, m.
             more: (B, N, 5) features from :func:`features_of`.
             rows: (B, R) indices of the points to return; None: all points.
         """
@@ -114,7 +114,7 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         return EncodedCloud(xyz, features, tokens[:, 0], self.groups(features), self.weight(features)[..., 0])
 
     def gather(self, seen: EncodedCloud, mask: torch.Tensor) -> torch.Tensor:
-        """Return features (B, 128) of the objects whose points the mask (B, N) selects: at least one per cloud."""
+        """Return features (B, 128) of objects; the mask (B, N) selects the points of each object, at least one."""
         share = seen.weight.masked_fill(~mask, -torch.inf).softmax(1)
         mean = (share[..., None] * seen.features).sum(1)
         most = seen.features.masked_fill(~mask[..., None], -torch.inf).amax(1)
@@ -129,12 +129,13 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
             seen: encoded clouds.
             gathered: (B, 128) features of the objects from :meth:`gather`.
             mask: (B, N) mask of the objects' points.
-            classes: (B,) numbers of its class.
+            classes: (B,) index of each object's class.
 
         Returns:
-            ``direction`` (B, 6) logits, ``yaw`` (B, 2) unit, ``openness`` (B,), ``limits`` (B, 2), ``size`` (B, 3) m,
-            ``moving`` (B, N) logits, ``places`` (B, 1 + SLOTS, 3) m, a point of the axis and the keypoints, ``votes``
-            (B, N, 1 + SLOTS, 3) m, and ``log_deviations`` (B, 3 + SLOTS): yaw (rad), openness, axis and keypoints (m).
+            ``direction`` (B, 6) logits; ``yaw`` (B, 2) cosine and sine; ``openness`` (B,); ``limits`` (B, 2); ``size``
+            (B, 3), m; ``moving`` (B, N) logits; ``places`` (B, 1 + SLOTS, 3), m: a point on the axis, and the
+            keypoints; ``votes`` (B, N, 1 + SLOTS, 3), m: each point's prediction of the places; ``log_deviations`` (B,
+            3 + SLOTS) of yaw (rad), openness, axis and keypoints (m).
         """
         told = torch.nn.functional.gelu(self.told(torch.cat([gathered, self.of_class(classes)], -1)))
         answer = self.answer(told)
@@ -195,14 +196,14 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
     aims = torch.cat(
         [_on_axis(seen.xyz, batch)[:, :, None], batch["keypoints"][:, None].expand(-1, mask.shape[1], -1, -1)], 2
     )
-    # A prismatic axis may pass anywhere.
+    # The axis of a prismatic joint has no position.
     known[:, 0] = batch["revolute"]
     error = (found["places"] - truth).norm(dim=-1)
     votes = (found["votes"] - aims).abs().sum(-1) * mask[..., None] * known[:, None]
     turned = (found["yaw"] * batch["yaw"]).sum(-1).clamp(-1, 1)
     angle = torch.atan2((found["yaw"][:, 0] * batch["yaw"][:, 1] - found["yaw"][:, 1] * batch["yaw"][:, 0]), turned)
     part = functional.binary_cross_entropy_with_logits(found["moving"], moves, reduction="none")
-    # Points of thin parts count as much as those of the rest.
+    # Both parts have the same total weight, even if one of them has few points.
     share = ((moves * mask).sum(1) / mask.sum(1)).clamp(0.03, 0.97)[:, None]
     balanced = torch.where(moves > 0, 0.5 / share.sqrt(), 0.5 / (1 - share).sqrt())
     return {
@@ -226,7 +227,7 @@ def _likelihood(error: torch.Tensor, log_deviation: torch.Tensor) -> torch.Tenso
 
 
 def _on_axis(points: torch.Tensor, batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
-    """Return the points on the true axes that are nearest to points (B, ..., 3)."""
+    """Project points (B, ..., 3) onto the true joint axes."""
     shape = (len(points), *(1,) * (points.dim() - 2), 3)
     axis, origin = batch["axis"].view(shape), batch["origin"].view(shape)
     return origin + ((points - origin) * axis).sum(-1, keepdim=True) * axis

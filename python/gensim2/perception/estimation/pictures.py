@@ -1,4 +1,4 @@
-"""Pictures of estimates and ground truth: parts, joint axis and keypoints, from the front and from above."""
+"""Draw estimates and ground truth: parts, joint axis and keypoints, from the front and from above."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 SIDE, WORST, COLUMNS = 240, 10, 5
-"""Side of a view (pixels), number of clouds, and number of clouds in a row."""
+"""Side of a view (pixels), number of drawn clouds, and number of clouds in a row."""
 FRAME = 0.7
 """Width of the scene that a view shows, m."""
 VIEWS = ((1, 2), (1, 0))
@@ -33,14 +33,14 @@ AXIS = 0.25
 
 
 def save_worst(path: Path, estimator: SceneEstimator, arrays: Arrays, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Save a picture of the clouds whose keypoints have the largest errors, the worst first.
+    """Save a picture of the clouds with the largest keypoint errors, the worst first.
 
-    Points of the estimated parts are blue (still) and orange (moving); axes are lines and keypoints are circles, true
-    ones green and estimated ones red.
+    Points of the estimated fixed part are blue, points of the moving part orange. Axes are drawn as lines and keypoints
+    as circles: the truth is green, estimates are red.
 
     Args:
         path: PNG file.
-        estimator: estimator to draw the estimates of.
+        estimator: estimator whose estimates are drawn.
         arrays: labelled clouds.
         rows: errors of these clouds.
 
@@ -86,7 +86,7 @@ def _draw(
 def _mark(
     draw: ImageDraw, at: Array, axes: list[int], middle: Array, origin: Array, axis: Array, color: tuple[int, int, int]
 ) -> None:
-    """Draw a joint axis, centred at its point nearest to the centre of the view."""
+    """Draw a joint axis, centred at the point of the axis that is closest to the centre of the view."""
     nearest = origin + ((middle - origin) @ axis) * axis
     ends = _pixels(np.stack([nearest - AXIS * axis, nearest + AXIS * axis]), at, axes, middle)
     draw.line([tuple(map(float, end)) for end in ends], fill=color, width=2)

@@ -1,4 +1,4 @@
-"""Convert estimates to a scene of the planner: boxes around the cloud's points, and joints with widened limits."""
+"""Convert estimates to a scene of the planner, with boxes around the cloud's points and widened joint limits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CELL = 0.04
 SKIN = 0.002
 """Margin of a box around its points, m."""
 LEAST_IN_CELL = 2
-"""Minimum number of points in a cell for a box; single points may be stray points."""
+"""Minimum number of points in a cell to get a box, because single points may be stray points."""
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
 """Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
 
@@ -33,9 +33,9 @@ def planning_scene(
     """Convert estimated objects to a scene of the planner.
 
     Args:
-        objects: estimated objects by their name in the task.
+        objects: estimated objects by name in the task.
         cloud: (N, 3) point cloud from which the objects were estimated, base frame, m.
-        others: row indices of cloud points on other bodies; these points become obstacles.
+        others: row indices of cloud points on other bodies, which become obstacles.
         q: (n,) joint values of the robot.
         profile: robot profile.
     """
@@ -59,7 +59,7 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points) -> SceneObject
 
     Args:
         name: name of the object in the task.
-        found: the estimate.
+        found: estimated object.
         cloud: (N, 3) point cloud from which the object was estimated, base frame, m.
     """
     bodies = []
@@ -91,7 +91,7 @@ def boxes(points: Points) -> tuple[Array, ...]:
     """Return the corners (8, 3) of axis-aligned boxes around the points in each cell of a grid.
 
     Args:
-        points: (N, 3) m.
+        points: (N, 3) points, m.
     """
     if not len(points):
         return ()

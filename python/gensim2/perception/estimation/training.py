@@ -37,13 +37,13 @@ CALIBRATION = 3
 ROOM = 1_000_000
 """Maximum number of clouds in a training; they take 14 GB of memory."""
 VOTERS = 384
-"""Number of points of each cloud whose votes are computed in a training step."""
+"""Number of points in each cloud whose votes are computed in a training step."""
 MOST_TURN, MOST_SHIFT = 0.4, 0.06
 """Maximum random yaw (rad) about the robot's base and shift (m) along the table of training clouds."""
 
 
 class PerceiveSettings(RunSettings):
-    """Settings that determine the weights."""
+    """Settings of a training that determine the weights."""
 
     FREE: ClassVar[frozenset[str]] = frozenset()
 
@@ -78,28 +78,28 @@ def train_estimator(
         out: folder for the examples, the state of the training and the estimator (``config.json`` and
             ``weights.safetensors``).
         classes: classes of articulated objects; empty: all classes of the library.
-        assets: library of the objects, as :func:`~gensim2.objects.open_library` takes it.
-        robot_name: robot in front of which the objects stand.
-        objects: number of objects of each class to learn from; all objects of a class that has fewer.
+        assets: library of the objects, as for :func:`~gensim2.objects.open_library`.
+        robot_name: name of the robot in the scenes.
+        objects: number of training objects of each class; a class with fewer objects uses all of them.
         looks: number of clouds of each object.
-        steps: gradient steps.
-        batch: number of clouds per step.
+        steps: number of gradient steps.
+        batch: number of clouds in a gradient step.
         seed: seed of all random values.
-        resume: continue the training in ``out``.
+        resume: whether to continue the training in ``out``.
         progress: listener.
 
     Returns:
-        Plain data: the folder, the number of clouds, the loss, CPU seconds of the steps, the calibration.
+        Plain data: folder, number of clouds, loss, CPU time of the gradient steps (s), and calibration.
 
     Raises:
-        InputError: a class is unknown or rigid, or ``out`` holds another training.
+        InputError: a class is unknown or rigid, or ``out`` has a different training.
     """
     library, profile = open_library(assets), robot(robot_name)
     names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")
     for name in names:
         library.check_kind(name, "articulated")
     if objects * looks * len(names) > ROOM:
-        raise InputError(f"are more than {ROOM} clouds", field="objects", remedy="give fewer objects or looks")
+        raise InputError(f"would be more than {ROOM} clouds", field="objects", remedy="give fewer objects or looks")
     settings = PerceiveSettings(
         classes=names,
         assets=str(library.location),
@@ -152,7 +152,7 @@ def train_estimator(
 def _examples(
     library: Library, profile: RobotProfile, settings: PerceiveSettings, folder: Path, progress: Progress
 ) -> tuple[tuple[ClassConstants, ...], Arrays, Arrays]:
-    """Return the class constants, the training examples and the calibration examples; missing ones are generated."""
+    """Return class constants, training examples and calibration examples; generate examples that are missing."""
     instances = training_instances(library, settings.classes, settings.objects + CALIBRATION, settings.seed)
     constants: list[ClassConstants] = []
     training: list[Arrays] = []
@@ -175,7 +175,7 @@ def _examples(
 def _file_of(
     library: Library, profile: RobotProfile, settings: PerceiveSettings, path: Path, name: str, ids: Sequence[str]
 ) -> Arrays | None:
-    """Return the examples of some objects, from their file if it exists; None if no object is visible."""
+    """Return the examples of some objects; read them from a file if it exists. None if no object is visible."""
     if path.exists():
         return read_arrays(path)
     found: list[Example] = []
@@ -193,16 +193,16 @@ def _file_of(
 
 def _joined(parts: Sequence[Arrays]) -> Arrays:
     if not parts:
-        raise InputError("none of the objects is seen by the cameras", field="classes", remedy="give other classes")
+        raise InputError("the cameras see none of the objects", field="classes", remedy="give other classes")
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 class Examples:
-    """Batches of labelled clouds.
+    """Samples batches of labelled clouds.
 
     Args:
-        arrays: as :func:`~gensim2.perception.estimation.examples.example` names them, with one row each, and
-            ``features`` (..., N, 5) int8.
+        arrays: arrays named as in :func:`~gensim2.perception.estimation.examples.example`, with one row for each
+            example, and ``features`` (..., N, 5) int8.
     """
 
     def __init__(self, arrays: Arrays) -> None:
@@ -217,14 +217,14 @@ class Examples:
         turn = generator.uniform(-MOST_TURN, MOST_TURN, size)
         shift = np.concatenate([generator.uniform(-MOST_SHIFT, MOST_SHIFT, (size, 2)), np.zeros((size, 1))], axis=1)
         arrays = {name: values[rows] for name, values in self._arrays.items()}
-        # Points of the object come first, so that no object is without any; ties are broken at random.
+        # Points of the object are preferred, so that every object has points; otherwise the order is random.
         order = generator.random(arrays["group"].shape) - 0.5 * (arrays["group"] == TARGET)
         chosen = torch.from_numpy(np.argsort(order, axis=1)[:, :VOTERS])
         return {**tensors(arrays, turn, shift), "rows": chosen}
 
 
 def tensors(arrays: Arrays, turn: npt.NDArray[np.float64], shift: npt.NDArray[np.float64]) -> dict[str, torch.Tensor]:
-    """Return examples as inputs of the losses, rotated (B,) rad about the base's z axis and shifted (B, 3) m."""
+    """Return examples as tensors, rotated by ``turn`` (B,), rad, about the base's z axis and shifted by (B, 3), m."""
     cos, sin = np.cos(turn), np.sin(turn)
     R = np.zeros((len(turn), 3, 3))
     R[:, 0, 0], R[:, 0, 1], R[:, 1, 0], R[:, 1, 1], R[:, 2, 2] = cos, -sin, sin, cos, 1.0

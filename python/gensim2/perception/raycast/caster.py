@@ -1,4 +1,4 @@
-"""Cast rays at posed links: one Embree scene is built per link, and rays are transformed into link frames."""
+"""Cast rays at links in given poses. Each link has an Embree scene, and rays are transformed into link frames."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class CastSolid:
 
     Attributes:
         id: segmentation id, from 1.
-        surface: surface in its own frame.
-        still: whether it usually does not move.
+        surface: surface in the frame of the body.
+        still: whether the body usually does not move.
     """
 
     id: int
@@ -38,9 +38,9 @@ class Hits:
     """First hits of the rays of several cameras.
 
     Attributes:
-        depth: (H, W) per camera, m; the camera's ``far`` without a hit.
-        face: (H, W) per camera: index among all triangles of the caster; -1 without a hit.
-        u, v: (H, W) per camera: weights of the triangle's second and third corner, for textured triangles only.
+        depth: for each camera, depth (H, W), m; the camera's ``far`` for rays without a hit.
+        face: for each camera, index (H, W) of the hit triangle among all triangles of the caster; -1 without a hit.
+        u, v: for each camera, weights (H, W) of the triangle's second and third corner; only for textured triangles.
     """
 
     depth: tuple[npt.NDArray[np.float32], ...]
@@ -70,13 +70,13 @@ def _copied(arrays: tuple[_Kept, ...]) -> tuple[_Kept, ...]:
 
 
 class Caster:
-    """Solids, and the cameras that see them.
+    """Casts the rays of cameras at solids.
 
-    Still solids are cast once and the result is reused while they do not move, which does not change the hits.
+    Rays are cast at still solids only once, and the result is reused until the solids move; the hits are the same.
 
     Args:
-        solids: the L solids.
-        cameras: the cameras.
+        solids: L solids.
+        cameras: cameras that see the solids.
     """
 
     def __init__(self, solids: Sequence[CastSolid], cameras: Sequence[Camera]) -> None:
@@ -84,7 +84,7 @@ class Caster:
         self._solids = tuple(solids)
         counts = [len(solid.surface.faces) for solid in solids]
         self._first = np.cumsum([0, *counts])
-        # The last row is for index -1, no hit.
+        # The last entry is for the index -1, which means no hit.
         self._ids = np.repeat([*(solid.id for solid in solids), 0], [*counts, 1]).astype(np.int16)
         self._colors = np.concatenate([*(solid.surface.colors for solid in solids), np.zeros((1, 3), dtype=np.uint8)])
         self._textures = [
@@ -109,11 +109,11 @@ class Caster:
         return hits
 
     def segmentation(self, face: npt.NDArray[np.int32]) -> npt.NDArray[np.int16]:
-        """Return the segmentation ids of hits of any shape; 0 without a hit."""
+        """Return the segmentation ids of hits, an array of any shape; 0 without a hit."""
         return self._ids[face]
 
     def colors(self, face: npt.NDArray[np.int32], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]) -> Color:
-        """Return the colours (..., 3) of material or texture at the hits; black without a hit."""
+        """Return the colours (..., 3) at the hits, from material or texture; black without a hit."""
         found = self._colors[face]
         for start, texture in self._textures:
             _paint(found, face - start, u, v, texture)
@@ -165,7 +165,7 @@ class Caster:
             np.copyto(hits.v[view][window], met["v"].reshape(face.shape), where=new)
 
     def _boxes(self, which: list[int], poses: Array) -> list[list[list[int]]]:
-        """Return for each camera and solid the pixel range that may show it: left, top, right, bottom."""
+        """Return, for each camera and solid, the pixel range that may show the solid: left, top, right, bottom."""
         corners = poses[which] @ self._corners[which].transpose(0, 2, 1)  # (l, 4, 8)
         seen = self._projections[:, None] @ corners  # (cameras, l, 3, 8)
         ahead = seen[:, :, 2].clip(min=NEAR)
@@ -187,7 +187,7 @@ def _paint(
     v: npt.NDArray[np.float32],
     texture: Texture,
 ) -> None:
-    """Set a texture's colours where its faces were hit; ``face`` counts within its surface."""
+    """Set the colours of pixels that hit a texture; ``face`` is an index into the faces of the texture's surface."""
     row = np.searchsorted(texture.faces, face)
     wears = row < len(texture.faces)
     wears[wears] = texture.faces[row[wears]] == face[wears]

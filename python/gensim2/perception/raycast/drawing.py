@@ -1,4 +1,4 @@
-"""Ray-cast pictures with named points, lines and frames drawn on them; needs no graphics driver."""
+"""Draw pictures by ray casting, with labelled points and frames, without a graphics driver."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ AXES = ("#d33636", "#2f9e44", "#1c6fd4")
 
 
 def shaded(view: View) -> npt.NDArray[np.uint8]:
-    """Return an image (H, W, 3) of a view, in which surfaces are darker the more they face away from the light."""
+    """Return a shaded image (H, W, 3) of a view; surfaces that face away from the light are darker."""
     camera, depth = view.camera, view.depth.astype(np.float64)
     points = depth[..., None] * camera.rays
     right, down = np.diff(points, axis=1, append=points[:, -1:]), np.diff(points, axis=0, append=points[-1:])
@@ -44,10 +44,10 @@ def shaded(view: View) -> npt.NDArray[np.uint8]:
 
 
 class Drawing:
-    """A square picture of solids, on which points and frames are marked.
+    """A square picture of solids with marked points and frames.
 
     Args:
-        solids: surfaces, each with its (4, 4) pose.
+        solids: surfaces, each with its pose (4, 4).
         eye: (3,) position of the camera, m, in the frame of the poses.
         target: (3,) point in the middle of the picture, m.
         size: edge of the picture, pixels.
@@ -69,12 +69,12 @@ class Drawing:
         self._labels: list[tuple[float, float, str, str]] = []
 
     def point(self, at: npt.ArrayLike, color: str, label: str = "") -> None:
-        """Mark a point: a disc, or a ring where something is in front of it.
+        """Mark a point by a disc, or by a ring if the point is hidden.
 
         Args:
-            at: (3,) m.
-            color: ``#rrggbb``.
-            label: text beside the point.
+            at: (3,) position, m.
+            color: colour as ``#rrggbb``.
+            label: text next to the point.
         """
         x, y, ahead = self._project(at)
         if ahead <= 0:
@@ -91,12 +91,12 @@ class Drawing:
         self._name(x, y, label, color)
 
     def frame(self, T: Array, length: float, label: str = "") -> None:
-        """Draw a frame: x red, y green, z blue.
+        """Draw a frame with a red x axis, a green y axis and a blue z axis.
 
         Args:
-            T: (4, 4) pose.
-            length: length of its axes, m.
-            label: text beside the frame.
+            T: (4, 4) pose of the frame.
+            length: length of the axes, m.
+            label: text next to the frame.
         """
         x0, y0, ahead = self._project(T[:3, 3])
         if ahead <= 0:
@@ -108,7 +108,7 @@ class Drawing:
         self._name(x0, y0, label, "#1c2430")
 
     def picture(self) -> Image.Image:
-        """Return the picture with its marks and labels, which do not cover each other."""
+        """Return the picture with marks, and with labels that do not overlap."""
         from PIL import Image, ImageDraw, ImageFont
 
         found = self._image.resize((self._size, self._size), Image.Resampling.BOX)
@@ -124,7 +124,7 @@ class Drawing:
         return found
 
     def _project(self, at: npt.ArrayLike) -> tuple[float, float, float]:
-        """Return the pixel and the distance ahead of a point."""
+        """Return the pixel of a point, and the point's depth."""
         x, y, ahead = self._camera.projection @ [*np.asarray(at, dtype=np.float64), 1.0]
         return float(x / ahead), float(y / ahead), float(ahead)
 

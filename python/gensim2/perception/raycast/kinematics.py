@@ -1,4 +1,4 @@
-"""Link poses of an articulation from its URDF, for a whole episode at once."""
+"""Compute link poses of an articulation from its URDF, for all instants of an episode at once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 
 @lru_cache(maxsize=256)
 def read_urdf(file: Path) -> Urdf:
-    """Read a URDF, once per process.
+    """Read a URDF; later calls in the process use a cache.
 
     Raises:
         InputError: the file cannot be read, or its links do not form a tree.
@@ -33,7 +33,7 @@ def read_urdf(file: Path) -> Urdf:
 
 @dataclass(frozen=True)
 class Tree:
-    """Links of an articulation in SAPIEN's order: depth first, children as in the file.
+    """Links of an articulation in SAPIEN's order: depth first, children in the order of the file.
 
     Attributes:
         names: names of the L links.
@@ -53,8 +53,8 @@ class Tree:
         """Build the kinematic tree of a URDF.
 
         Args:
-            urdf: parsed file.
-            active: names of the joints that are the tree's coordinates, in order.
+            urdf: parsed URDF.
+            active: names of the joints whose values are the coordinates ``q``, in order.
 
         Raises:
             InputError: a moving joint is not in ``active``, or is neither revolute nor prismatic.
@@ -80,7 +80,7 @@ class Tree:
 
     @property
     def still(self) -> tuple[bool, ...]:
-        """Whether each link is fixed relative to the root."""
+        """For each link, whether it is fixed relative to the root."""
         found: list[bool] = []
         for parent, coordinate in zip(self.parents, self.coordinates, strict=True):
             found.append(coordinate < 0 and (parent < 0 or found[parent]))
@@ -91,7 +91,7 @@ class Tree:
 
         Args:
             root: (T, 4, 4) poses of the root link.
-            q: (T, n) coordinates, rad and m.
+            q: (T, n) joint values, rad or m.
         """
         found = np.empty((len(root), len(self.names), 4, 4))
         for index, (parent, joint, coordinate) in enumerate(
@@ -109,7 +109,7 @@ class Tree:
 
 
 def pose_matrices(rows: npt.NDArray[np.floating]) -> Array:
-    """Return matrices (T, 4, 4) of poses (T, 7): x, y, z, qw, qx, qy, qz."""
+    """Convert poses (T, 7) in the order x, y, z, qw, qx, qy, qz to matrices (T, 4, 4)."""
     rows = rows.astype(np.float64)
     found = np.tile(np.eye(4), (len(rows), 1, 1))
     found[:, :3, :3] = Rotation.from_quat(rows[:, 3:], scalar_first=True).as_matrix()
@@ -118,16 +118,15 @@ def pose_matrices(rows: npt.NDArray[np.floating]) -> Array:
 
 
 def state_rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.NDArray[np.float32]:
-    """Return the states (T, width) of one thing in ManiSkill's ``env_states``; ``kind`` is ``"actors"`` or
-    ``"articulations"``.
+    """Return the states (T, width) of one actor or articulation in ManiSkill's ``env_states``.
 
     Raises:
-        InputError: it is missing, has another width, or is not finite.
+        InputError: the states are missing, have another width, or are not finite.
     """
     try:
         rows = np.asarray(states[kind][name], dtype=np.float32)
     except KeyError as error:
-        raise InputError("its states are missing", field=f"env_states/{kind}/{name}") from error
+        raise InputError("the states of this object are missing", field=f"env_states/{kind}/{name}") from error
     if rows.ndim != 2 or rows.shape[1] != width:
         raise InputError(f"must be (T, {width}), is {rows.shape}", field=f"env_states/{kind}/{name}")
     if not np.isfinite(rows).all():
@@ -140,7 +139,7 @@ def _coordinate(joint: UrdfJoint | None, active: Sequence[str], file: Path) -> i
         return -1
     field = f"joint {joint.name}"
     if joint.type not in ("revolute", "continuous", "prismatic"):
-        raise InputError(f"joint type {joint.type!r}", file=file, field=field)
+        raise InputError(f"the joint type {joint.type!r} is not supported", file=file, field=field)
     if joint.name not in active:
         raise InputError("moves, but its position was not recorded", file=file, field=field)
     return list(active).index(joint.name)

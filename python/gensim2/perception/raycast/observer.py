@@ -1,4 +1,4 @@
-"""Observations of simulated states, for data sets, environments and controllers."""
+"""Compute observations of simulated states, for data sets, environments and controllers."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ Array = npt.NDArray[np.float64]
 
 
 class KnownPoints:
-    """Cloud of known points of a scene's objects, which represents its whole state.
+    """Computes clouds of true points of a scene's objects, which represent the complete state of the scene.
 
-    For each object in the task's order the points are: the eight corners of the bounding box of its moving part, in the
-    frame of the joint's link; the eight corners for its fixed part, in the root frame; and its keypoints by name. A
-    rigid object has one box and its keypoints. The list is repeated until the cloud is full.
+    For each object, in the task's order, the points are: eight corners of the moving part's bounding box, in the frame
+    of the moving link; eight corners of the fixed part's bounding box, in the root frame; and the keypoints, sorted by
+    name. A rigid object has one box. The points are repeated until the cloud has ``count`` points.
 
     Args:
         scene: scene with these objects.
@@ -83,7 +83,7 @@ class KnownPoints:
 
 
 def _boxes(scene: RaycastScene, name: str, model: ObjectModel) -> list[tuple[str, Array]]:
-    """Return link and box corners (8, 3) in its frame for the moving and for the fixed part of an object."""
+    """Return, for the moving and for the fixed part of an object, the link and the box corners (8, 3) in its frame."""
     if model.joint is None:
         return [(name, _corners(np.concatenate([hull for hulls in model.hulls.values() for hull in hulls])))]
     tree = scene.tree(name)
@@ -115,12 +115,12 @@ _ROOT = 13
 
 
 class Observer:
-    """Observations of one episode; each depends on the state, the episode's seed and the step only.
+    """Computes the observations of one episode, which depend only on the state, the episode's seed and the step.
 
     Args:
         objects: objects by name, in the task's order.
         seed: seed of the episode's reset, which determines the noise.
-        language: instruction.
+        language: instruction of the task.
         photograph: function that returns colour images, if the spec needs them.
 
     Raises:
@@ -157,7 +157,7 @@ class Observer:
 
     @property
     def scene(self) -> RaycastScene:
-        """Triangles of robot and objects, at which the rays of the simulated cameras are cast.
+        """Scene with robot and objects, at which the cameras' rays are cast.
 
         Only observation specs with cameras have such a scene.
         """
@@ -182,7 +182,7 @@ class Observer:
     def joints(
         self, positions: npt.ArrayLike, velocities: npt.ArrayLike, step: int, command: float = OPEN
     ) -> Observation:
-        """Return the observation of a spec without cameras, from joints (n,) and their velocities."""
+        """Return the observation for a spec without cameras, from joint positions (n,) and velocities (n,)."""
         return self._encoder.encode(step, positions, velocities, command)
 
     def recorded(self, states: Mapping[str, Any], actions: npt.NDArray[np.float32]) -> Iterator[Observation]:
@@ -193,7 +193,8 @@ class Observer:
             actions: (T, m + 1) actions between them.
 
         Raises:
-            InputError, EmptyCloudError: as for :meth:`observe`; the second names the step.
+            InputError: as for :meth:`observe`.
+            EmptyCloudError: as for :meth:`observe`; the message names the step.
         """
         return self._encoded(states, [OPEN, *map(float, actions[:, -1])], 0)
 
@@ -220,7 +221,7 @@ class Observer:
                 raise EmptyCloudError(f"step {step}: {error}") from error
 
     def cameras_at(self, positions: npt.ArrayLike) -> tuple[Camera, ...]:
-        """Return the cameras in the base frame for the joints ``positions`` (n,)."""
+        """Return the cameras with poses in the base frame, at the joints ``positions`` (n,)."""
         links = self._links_at(positions)
         return tuple(
             camera if camera.link is None else replace(camera, T_base_camera=links[camera.link] @ camera.T_base_camera)
@@ -237,10 +238,10 @@ class Observer:
         """Return the images of the cameras, with the spec's noise.
 
         Args:
-            poses: (L, 4, 4), one row of :meth:`RaycastScene.poses`.
+            poses: (L, 4, 4) poses of the solids, one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
             positions: (n,) all active joints, for cameras on the robot.
-            read: (n,) joints as read by the robot with a delay; None: the same.
+            read: (n,) joints that the robot reads with a delay; None: ``positions``.
         """
         views = self.scene.see(poses, {} if positions is None else self._links_at(positions))
         if self._noise is None:

@@ -1,4 +1,4 @@
-"""A task's scene for ray casting: its solids and their poses in recorded states."""
+"""Build the ray-casting scene of a task, and compute its poses from recorded states."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ TABLE = "table"
 class RaycastScene:
     """Robot, table and objects of an episode, without a simulator.
 
-    Segmentation ids are SAPIEN's: links and bodies are counted from 1 in the order in which the environment builds
-    them, whether they are visible or not.
+    Segmentation ids are equal to SAPIEN's: links and bodies, visible or not, are counted from 1 in the order in which
+    the environment builds them.
 
     Args:
         objects: objects by name, in the task's order.
-        cameras: cameras; those on the robot have their pose in the link's frame. Without cameras no mesh is read, and
-            there are no solids.
+        cameras: cameras; the pose of a camera on the robot is in the link's frame. Without cameras no mesh is read, and
+            the scene has no solids.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -58,7 +58,7 @@ class RaycastScene:
                 self._add(name, name, read_mesh(model.visual) if seen else None, still=False)
             else:
                 raise TypeError(f"cannot cast rays at a {type(model).__name__}")
-        # Cameras on a link have a caster of their own in that link's frame, in which they do not move.
+        # Cameras on a link have their own caster in the link's frame, in which these cameras do not move.
         self._casters: dict[str | None, Caster] = {
             link: Caster(self._solids, [camera for camera in self.cameras if camera.link == link])
             for link in dict.fromkeys(camera.link for camera in self.cameras)
@@ -66,16 +66,16 @@ class RaycastScene:
 
     @property
     def names(self) -> Mapping[int, tuple[str, str]]:
-        """Owner (an object's name, the robot's agent, ``table``) and link by segmentation id."""
+        """Owner (object name, name of the robot's agent, or ``table``) and link, by segmentation id."""
         return self._names
 
     @property
     def solids(self) -> tuple[CastSolid, ...]:
-        """Solids in the order of :meth:`poses`."""
+        """Solids, in the order of :meth:`poses`."""
         return tuple(self._solids)
 
     def tree(self, name: str) -> Tree:
-        """Return the kinematic tree of an articulated object, or of the robot by its agent."""
+        """Return the kinematic tree of an articulated object, or of the robot, which is named by its agent."""
         return self._trees[name][0]
 
     def link_poses(self, states: Mapping[str, Any], name: str, link: str) -> Array:
@@ -84,7 +84,7 @@ class RaycastScene:
         Args:
             states: ManiSkill's ``env_states``, T rows per array.
             name: name of the object.
-            link: link; ignored for a rigid object.
+            link: name of the link; ignored for a rigid object.
 
         Raises:
             InputError: the states are not of this scene.
@@ -95,12 +95,12 @@ class RaycastScene:
         return self._links(states, name)[:, self.tree(name).names.index(link)]
 
     def ids(self, owner: str, links: Sequence[str] | None = None) -> tuple[int, ...]:
-        """Return the segmentation ids of ``owner``, for some of its links or for all."""
+        """Return the segmentation ids of ``owner``, for the given links or for all links."""
         return tuple(id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links))
 
     @cached_property
     def robot(self) -> RobotSegments:
-        """Return the segmentation ids of the hand with its descendants, and of the rest of the robot."""
+        """Return the segmentation ids of the hand (with its descendants) and of the other links of the robot."""
         tree, _ = self._trees[self.profile.agent]
         hanging = {self.profile.hand_link}
         for name, parent in zip(tree.names, tree.parents, strict=True):  # parents come before their children
@@ -171,20 +171,20 @@ class RaycastScene:
 
 
 class RaycastView:
-    """Image of one camera from the hits of its rays; colours are computed on demand.
+    """Image of one camera, from the hits of its rays; colours are computed on demand.
 
     Args:
         caster: caster of the rays.
-        hits: hits of all its cameras.
-        number: index of the camera among them.
-        camera: the camera.
+        hits: hits of all cameras of the caster.
+        number: index of the camera in the caster.
+        camera: camera of the image.
     """
 
     def __init__(self, caster: Caster, hits: Hits, number: int, camera: Camera) -> None:
         self._caster, self._hits, self._number, self.camera = caster, hits, number, camera
 
     def measured(self, camera: Camera, depth: npt.NDArray[np.float32]) -> RaycastView:
-        """Return this image with measured depth (H, W), m, and the camera's assumed pose."""
+        """Return this image with the measured depth (H, W), m, and the assumed pose of ``camera``."""
         found = RaycastView(self._caster, self._hits, self._number, camera)
         found.depth = depth
         return found
@@ -200,7 +200,7 @@ class RaycastView:
 
     @property
     def face(self) -> npt.NDArray[np.int32]:
-        """(H, W) number of the triangle among those of all solids, in their order; -1 where nothing is seen."""
+        """Index (H, W) of the visible triangle among the triangles of all solids; -1 for background."""
         return self._hits.face[self._number]
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:

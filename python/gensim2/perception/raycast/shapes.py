@@ -1,4 +1,4 @@
-"""Visible surfaces of links: triangles with the colour of a material or with a texture."""
+"""Read the visible surfaces of links: triangles with the colour of a material or with a texture."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ SPHERE_DETAIL = 3  # subdivisions of a sphere
 WHITE = (255, 255, 255)
 
 NEARLY = 0.01
-"""Largest difference of a node's transform from the identity that SAPIEN's mesh reader (assimp) ignores. It is ignored
-here too, so that images agree with SAPIEN's; the Panda's link 4 is 3 mm off by it.
+"""Maximum difference of a node's transform from the identity at which SAPIEN's mesh reader (assimp) ignores the
+transform. This reader ignores it, too, so that images agree; it shifts the Panda's link 4 by 3 mm.
 """
 
 
@@ -33,9 +33,9 @@ class Texture:
     """A texture on some faces of a shape.
 
     Attributes:
-        image: (h, w, 3), first row on top.
-        faces: (n,) indices of its faces.
-        corners: (n, 3, 2) texture coordinates of their corners: 0 to 1, from the lower left.
+        image: (h, w, 3) image; the first row is on top.
+        faces: (n,) indices of the faces with this texture.
+        corners: (n, 3, 2) texture coordinates of the faces' corners, 0 to 1, from the lower left.
     """
 
     image: Color
@@ -62,9 +62,9 @@ class Surface:
     """Triangles in the frame of a link.
 
     Attributes:
-        vertices: (V, 3), m.
+        vertices: (V, 3) vertices, m.
         faces: (F, 3) vertex indices.
-        colors: (F, 3) colours of the material; faces with a texture have it in ``textures``.
+        colors: (F, 3) colours of the material; ``textures`` override them.
         textures: textures of some faces.
     """
 
@@ -85,14 +85,14 @@ class Surface:
 
     @cached_property
     def corners(self) -> Array:
-        """Corners (8, 4) of its bounding box, homogeneous, m."""
+        """Corners (8, 4) of the surface's bounding box, homogeneous, m."""
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
         return np.column_stack([np.where(signs, high, low), np.ones(8)]).astype(np.float64)
 
     @cached_property
     def normals(self) -> npt.NDArray[np.float32]:
-        """(F, 3) unit normals of the faces; zero of a face without an area."""
+        """(F, 3) unit normals of the faces; zero for a face without an area."""
         corners = self.vertices[self.faces]
         found = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True).clip(min=1e-12), dtype=np.float32)
@@ -122,7 +122,7 @@ class Surface:
 
     @staticmethod
     def joined(surfaces: Sequence[Surface]) -> Surface | None:
-        """Return all surfaces as one; None for none."""
+        """Join surfaces into one surface; None if there is no surface."""
         if not surfaces:
             return None
         first_vertex = np.cumsum([0, *(len(each.vertices) for each in surfaces)])
@@ -143,7 +143,7 @@ class Surface:
 
 @lru_cache(maxsize=512)
 def read_mesh(file: Path) -> Surface | None:
-    """Read the surface of a mesh file in its own frame; None without triangles.
+    """Read the surface of a mesh file, in the frame of the mesh; None if it has no triangles.
 
     Raises:
         InputError: the file cannot be read.
@@ -161,7 +161,7 @@ def read_mesh(file: Path) -> Surface | None:
 
 @lru_cache(maxsize=128)
 def read_links(file: Path) -> Mapping[str, Surface | None]:
-    """Read the visible surface of each link of a URDF in its frame, once per process; None for links without one.
+    """Read the visible surface of each link of a URDF, in the link's frame; None for invisible links.
 
     Raises:
         InputError: a visual cannot be read.

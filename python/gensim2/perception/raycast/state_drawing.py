@@ -1,4 +1,4 @@
-"""Pictures of recorded states for people, made by the ray caster without a graphics driver."""
+"""Draw pictures of recorded states by ray casting, without a graphics driver."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from gensim2.robots import RobotProfile
 Array = npt.NDArray[np.float64]
 
 VIDEO_EYE, VIDEO_TARGET = (-0.55, -1.3, 0.8), (-0.13, -0.07, 0.23)
-"""Position and target (m in the world) of the camera for people, who look from the right: in view are the robot, the
-object's front, the things that lie beside it, and the inside behind most open doors, which are hinged on the left."""
+"""Position and target (m in the world) of the camera for videos. From the right it sees the robot, the object's front,
+neighbouring objects, and the inside behind most open doors, which have hinges on the left."""
 VIDEO_WIDTH, VIDEO_HEIGHT = 640, 480
 VIDEO_FIELD_OF_VIEW = float(np.deg2rad(50))
 
 AMBIENT = np.float32(0.38)
 LAMPS = (((0.5, -0.8, -1.3), 1.1), ((-0.6, 0.5, -1.0), 0.45))
-"""Directions in the world in which light falls, and its brightness."""
+"""Directions of the lights in the world, and their brightness."""
 BACKGROUND = 244
 """Brightness of the background."""
 
 
 class StateDrawing:
-    """Renders recorded states from the camera of films.
+    """Renders recorded states from the camera position of videos.
 
     Args:
         profile: robot profile.
@@ -55,7 +55,7 @@ class StateDrawing:
 
         Args:
             states: ManiSkill's ``env_states``.
-            row: row index in the states.
+            row: index of the state in the arrays.
 
         Raises:
             InputError: the states are not of this scene.
@@ -70,7 +70,7 @@ class StateDrawing:
         return picture
 
     def _brightness(self, poses: Array, eye: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """(F + 1,) brightness of the side of each triangle that the camera at ``eye`` sees; 1 for no triangle."""
+        """Return the brightness (F + 1,) of each triangle's side that faces ``eye``; the last entry is 1."""
         found = []
         for solid, pose in zip(self._scene.solids, poses.astype(np.float32), strict=True):
             turn, place = pose[:3, :3], pose[:3, 3]
