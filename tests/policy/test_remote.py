@@ -287,7 +287,9 @@ def test_the_line_is_driven_by_a_controller_elsewhere_and_holds_where_it_is_late
 def test_a_token_that_is_refused_while_it_runs_is_held(serving: Callable[..., PolicyServer]) -> None:
     quick: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (64, 48), "minutes": 0.1}
     found = run("CloseBox", policy=serving().url, deadline=30.0, faults=[Fault("policy-token", 0.3)], **quick)
-    assert (found["state"], "refuses the connection: wrong token" in found["reason"]) == ("holding", True), found["reason"]
+    assert (found["state"], "refuses the connection: wrong token" in found["reason"]) == ("holding", True), found[
+        "reason"
+    ]
     assert found["detected_to_stopped_ms"] <= 100.0 + 1e-6
     with pytest.raises(InputError, match="needs a policy server, which can refuse a token"):
         run("CloseBox", faults=[Fault("policy-token", 0.3)], **quick)

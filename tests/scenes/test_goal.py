@@ -27,7 +27,7 @@ def sampler(*goal: dict[str, Any], **objects: dict[str, Any]) -> SceneSampler:
         ([{"type": "articulated_between", "object": "drawer", "low": 0.1, "high": 0.9}], "is already met at the start"),
         (
             [{"type": "articulated_open", "object": "drawer"}, {"type": "articulated_closed", "object": "drawer"}],
-            "the openness of drawer would have to lie above 0.8 and below 0.2",
+            "the openness of drawer would have to be above 0.8 and below 0.2",
         ),
         ([{"type": "articulated_open", "object": "ball"}], "is about 'ball', which is a rigid object"),
         ([{"type": "rigidbody_lifted", "rigid": "drawer"}], "is about 'drawer', which is an articulated object"),

@@ -91,8 +91,8 @@ def test_a_seed_seeds_the_generator_of_gymnasium(env: GenSim2Env) -> None:
         (1.5, "seed: must be a whole number"),
         (float("nan"), "seed: must be a whole number"),
         (True, "seed: must lie in 0"),
-        ([1, 2], "seed: one environment takes one seed"),
-        ([], "seed: one environment takes one seed"),
+        ([1, 2], "seed: must be a single seed"),
+        ([], "seed: must be a single seed"),
         (["a"], "seed: must be a whole number"),
         (2**1000, "a number of 1001 bits"),
     ],
@@ -136,7 +136,7 @@ def test_odd_reset_options_are_named(env: GenSim2Env, options: Any, expected: st
         (np.zeros((2, 8)), "action: must be 8 numbers, has the shape (2, 8)"),
         ("up", "action: must be numbers"),
         ([1, [2]], "action: must be numbers"),
-        ({"a": 1}, "action: a mapping must hold"),
+        ({"a": 1}, "action: a mapping must have the keys"),
         ({"control_mode": "fly", "action": ZERO}, "control_mode: must be one of"),
         ({"control_mode": "pd_joint_pos", "action": np.full(8, np.nan)}, "action: must be finite"),
     ],
@@ -238,7 +238,7 @@ def test_a_vector_environment_is_described_as_its_environments_are() -> None:
 def test_a_vector_environment_refuses_odd_modes_and_numbers() -> None:
     with pytest.raises(InputError, match="vectorization_mode: must be async, sync or thread"):
         gensim2.make_vec_env("CloseBox", 2, "gpu")
-    with pytest.raises(InputError, match="num_envs: must be a whole number from 1"):
+    with pytest.raises(InputError, match="num_envs: must be a whole number and at least 1"):
         gensim2.make_vec_env("CloseBox", 0)
 
 

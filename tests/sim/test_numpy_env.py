@@ -51,7 +51,7 @@ def test_an_episode_ends_with_the_goal_or_with_its_time() -> None:
         ({"obs_mode": "rgb"}, "obs_mode: must be one of state, raycast"),
         ({"reward_mode": "dense"}, "reward_mode: must be one of"),
         ({"render_mode": "ansi"}, "render_mode"),
-        ({"observation": {"points": 512}}, "observation: is for obs_mode 'raycast'"),
+        ({"observation": {"points": 512}}, "observation: applies only to obs_mode 'raycast'"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*render_mode")
@@ -76,5 +76,5 @@ def test_threads_give_what_one_after_the_other_gives() -> None:
 
 def test_sapien_has_no_threads() -> None:
     pytest.importorskip("sapien")
-    with pytest.raises(InputError, match="vectorization_mode: thread is of the engine mujoco"):
+    with pytest.raises(InputError, match="vectorization_mode: thread needs the engine mujoco"):
         make_vec_env("CloseBox", 2, "thread", assets="builtin", engine="sapien")

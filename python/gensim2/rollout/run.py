@@ -316,8 +316,7 @@ class Attempt:
         return replace(spec, arguments={**spec.arguments, "options": options})
 
     def after(self, episode: Episode, task: TaskSpec) -> Attempt:
-        """Return the next attempt: the step that failed starts with its next strategy, and the solver gets the next
-        seed."""
+        """Return the next attempt: the failed step starts with its next strategy, and the solver's seed changes."""
         begun = [step.name for step in episode.steps]
         blamed = episode.diagnosis.get("step") or (begun or [task.steps[0].name])[-1]
         ways = next(step.strategies for step in task.steps if step.name == blamed)

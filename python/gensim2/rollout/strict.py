@@ -180,8 +180,7 @@ def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
-    """Return by how much objects moved that no step of the task acts on; movements within the tolerance are left
-    out."""
+    """Return displacements beyond the tolerance of objects that no step of the task acts on."""
     moved = {}
     for name, points in later.keypoints.items():
         if name in acted_on:

@@ -76,8 +76,7 @@ class World(Body, Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """Return the measurements that criteria depend on. In a scene without an arm, the arm counts as at its
-        start."""
+        """Return the measurements that criteria depend on; a missing arm counts as at its start."""
         ...
 
     def scene_state(self) -> Scene:

@@ -1,1 +1,1 @@
-"""Initial scenes and their configuration, independent of the simulator."""
+"""Configure and sample initial scenes, independently of the simulator."""

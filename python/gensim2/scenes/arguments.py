@@ -37,7 +37,7 @@ def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
 
 
 def check_names(task: TaskSpec, robot: RobotProfile) -> None:
-    """Refuse an object with the robot's name, because states of a scene are stored by name."""
+    """Check that no object has the robot's name, because states of a scene are stored by name."""
     if robot.agent in task.objects:
         raise InputError(f"no object may have the robot's name {robot.agent!r}", field="objects")
 
@@ -57,13 +57,13 @@ Words = str | Sequence[str]
 def chosen_instances(
     library: ObjectSource, task: TaskSpec, instances: Words | Mapping[str, Words]
 ) -> dict[str, tuple[str, ...]]:
-    """Return the ids that resets choose from, by object.
+    """Return, by object, the ids of the instances that resets choose from.
 
     Args:
         library: library of the objects.
         task: task, which may restrict the instances of its objects.
-        instances: a mapping from object names replaces the task's restriction; plain words choose within it
-            (:func:`~gensim2.objects.library.selection.words_of_objects`).
+        instances: selection of instances. A mapping from object names replaces the task's restriction; any other
+            selection applies within the restriction.
     """
     given = dict(instances) if isinstance(instances, Mapping) else {}
     for name in given:
@@ -86,18 +86,18 @@ def chosen_instances(
 def _words(words: object) -> Sequence[str]:
     words = (words,) if isinstance(words, str) else words
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"must be text or a list of it, is {words!r}", field="instances")
+        raise InputError(f"must be text or a list of texts, is {words!r}", field="instances")
     if "random" in words:
         raise InputError(
-            "'random' selects one object by a run's seed, which an environment does not have before its first reset",
+            "'random' selects an object by the seed of a run, but an environment has no such seed",
             field="instances",
-            remedy="use 'all': each reset draws one",
+            remedy="use 'all': each reset draws an object",
         )
     return words
 
 
 def check_words(**values: Any) -> None:
-    """Refuse arguments that are neither None nor text."""
+    """Check that arguments are None or text."""
     for field, value in values.items():
         if value is not None and not isinstance(value, str):
             raise InputError(f"must be text, is {value!r}", field=field)

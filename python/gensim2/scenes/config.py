@@ -1,7 +1,7 @@
-"""Configuration of scenes: everything except the seed that determines an initial state.
+"""Configure scenes. Configuration and seed together determine an initial state.
 
 Users give the keyword arguments of :class:`SceneArguments`. A run stores :class:`SceneOptions`, which all its tasks
-share. The scenes of one task follow from a :class:`SceneConfig`. Command-line options and files use the same names.
+share. A :class:`SceneConfig` determines the scenes of one task. Command-line options and files use the same names.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class SceneArguments(TypedDict, total=False):
     """Keyword arguments for the scenes of a task.
 
     Keys:
-        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library. An
-            environment also accepts an open library.
-        instances: objects to choose from, unless the task says so itself: ``all``, ``train``, ``test``, ``new``
-            (generated ones beyond the listed ones), an id, or ``random``: one id from the seed of a run. An
-            environment also accepts several of them, or a mapping from object names.
+        assets: folder of objects, or ``"builtin"``. None: the folder ``GENSIM2_ASSETS``, by default the built-in
+            library. An environment also accepts an open library.
+        instances: objects to choose from, unless the task restricts them: ``all``, ``train``, ``test``, ``new``
+            (generated objects that are not listed), an id, or ``random`` (one id, determined by the seed of a run). An
+            environment also accepts a list, or a mapping from object names.
         physics: ``"default"``, ``"original"``, a mixture of both, or a file of settings (docs/reference/simulation.md).
-        redraw: ``"placement"`` or ``"none"``, overriding this setting of ``physics``; None: as ``physics`` says.
+        redraw: ``"placement"`` or ``"none"`` overrides this setting of ``physics``; None does not override it.
         robot: name of a known robot (:func:`gensim2.load_robot` registers your own).
         randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/reference/simulation.md).
         engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md). Default: ``"sapien"`` if SAPIEN is
@@ -79,7 +79,7 @@ class SceneOptions:
         engine: simulation engine.
 
     Raises:
-        InputError: physics, robot, randomization or engine is unknown, or the engine cannot simulate the physics.
+        InputError: physics, robot, randomization or engine are unknown, or the engine cannot simulate the physics.
     """
 
     assets: str
@@ -96,7 +96,7 @@ class SceneOptions:
 
     @classmethod
     def of(cls, **scene: Unpack[SceneArguments]) -> SceneOptions:
-        """Return the options among a user's arguments; ``instances`` belongs to each task instead.
+        """Return the options from a user's arguments; ``instances`` is not included, because each task has its own.
 
         Raises:
             InputError: the folder, the robot or a preset cannot be used.
@@ -118,7 +118,7 @@ class SceneOptions:
         """Read the options from the fields of a file; other fields are ignored.
 
         Args:
-            record: the file's fields.
+            record: fields of the file.
 
         Raises:
             InputError: physics, robot or randomization is unknown.
@@ -129,11 +129,11 @@ class SceneOptions:
         return {each.name: getattr(self, each.name) for each in fields(SceneOptions)}
 
     def second_engine(self, engines: Engines) -> Engine | None:
-        """Return the engine that repeats verifications, or None where one engine decides.
+        """Return the engine in which verifications are repeated; None if a single engine is used.
 
         Raises:
-            InputError: that engine cannot simulate the physics.
-            MissingExtraError: that engine is not installed.
+            InputError: the second engine cannot simulate the physics.
+            MissingExtraError: the second engine is not installed.
         """
         if engines == "one":
             return None
@@ -154,10 +154,10 @@ class SceneOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneConfig(SceneOptions):
-    """Everything except the seed that determines the scenes of one task, as values that can be pickled.
+    """Configuration that, with a seed, determines a scene of one task, as values that can be pickled.
 
     Attributes:
-        task: the task.
+        task: task of the scenes.
         instances: instances to choose from.
     """
 
@@ -165,7 +165,7 @@ class SceneConfig(SceneOptions):
     instances: Drawn = "all"
 
     def __hash__(self) -> int:
-        """Hash by the task's name, because a spec has mappings, which cannot be hashed."""
+        """Return a hash of the task's name, because the mappings in a spec cannot be hashed."""
         return hash((self.task.name, self.instances, *self.to_record().values()))
 
     @property
@@ -175,11 +175,11 @@ class SceneConfig(SceneOptions):
 
     @property
     def drawn(self) -> Words | Mapping[str, Words]:
-        """Instances as in :class:`SceneArguments`."""
+        """Selection of instances, as in :class:`SceneArguments`."""
         return dict(self.instances) if isinstance(self.instances, frozenset) else self.instances
 
 
 def split_arguments(given: Mapping[str, Any]) -> tuple[SceneArguments, dict[str, Any]]:
-    """Return the scene arguments, and all others."""
+    """Split arguments into scene arguments and other arguments."""
     scene = {name: value for name, value in given.items() if name in SCENE_FIELDS}
     return cast(SceneArguments, scene), {name: value for name, value in given.items() if name not in scene}

@@ -1,7 +1,6 @@
-"""Default poses of objects: the project's own, and those of the original GenSim2.
+"""Determine default poses of objects: computed from the geometry, or from the original GenSim2.
 
-The original's are in ``default_poses.csv`` beside this file, which is read as a package resource, so that wheels
-include it.
+The poses of the original GenSim2 are in ``default_poses.csv`` in this folder, a package resource that wheels include.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ class DefaultPose:
     """Pose and openness of an object before randomization.
 
     Attributes:
-        position: (3,) of the root in the world frame, m.
-        quaternion: (4,) (w, x, y, z), root to world.
+        position: (3,) position of the root in the world frame, m.
+        quaternion: (4,) orientation of the root in the world frame, (w, x, y, z).
         openness: mean of the randomized openness, 0..1; 0 for a rigid object.
         origin: source of the pose.
     """
@@ -44,15 +43,15 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
     """Return the pose of an object before randomization.
 
     Args:
-        model: the object.
-        poses: ``"original"`` uses the original's pose of a released articulated model, if it has one. Rigid objects
-            always rest on the table, because the original's height puts some of them into it.
+        model: object to place.
+        poses: ``"original"`` uses the pose of the original GenSim2 for a released articulated model, if there is one.
+            Rigid objects always rest on the table, because the original's heights let some of them overlap the table.
     """
     if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)
         if pose is not None:
-            # In some original poses the moving link overlaps the table. SAPIEN 2 lets it slide there with 5 N; in
-            # SAPIEN 3 the contact blocks the joint even at 400 N, so such objects are lifted.
+            # In some poses of the original the moving link overlaps the table. In SAPIEN 2 a force of 5 N moves such a
+            # link; in SAPIEN 3 the contact blocks the joint even at 400 N, so these objects are lifted.
             sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
             return DefaultPose(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
     openness = 0.0 if isinstance(model, RigidObject) else model.default_openness
@@ -60,9 +59,9 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
 
 
 def released_pose(model: ArticulatedObject) -> DefaultPose | None:
-    """Return the original's pose of a released model; None if it has none.
+    """Return the pose of the original GenSim2 for a released model; None if there is none.
 
-    Only real models have one, because generated objects use the same ids for other shapes.
+    Only real models have such a pose; generated objects use the same ids for other shapes.
     """
     return _released_poses().get((model.asset_class, model.id)) if model.source == "real" else None
 

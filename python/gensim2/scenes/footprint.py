@@ -1,4 +1,4 @@
-"""Outlines of objects seen from above, gaps between them, and the height of their lowest point."""
+"""Compute outlines of objects seen from above, gaps between outlines, and heights of lowest points."""
 
 from __future__ import annotations
 
@@ -26,9 +26,7 @@ def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[
 
 
 def swept_points(model: ArticulatedObject | RigidObject) -> Array:
-    """Return the convex hull's vertices (N, 3), m in the root frame, of the volume that the object sweeps over its
-    joint range.
-    """
+    """Return the vertices (N, 3), root frame, m, of the convex hull of the object over its joint range."""
     if isinstance(model, RigidObject):
         values = [0.0]
     else:
@@ -62,12 +60,12 @@ def keypoint_in_root(model: ArticulatedObject, name: str, value: float) -> Array
 
 
 def outline(points: Array, position: Array, quaternion: Array) -> Array:
-    """Return the convex outline (N, 2), m, of a posed body seen from above, counter-clockwise.
+    """Return the convex outline (N, 2), m, of a body seen from above, counter-clockwise.
 
     Args:
-        points: (N, 3) in the body's frame.
-        position: (3,) of the body in the world frame.
-        quaternion: (4,) of the body in the world frame, (w, x, y, z).
+        points: (N, 3) points of the body in its frame, m.
+        position: (3,) position of the body in the world frame, m.
+        quaternion: (4,) orientation of the body in the world frame, (w, x, y, z).
     """
     seen = (Rotation.from_quat(quaternion, scalar_first=True).apply(points) + position)[:, :2]
     return np.asarray(seen[ConvexHull(seen).vertices], dtype=np.float64)

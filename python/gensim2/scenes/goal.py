@@ -31,7 +31,7 @@ _DIRECTIONS = {"away": (1.0, 0.0), "closer": (-1.0, 0.0), "left": (0.0, 1.0), "r
 
 
 class GoalError(InputError):
-    """A task's goal holds in every initial scene, or in no state that the robot can reach."""
+    """A task's goal is reached in every initial scene, or in no state that the robot can bring about."""
 
 
 def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measurement:
@@ -51,18 +51,18 @@ def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measureme
 
 
 def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, placed: Collection[str] = ()) -> None:
-    """Refuse a goal that no state fulfils, or none that the robot can bring about.
+    """Check that the robot can bring about a state that meets the goal.
 
     Args:
         task: task whose goal (``goal`` or the last step's ``done``) is checked, and whose ``done`` criteria must fit
             the kinds of their objects.
-        state: an initial state of the task.
-        robot: the robot, which limits how far objects can be moved.
-        placed: objects placed by the caller; their distance to the goal is not checked.
+        state: initial state of the task.
+        robot: robot profile, whose reach limits how far objects can be moved.
+        placed: names of objects that reset options have placed; their distance to the goal is not checked.
 
     Raises:
-        GoalError: a criterion is about an object of the wrong kind, two contradict each other, or a rigid object would
-            have to be lifted or moved beyond the robot's reach.
+        GoalError: a criterion does not apply to its kind of object, two criteria contradict each other, or a rigid
+            object would have to be moved beyond the robot's reach.
     """
     for step in task.steps:
         _check_kinds(step.done, state, f"steps.{step.name}.done")
@@ -72,7 +72,7 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
         low, high = _openness_range(task.success, name)
         if low >= high:
             raise GoalError(
-                f"the goal is unreachable: the openness of {name} would have to lie above {low:g} and below {high:g}",
+                f"the goal is unreachable: the openness of {name} would have to be above {low:g} and below {high:g}",
                 field=field,
                 remedy="drop one of the criteria, or change its threshold",
             )
@@ -89,13 +89,13 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
 
 
 def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: RobotProfile) -> None:
-    """Refuse a goal that holds in all given initial states, because episodes would succeed without the robot.
+    """Check that the goal is not reached in all initial states, because episodes would succeed without the robot.
 
     Args:
-        states: initial states, evaluated up to the first in which the goal does not hold.
+        states: initial states; evaluation stops at the first state in which the goal is not reached.
 
     Raises:
-        GoalError: the goal holds in all of them.
+        GoalError: the goal is reached in all states.
     """
     if all(all_hold(task.success, measure_initial_state(state, robot)) for state in states):
         raise GoalError(
@@ -119,7 +119,7 @@ def _keypoints(thing: PlacedObject) -> dict[str, Array]:
 
 
 def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
-    """Refuse criteria about a joint of a rigid object, or about the pose of an articulated one."""
+    """Check that no criterion is about the joint of a rigid object or the pose of an articulated object."""
     for criterion in criteria:
         for types, kind, other in (
             (_OF_JOINTS, ArticulatedObject, "a rigid object, which has no joint"),
@@ -148,10 +148,10 @@ def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, fl
 
 
 def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robot: RobotProfile) -> float:
-    """Return how far (m) the nearest place that fulfils a criterion is beyond the robot's reach; 0 within it.
+    """Return how far (m) beyond the robot's reach the nearest place lies that meets a criterion; 0 within reach.
 
-    The horizontal reach is that of a hand that points down at the table. Vertically no arm reaches farther than twice
-    that.
+    The horizontal reach is the reach of a hand that points down at the table. The vertical reach is assumed to be twice
+    the horizontal reach.
     """
     base = np.array(robot.base_position)
     if isinstance(criterion, RigidLifted):
@@ -159,8 +159,8 @@ def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robo
     along = np.array(_DIRECTIONS[criterion.direction])
     across = np.array([-along[1], along[0]])
     offset = thing.position[:2] - base[:2]
-    # Any displacement of at least the required distance counts if it strays sideways by at most half of it; this is the
-    # nearest point of that wedge to the base.
+    # A displacement counts if it has the required distance and deviates sideways by at most half of it. This is the
+    # point of this wedge that is closest to the base.
     best = np.inf
     for way in np.linspace(criterion.distance, criterion.distance + 1.0, 101):
         strayed = float(np.clip(-offset @ across, -way / 2, way / 2))

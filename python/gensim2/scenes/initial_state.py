@@ -1,4 +1,4 @@
-"""Initial states of scenes, sampled from a seed or given by reset options, the same for every simulator."""
+"""Sample initial states of scenes from a seed and reset options, in the same way for every simulator."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
 Array = npt.NDArray[np.float64]
 
 MAX_DRAWS = 100
-"""Largest number of draws of placements for one scene."""
+"""Maximum number of random placements for one scene."""
 GAP = 0.02
-"""Smallest gap between outlines, m."""
+"""Minimum gap between the outlines of two objects, m."""
 PAPER = preset(DEFAULT_PRESET)
-"""The task's own ranges."""
+"""Randomization preset with exactly the task's ranges."""
 
 
 class PlacementError(InputError):
-    """A scene's objects cannot be placed."""
+    """The objects of a scene cannot be placed."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,13 @@ class PlacedObject:
     """An object with its pose in the initial state.
 
     Attributes:
-        model: the object.
-        position: (3,) of its root in the world frame, m.
-        quaternion: (4,) of its root in the world frame, (w, x, y, z).
+        model: model of the object.
+        position: (3,) position of the root in the world frame, m.
+        quaternion: (4,) orientation of the root in the world frame, (w, x, y, z).
         yaw: random rotation about the vertical, rad.
-        openness: openness of its joint, 0..1; None for a rigid object.
+        openness: openness of the joint, 0..1; None for a rigid object.
         default_pose: source of the default pose that was randomized; None if the pose was given.
-        factors: random factors on its physical properties.
+        factors: random factors on the object's physical properties.
     """
 
     model: ArticulatedObject | RigidObject
@@ -73,14 +73,14 @@ class PlacedObject:
 
     @property
     def joint_value(self) -> float:
-        """Joint value (rad or m) at that openness; 0 for a rigid object."""
+        """Joint value (rad or m) at ``openness``; 0 for a rigid object."""
         if not isinstance(self.model, ArticulatedObject) or self.openness is None:
             return 0.0
         joint = self.model.joint
         return joint.lower + self.openness * (joint.upper - joint.lower)
 
     def point(self) -> Array:
-        """Return its last keypoint (3,) in the world frame, which criteria measure."""
+        """Return the object's last keypoint (3,) in the world frame, the point that criteria measure."""
         if isinstance(self.model, ArticulatedObject):
             local = keypoint_in_root(self.model, list(self.model.keypoints)[-1], self.joint_value)
         else:
@@ -88,7 +88,7 @@ class PlacedObject:
         return self.in_world(local)
 
     def hulls_in_world(self) -> list[Array]:
-        """Return the vertices (N, 3) of each convex hull in the world frame, m."""
+        """Return the vertices (N, 3) of each of the object's convex hulls in the world frame, m."""
         return [self.in_world(hull) for hull in hulls_in_root(self.model, self.joint_value)]
 
     def in_world(self, point: Array) -> Array:
@@ -102,7 +102,7 @@ class InitialState:
 
     Attributes:
         objects: objects by name, in the task's order.
-        draws: number of draws until all objects were apart, within reach and clear of the robot.
+        draws: number of random placements until all objects were apart, within reach and clear of the robot.
         start: (n,) all active joints of the robot.
         randomization: name of the randomization preset.
     """
@@ -132,15 +132,15 @@ def sample_initial_state(
     physics: PhysicsSwitches = PRESETS[DEFAULT_PHYSICS],
     randomization: Preset = PAPER,
 ) -> InitialState:
-    """Draw the scene of ``seed``; ``options`` replace random values.
+    """Sample the scene of a seed; ``options`` replace random values.
 
-    A single object on the table keeps its first placement. Several objects are placed again, at most ``MAX_DRAWS``
-    times and only if ``physics`` allows it, until they are ``GAP`` apart (including the volume that a joint sweeps),
-    within the robot's reach, and rigid objects clear of the robot's start. If the preset also randomizes that start, it
-    is sampled again until the robot overlaps no object. Placements from options are not changed.
+    A single object keeps its first random placement. Several objects are placed again, at most ``MAX_DRAWS`` times and
+    only if ``physics`` allows this, until they are ``GAP`` apart (including the volume that a joint sweeps) and within
+    the robot's reach, and rigid objects are clear of the robot's start. If the preset randomizes the robot's start, a
+    new start is sampled until the robot overlaps no object. Placements given by options are not changed.
 
-    The task's ranges and a preset's further values come from separate random generators, so that presets do not affect
-    each other's draws.
+    Separate random generators draw the values of the task's ranges and the additional values of a preset, so that a
+    preset does not change the other draws.
 
     Args:
         task: task with the ranges.
@@ -148,9 +148,9 @@ def sample_initial_state(
         instances: ids to choose from, by object.
         seed: seed of the reset.
         options: checked reset options by object.
-        robot: the robot.
-        physics: source of default poses, and whether placements are sampled again.
-        randomization: scale of the task's ranges, and further random values.
+        robot: robot profile.
+        physics: physics settings; they determine default poses, and whether placements are sampled again.
+        randomization: preset; it scales the task's ranges and may randomize additional values.
 
     Raises:
         InputError: an instance does not exist, or its files cannot be used.
@@ -193,7 +193,7 @@ def _vary(
     robot: RobotProfile,
     randomization: Preset,
 ) -> tuple[dict[str, Factors], tuple[float, ...]]:
-    """Draw the further values of a preset: physical factors of each object, and the robot's start."""
+    """Draw the additional values of a preset: physical factors of each object, and the robot's start."""
     if not randomization.varies:
         return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
     generator = rng(seed, f"{task.name}/{randomization.name}")
@@ -202,7 +202,7 @@ def _vary(
 
 
 def model_id(model: ArticulatedObject | RigidObject) -> str:
-    """Return class and id of an object for messages."""
+    """Return class and id of an object for error messages."""
     return model.asset_class if isinstance(model, RigidObject) else f"{model.asset_class}/{model.id}"
 
 
@@ -214,7 +214,7 @@ def _stand_all(
     poses: PhysicsSource,
     factors: Mapping[str, Factors],
 ) -> dict[str, PlacedObject] | None:
-    """Place every object as drawn; return None if one does not fit on its support."""
+    """Place every object as drawn; return None if an object does not fit on its support."""
     objects: dict[str, PlacedObject] = {}
     for name, spec in task.objects.items():
         thing = _stand(spec, models[name], draws[name], options[name], objects, poses)
@@ -325,16 +325,16 @@ MAX_STARTS = 10
 def clear_start(
     generator: np.random.Generator, start: tuple[float, ...], robot: RobotProfile, hulls: Sequence[Sequence[Array]]
 ) -> tuple[float, ...] | None:
-    """Return the first of ``start`` and further random starts at which the robot overlaps no object.
+    """Return a robot start that overlaps no object: ``start`` if possible, else a random start.
 
     Args:
-        generator: random generator of further starts.
+        generator: random generator of additional starts.
         start: (n,) all active joints.
-        robot: the robot.
+        robot: robot profile.
         hulls: for each object, the vertices (N, 3) of its convex hulls in the world frame, m.
 
     Returns:
-        (n,) joints; None if ``MAX_STARTS`` of them overlap an object.
+        Joints (n,); None if ``MAX_STARTS`` starts overlap an object.
     """
     import gensim2_kpam as kpam  # imported here: reading scenes does not need the solver
 
@@ -354,18 +354,18 @@ def clear_start(
 
 
 CLOSE = 0.0005
-"""Largest overlap (m) of an object with its support, which physics treats as contact."""
+"""Maximum overlap (m) of an object with its support; physics treats the overlap as contact."""
 STEP = 0.005
-"""Step (m) between tried heights; the first blocked step is then bisected down to ``CLOSE``."""
+"""Step (m) between tried heights. The first blocked step is then refined by bisection to ``CLOSE``."""
 ABOVE = 0.02
 """Height (m) above the measured point from which an object is lowered."""
 
 
 def set_down(thing: PlacedObject, support: PlacedObject) -> PlacedObject | None:
-    """Lower ``thing`` over the measured point of ``support`` until they touch.
+    """Lower an object over the measured point of its support until both touch.
 
     Args:
-        thing: object at rest on the table at its final x and y.
+        thing: object at rest on the table, at its final x and y.
         support: object to stand on or in.
 
     Returns:

@@ -1,8 +1,8 @@
-"""Physics as named settings, each either the project's own or the original GenSim2's, and the engines that simulate it.
+"""Name physics settings, and choose the engines that simulate them.
 
-A mixture has a name: ``original`` and ``default`` are presets, and ``original+gripper=default`` changes one setting of
-a preset. The name defines the physics completely, so it is used in records and worker processes. Users may give a file
-of settings.
+Each setting is either the default or as in the original GenSim2. ``original`` and ``default`` are presets, and a name
+such as ``original+gripper=default`` changes one setting of a preset. The name defines the physics completely, so
+records and worker processes use names. Users may also give a file of settings.
 """
 
 from __future__ import annotations
@@ -33,28 +33,30 @@ Engines = Literal["one", "both"]
 
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 DEFAULT_ENGINE: Engine = "sapien"
-"""Engine of records that name none."""
+"""Engine of records that do not name an engine."""
 
 _EXTRAS: Mapping[Engine, str] = {"sapien": "sim", "mujoco": "mujoco"}
 
 
 @dataclass(frozen=True)
 class PhysicsSwitches:
-    """Settings of a scene's physics; ``"default"`` is the project's own, ``"original"`` the original GenSim2's.
+    """Settings of a scene's physics: ``"default"``, or ``"original"`` for the value of the original GenSim2.
 
     Attributes:
-        joint_friction: Coulomb friction and damping of the object, or a coefficient on the joint's load by class.
-        densities: masses of the objects, or a density for hulls by class.
-        materials: contact materials of objects, fingers and everything except the table.
-        solver: settings and contact offsets of the engine, or the original's PhysX settings.
-        poses: default poses computed from the geometry, or the original's for released models.
-        gripper: drives of the fingers: the profile's; ``"soft"`` ones, with which the original's solver holds objects;
-            or the original's.
-        hulls: collision hulls of real objects that keep cavities open, or the convex hull of each connected part of a
-            file; the planner uses the same hulls.
+        joint_friction: default: Coulomb friction and damping of the object; original: a coefficient on the joint's load
+            for each class.
+        densities: default: masses of the objects; original: a density of the hulls for each class.
+        materials: contact materials of all bodies except the table.
+        solver: default: settings and contact offsets for the engine; original: the original's PhysX settings.
+        poses: default: poses computed from the geometry; original: the original's poses for released models.
+        gripper: finger drives. Default: the profile's; ``"soft"``: drives with which the original's solver holds
+            objects; original: the original's drives.
+        hulls: collision hulls of real objects, which the planner uses, too. Default: hulls that keep cavities open;
+            original: the convex hull of each connected part of a file.
         redraw: ``"placement"``: placements of several objects are sampled again until all fit; ``"none"``: the first
             sample is used.
-        criteria_rate: evaluate the steps' criteria for ``paper`` every control step, or every 0.85 s.
+        criteria_rate: how often the steps' criteria are evaluated for the ``paper`` verdict. Default: every control
+            step; original: every 0.85 s.
     """
 
     joint_friction: PhysicsSource = "default"
@@ -68,7 +70,7 @@ class PhysicsSwitches:
     hulls: PhysicsSource = "default"
 
     def criteria_steps(self, robot: RobotProfile) -> int:
-        """Return the number of control steps between evaluations of the steps' criteria for ``paper``."""
+        """Return the number of control steps between evaluations of the steps' criteria for the ``paper`` verdict."""
         return 1 if self.criteria_rate == "default" else robot.steps(ORIGINAL_CRITERIA_SECONDS)
 
 
@@ -80,8 +82,8 @@ PRESETS: Mapping[str, PhysicsSwitches] = {
     DEFAULT_PHYSICS: PhysicsSwitches(),
     "original": PhysicsSwitches("original", "original", "original", "original", "original", "soft", "none"),
 }
-"""Presets. ``original`` is the one for comparisons with the paper: all settings are the original's except for the
-fingers (docs/reference/simulation.md).
+"""Presets. ``original`` is for comparisons with the paper: all settings except the fingers are the original's
+(docs/reference/simulation.md).
 """
 
 PHYSICS_NAMES: tuple[str, ...] = tuple(PRESETS)
@@ -91,9 +93,9 @@ SWITCHES: Mapping[str, tuple[str, ...]] = {
 """Allowed values of each setting."""
 
 _RENAMED = {"ours": DEFAULT_PHYSICS}
-"""Present names by those of the previous release."""
+"""Current names, by the names in the previous release."""
 _ONLY_SAPIEN = ("joint_friction", "densities", "materials", "solver", "gripper")
-"""Settings whose non-default values only PhysX can simulate."""
+"""Settings that only PhysX can simulate if their value is not the default."""
 _FILES = (".yaml", ".yml", ".json")
 
 
@@ -119,9 +121,9 @@ def physics_name(word: object, redraw: str | None = None) -> str:
     """Return the normalized name of the physics settings that a user gave on the command line or in Python.
 
     Args:
-        word: as for :func:`physics_word`, or the path of a YAML or JSON file of settings, in which ``base`` names the
-            preset for all others.
-        redraw: value of this setting; None: as in ``word``.
+        word: name as for :func:`physics_word`, or the path of a YAML or JSON file of settings; its field ``base`` names
+        the preset for all other settings.
+        redraw: value of the setting ``redraw``; None: as in ``word``.
 
     Raises:
         InputError: a preset, setting or value is unknown, or the file cannot be read.
@@ -133,7 +135,7 @@ def physics_name(word: object, redraw: str | None = None) -> str:
 
 
 def physics_word(word: object) -> str:
-    """Check and normalize the name of a combination of physics settings, as stored in files.
+    """Check and normalize the name of physics settings, as stored in files.
 
     ``"ours"``, the name of the default in older files, becomes ``"default"``.
 
@@ -169,7 +171,7 @@ def _changed(base: PhysicsSwitches, given: Mapping[str, Any], file: Path | None)
 
 
 def _word(switches: PhysicsSwitches) -> str:
-    """Return the shortest name of settings, preferring the default preset."""
+    """Return the shortest name of physics settings; among equals, a change of the default preset."""
     words = []
     for name, preset in PRESETS.items():
         own = [each.name for each in fields(preset) if getattr(switches, each.name) != getattr(preset, each.name)]
@@ -178,12 +180,12 @@ def _word(switches: PhysicsSwitches) -> str:
 
 
 def default_engine() -> Engine:
-    """Return ``"sapien"`` where SAPIEN is installed, else ``"mujoco"``."""
+    """Return ``"sapien"`` if SAPIEN is installed, else ``"mujoco"``."""
     return "mujoco" if find_spec("sapien") is None else "sapien"
 
 
 def require_engine(engine: Engine) -> None:
-    """Refuse an engine that is not installed.
+    """Check that an engine is installed.
 
     Raises:
         MissingExtraError: the engine is not installed.
@@ -193,14 +195,14 @@ def require_engine(engine: Engine) -> None:
 
 
 def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
-    """Return the engine with a name.
+    """Check that an engine exists and can simulate a physics, and return its name.
 
     Args:
-        engine: the name.
-        physics: name of the physics that it must simulate.
+        engine: name of the engine.
+        physics: name of the physics.
 
     Raises:
-        InputError: the engine is unknown, or cannot simulate a setting.
+        InputError: the engine is unknown, or cannot simulate a setting of the physics.
     """
     found = next((name for name in ENGINES if name == engine), None)
     if found is None:
@@ -211,7 +213,7 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
             value, default = getattr(switches, name), getattr(usual, name)
             if value != default:
                 raise InputError(
-                    f"{found} has no {name}={value}, whose numbers are PhysX's",
+                    f"{found} cannot simulate {name}={value}, which only PhysX has",
                     field="physics",
                     remedy=f"leave {name} at {default}, or use the engine sapien",
                 )
@@ -219,7 +221,7 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
 
 
 def with_current_scene(record: Any) -> Any:
-    """Return a file's fields with the present physics name and, for old files, the engine."""
+    """Return a file's fields with the current name of the physics and, for old files, with the engine."""
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
         return {"engine": DEFAULT_ENGINE, **record, "physics": current(word, _RENAMED, "physics")}
     return record

@@ -1,4 +1,4 @@
-"""Random values of a task's episodes, sampled from (seed, task, preset)."""
+"""Draw the random values of a task's episodes from seed, task and preset."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gensim2.tasks.spec import Randomization
 Array = npt.NDArray[np.float64]
 
 LIGHTEST, HEAVIEST = 0.5, 2.0
-"""Smallest and largest factor on masses in the ``wide`` preset."""
+"""Minimum and maximum factor on masses in the ``wide`` preset."""
 SLIPPERIEST, ROUGHEST = 0.5, 2.0
-"""Smallest and largest factor on contact friction in the ``wide`` preset."""
+"""Minimum and maximum factor on contact friction in the ``wide`` preset."""
 LOOSEST, STIFFEST = 0.8, 2.0
-"""Smallest and largest factor on joint friction in the ``wide`` preset, in addition to the mass factor; below 0.77 lids
-would fall by themselves.
+"""Minimum and maximum factor on joint friction in the ``wide`` preset, in addition to the mass factor. Below 0.77 lids
+would fall under their own weight.
 """
 START_SPREAD = 0.1
-"""Largest offset (rad) of each arm joint from its start in the ``wide`` preset."""
+"""Maximum offset (rad) of each arm joint from its start in the ``wide`` preset."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Draw:
 
     Attributes:
         instance: id of the instance.
-        x, y, yaw: offset from its default pose, m and rad, about the world's z axis.
+        x, y, yaw: offset from the default pose, m, and rotation about the world's z axis, rad.
         openness_offset: offset from the mean openness.
     """
 
@@ -51,7 +51,7 @@ class Factors:
     Attributes:
         mass: factor on masses and inertias of all links.
         contact_friction: factor on static and dynamic friction of all surfaces.
-        joint_friction: factor on the joint's resistance, in addition to that of the mass; 1 for a rigid object.
+        joint_friction: factor on the joint's resistance, in addition to the factor ``mass``; 1 for a rigid object.
     """
 
     mass: float = 1.0
@@ -65,10 +65,8 @@ AS_IT_IS = Factors()
 def draw_object(
     generator: np.random.Generator, ranges: Randomization, preset: Preset, instances: Sequence[str]
 ) -> Draw:
-    """Draw the random values of an object; always five numbers, so that later draws do not depend on the task's
-    settings.
-    """
-    # One uniform number for any number of instances, so that the rest of the scene does not depend on it.
+    """Draw the random values of an object; always five numbers, so that later draws are independent of the task."""
+    # The choice uses one random number for any number of instances, so that later draws do not depend on this number.
     instance = instances[int(generator.random() * len(instances))]
     x, y, yaw = _placement(generator, ranges, preset)
     spread = preset.scale * ranges.openness_spread
@@ -76,7 +74,7 @@ def draw_object(
 
 
 def redraw_placement(generator: np.random.Generator, ranges: Randomization, preset: Preset, draw: Draw) -> Draw:
-    """Draw another placement of the same object: three uniform numbers."""
+    """Draw a new placement of the same object, by three uniform random numbers."""
     x, y, yaw = _placement(generator, ranges, preset)
     return replace(draw, x=x, y=y, yaw=yaw)
 
@@ -91,7 +89,7 @@ def _placement(generator: np.random.Generator, ranges: Randomization, preset: Pr
 
 
 def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
-    """Draw log-uniform factors; always three numbers, even without a joint."""
+    """Draw log-uniform physical factors; always three random numbers, even without a joint."""
     mass, contact, joint = (
         float(np.exp(generator.uniform(np.log(low), np.log(high))))
         for low, high in ((LIGHTEST, HEAVIEST), (SLIPPERIEST, ROUGHEST), (LOOSEST, STIFFEST))
@@ -100,7 +98,7 @@ def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
 
 
 def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[float, ...]:
-    """Draw all active joints at the start: one uniform offset for each arm joint, within its limits."""
+    """Draw all active joints of the robot's start: a uniform offset for each arm joint, within the joint limits."""
     size = robot.arm_size
     start = np.array(robot.reset_qpos)
     start[:size] += generator.uniform(-START_SPREAD, START_SPREAD, size)

@@ -1,4 +1,4 @@
-"""Reset options, which replace random values of a scene."""
+"""Read reset options, which replace random values of a scene."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from gensim2.core.errors import InputError, near
 
 RESET_OPTIONS = frozenset({"instance", "openness", "offset", "pose"})
-"""The project's reset options; ManiSkill has ``reconfigure``, ``env_idx`` and ``reset_to_env_states`` in addition."""
+"""Reset options of this project; ManiSkill also has ``reconfigure``, ``env_idx`` and ``reset_to_env_states``."""
 FARTHEST = 10.0
-"""Largest distance (m) of an object from the world's origin, far beyond the table but without numerical overflow."""
+"""Maximum distance (m) of an object from the world's origin, to avoid numerical overflow."""
 
 _MANISKILL_OPTIONS = frozenset({"reconfigure", "env_idx", "reset_to_env_states"})
 _NUMBERS = {"offset": (3, "x, y, yaw"), "pose": (7, "x, y, z, qw, qx, qy, qz"), "openness": (0, "")}
@@ -25,12 +25,12 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
     """Return reset options by object; ManiSkill's own options are only checked.
 
     Args:
-        options: each of the project's options is a mapping from an object's name to its value, or the value itself if
-            there is only one object.
+        options: values of the options. Each option of this project is a mapping from object names to values, or only a
+            value if there is a single object.
         names: names of the objects.
 
     Raises:
-        InputError: an option or an object is unknown, or a value is invalid; names it.
+        InputError: an option or an object is unknown, or a value is invalid; the message names it.
     """
     if options is not None and not isinstance(options, Mapping):
         raise InputError(f"must be a mapping, is {options!r}", field="options")
@@ -68,7 +68,7 @@ def _list(names: Sequence[str]) -> str:
 
 def _check_maniskill(option: str, value: Any) -> None:
     if option == "env_idx" and value is not None and np.any(np.asarray(value) != 0):
-        raise InputError("there is one environment, 0", field="env_idx")
+        raise InputError("must be 0, because there is only one environment", field="env_idx")
     has_states = value is None or (isinstance(value, Mapping) and "env_states" in value)
     if option == "reset_to_env_states" and not has_states:
         raise InputError("must be a mapping with env_states", field="reset_to_env_states")

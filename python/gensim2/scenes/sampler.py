@@ -1,4 +1,4 @@
-"""Sampler of initial states of one task."""
+"""Sample the initial states of one task."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from gensim2.tasks.presets import preset
 from gensim2.tasks.spec import TaskSpec
 
 GOAL_SEEDS = range(8)
-"""Seeds of further scenes in which a goal is tested if it holds in the first scene."""
+"""Seeds of additional scenes in which the goal is checked if it is reached in the first scene."""
 
 
 class SceneSampler:
-    """Initial states of one task by seed, the same in every environment.
+    """Samples the initial states of one task by seed, in the same way in every environment.
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields; or a complete configuration.
+        task: name of a library task, a :class:`TaskSpec`, or the spec's fields; or a complete configuration.
 
     Attributes:
-        task: the task.
+        task: spec of the task.
         library: library of the objects.
         robot: name of the robot, valid in any process.
         profile: profile of the robot.
         physics: name of the physics.
         engine: simulation engine.
         randomization: randomization preset.
-        instances: ids to choose from, by object.
+        instances: by object, the ids that a reset chooses from.
 
     Raises:
         InputError: an argument is invalid.
@@ -63,7 +63,7 @@ class SceneSampler:
         Raises:
             InputError: an option or an object's file is invalid.
             PlacementError: the objects cannot be placed.
-            GoalError: the goal always holds at the start, or cannot be reached.
+            GoalError: the goal is always reached at the start, or cannot be reached.
         """
         given = read_options(options, tuple(self.task.objects))
         state = self._draw(seed, given)
@@ -75,7 +75,7 @@ class SceneSampler:
         return state
 
     def _drawn(self, first: InitialState) -> Iterator[InitialState]:
-        """Yield the first state and, on demand, those of other seeds."""
+        """Yield the first state and then, on demand, the states of other seeds."""
         yield first
         nothing = read_options(None, tuple(self.task.objects))
         for seed in GOAL_SEEDS:

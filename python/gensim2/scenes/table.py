@@ -1,4 +1,4 @@
-"""The table on which the objects stand: its size and its visible parts."""
+"""Define the table: its size and its visible parts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 HALF_SIZE: tuple[float, float, float] = (0.65, 0.65, 0.025)
-"""Half sizes (m); the table is centred below the world's origin, with its top at z = 0."""
+"""Half sizes of the table top (m). The table is centred below the world's origin, with its top at z = 0."""
 
 _HEIGHT = 0.6
 _WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78, 0.78, 0.76, 1.0)
@@ -16,7 +16,7 @@ _WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78,
 
 @dataclass(frozen=True)
 class Box:
-    """Visible part of the table: an axis-aligned box in the frame of the table top's centre, m, with its material."""
+    """Visible part of the table: an axis-aligned box with a material, in the frame of the table top's centre, m."""
 
     center: tuple[float, float, float]
     half_size: tuple[float, float, float]

@@ -1,12 +1,12 @@
-"""ManiSkill environments, one for each task.
+"""Provide a ManiSkill environment for each task.
 
-``HeadlessEnv`` runs the physics only and gives the same states, bit for bit. Importing this module registers the
+``HeadlessEnv`` simulates only the physics, with exactly the same states. Importing this module registers the
 environments with gymnasium, without importing ManiSkill:
 
     import gymnasium as gym import gensim2.sim env = gym.make("GenSim2-OpenDrawer-v1")
 
-A program that does not import gensim2 itself uses the id ``gensim2.sim:GenSim2-OpenDrawer-v1``, which names the module.
-Recorded trajectories have such ids, so that ManiSkill's own tools can replay them.
+The id ``gensim2.sim:GenSim2-OpenDrawer-v1`` makes gymnasium import this module. Recorded trajectories have such ids, so
+that ManiSkill's tools can replay them.
 """
 
 from __future__ import annotations

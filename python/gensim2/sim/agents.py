@@ -1,4 +1,4 @@
-"""Register robot profiles as ManiSkill agents, unless ManiSkill has the agent already."""
+"""Register robot profiles as ManiSkill agents."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PATCH_RADIUS = 0.1
 
 
 def urdf_config(friction: float, pads: Sequence[str]) -> dict[str, Any]:
-    """Return the materials of the pads (names of links) in the format of ManiSkill's agents and loader."""
+    """Return the materials of the links ``pads`` in the format of ManiSkill's agents and loader."""
     pad = {"material": "gripper", "patch_radius": PATCH_RADIUS, "min_patch_radius": PATCH_RADIUS}
     return {
         "_materials": {"gripper": {"static_friction": friction, "dynamic_friction": friction, "restitution": 0.0}},
@@ -27,7 +27,7 @@ def urdf_config(friction: float, pads: Sequence[str]) -> dict[str, Any]:
 
 
 def register(profile: RobotProfile) -> None:
-    """Register ``profile.agent`` with ManiSkill unless it is known.
+    """Register ``profile.agent`` with ManiSkill, unless ManiSkill knows this agent.
 
     Raises:
         MissingExtraError: the robot's files are in a package that is not installed.
@@ -38,9 +38,9 @@ def register(profile: RobotProfile) -> None:
         other = getattr(known.agent_cls, "profile", profile)
         if other is not profile or known.agent_cls.urdf_path != str(profile.urdf):
             raise InputError(
-                f"there is another agent {profile.agent!r} in this process",
+                f"another agent is named {profile.agent!r}",
                 field=f"{profile.name}.simulation.agent",
-                remedy="give it another name",
+                remedy="rename it",
             )
         return
     fields = {
@@ -53,7 +53,7 @@ def register(profile: RobotProfile) -> None:
 
 
 class ProfileAgent(BaseAgent):  # type: ignore[misc]
-    """Agent made from a profile, with the control modes ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
+    """ManiSkill agent of a robot profile, with control modes ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
 
     profile: ClassVar[RobotProfile]
 
@@ -92,7 +92,7 @@ class ProfileAgent(BaseAgent):  # type: ignore[misc]
         return modes
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
-        """Load as in ManiSkill, but couple mimic joints with fixed tendons only if the profile says so."""
+        """Load as ManiSkill does, but couple mimic joints by fixed tendons only if the profile says so."""
         loader = self.scene.create_urdf_loader()
         loader.name, loader.fix_root_link = self.uid, self.fix_root_link
         sapien_utils.apply_urdf_config(loader, sapien_utils.parse_urdf_config(self.urdf_config))

@@ -1,4 +1,4 @@
-"""Checks of the arguments of ``gymnasium.make``, ``reset`` and ``step``."""
+"""Check the arguments of ``gymnasium.make``, ``reset`` and ``step``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.core.seeding import check_seed
 
 
 def check_one_of(value: Any, known: Sequence[str], field: str) -> None:
-    """Refuse a value that is neither None nor one of the known words."""
+    """Check that a value is None or one of the known words."""
     if value is not None and value not in known:
         raise InputError(f"must be one of {', '.join(known)}, is {value!r}", field=field)
 
@@ -30,11 +30,11 @@ OBS_MODES = (
     "rgb+depth",
     "sensor_data",
 )
-"""Observation modes listed in errors: this project's own, then ManiSkill's most common; they can be joined by ``+``."""
+"""Observation modes listed in errors: ``raycast``, and ManiSkill's most common modes, which can be joined by ``+``."""
 
 
 def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
-    """Raise a clear error if ManiSkill refused the observation mode.
+    """Convert ManiSkill's error about an observation mode to an InputError; ignore other errors.
 
     Raises:
         InputError: ``error`` is about the observation mode.
@@ -45,24 +45,24 @@ def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
 
 
 def checked_seed(seed: Any) -> int | None:
-    """Return the seed of a reset: an integer, the only entry of a list as from vectorized environments, or None."""
+    """Return the seed of a reset: an integer or None. A list, as from vectorized environments, must have one entry."""
     if isinstance(seed, list | tuple | np.ndarray) and np.ndim(seed) == 1:
         if len(seed) != 1:
-            raise InputError(f"one environment takes one seed, not {len(seed)}", field="seed")
+            raise InputError(f"must be a single seed for a single environment, not {len(seed)}", field="seed")
         seed = seed[0]
     return None if seed is None else check_seed(seed)
 
 
 def checked_action(action: Any, size: int, control_modes: Sequence[str]) -> Any:
-    """Return a checked action: None (no command), or (size,) or (1, size) finite numbers.
+    """Check an action and return it: None (no command), or finite numbers of shape (size,) or (1, size).
 
-    In ManiSkill's ``{"control_mode": ..., "action": ...}`` only finiteness is checked, because the size may differ.
+    In ManiSkill's form ``{"control_mode": ..., "action": ...}`` the size may differ, so it is not checked.
     """
     if action is None:
         return None
     if isinstance(action, Mapping):
         if set(action) != {"control_mode", "action"}:
-            raise InputError("a mapping must hold control_mode and action", field="action")
+            raise InputError("a mapping must have the keys control_mode and action", field="action")
         check_one_of(action["control_mode"], control_modes, "control_mode")
         return {**action, "action": _finite(action["action"])}
     values = _finite(action)

@@ -1,4 +1,4 @@
-"""Robot of the headless environment, built from its profile and driven like ManiSkill's ``pd_joint_pos`` controller."""
+"""Build the robot of the headless environment from its profile, and drive it like ManiSkill's ``pd_joint_pos``."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Arm:
 def parsed(
     urdf: str, config: Mapping[str, Any] | None = None, prepare: Callable[[URDFLoader], None] | None = None
 ) -> ArticulationBuilder:
-    """Return a builder for a URDF, without its visuals.
+    """Parse a URDF, and return a builder without visuals.
 
     Args:
         urdf: path of the file.
@@ -77,7 +77,7 @@ def parsed(
         prepare: function called with the loader before it reads the file.
     """
     loader = URDFLoader()
-    # The loader needs a scene only for its builders; the parsed builder can build into any scene.
+    # The loader needs a scene to create builders; the builder can later build into any scene.
     loader.set_scene(sapien.Scene([physx.PhysxCpuSystem()]))
     loader.fix_root_link = True
     if config is not None:
@@ -123,5 +123,5 @@ def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
 
 @cache
 def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
-    """Parse a robot once for each physics, because builders keep the default material at the time of parsing."""
+    """Parse a robot, once for each physics, because a builder keeps the default material at the time of parsing."""
     return parsed(urdf, urdf_config(friction, pads))

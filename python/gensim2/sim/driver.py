@@ -1,4 +1,4 @@
-"""Whether SAPIEN can make pictures on this machine; importing this module imports no simulator."""
+"""Test whether SAPIEN can render on this machine; importing this module does not import a simulator."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ NO_DRIVER = (
 def can_render() -> bool:
     """Return whether SAPIEN is installed and a Vulkan driver works in this process.
 
-    ``sapien.Device("cpu")`` exists even where no driver does, so this makes the one object that needs a driver. Costs
-    under 0.1 s and about 80 MB, once a process.
+    ``sapien.Device("cpu")`` works without a driver, so this function creates an object that needs a driver. It takes
+    less than 0.1 s and about 80 MB, once in each process.
     """
     if find_spec("sapien") is None:
         return False

@@ -1,4 +1,4 @@
-"""Interface of scenes in a physics engine, and the classes that implement it."""
+"""Define the interface of scenes in a physics engine, and select the class that implements it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class EngineScene(Protocol):
 
     Attributes:
         parts: objects by name, in the task's order.
-        robot: the robot; None in a scene without it.
+        robot: the robot; None in a scene without a robot.
     """
 
     @property
@@ -41,7 +41,7 @@ class EngineScene(Protocol):
 
     @staticmethod
     def prepare(profile: RobotProfile, physics: str) -> None:
-        """Load everything that all scenes of a process need."""
+        """Load modules and data that all scenes of a process need."""
 
     def drive(self, action: npt.ArrayLike) -> None:
         """Set the targets of the robot's drives from an action (m + 1,)."""
@@ -59,17 +59,17 @@ class EngineScene(Protocol):
         """Return ManiSkill's state (13 + 2 n,) of the robot: root pose, root velocities, qpos, qvel."""
 
     def snapshot(self) -> tuple[Array, str]:
-        """Return the full physics state, and a digest of its scene.
+        """Return the full physics state, and a hash of its scene.
 
         Raises:
-            InputError: the engine cannot continue from a stored state bit for bit.
+            InputError: the engine cannot continue exactly from a stored state.
         """
 
     def restore(self, state: Array, scene: str) -> None:
-        """Set a physics state of the scene with the given digest.
+        """Set a physics state of the scene with the given hash.
 
         Raises:
-            InputError: the engine cannot, or the digest is of another scene.
+            InputError: the engine cannot restore states, or the hash belongs to another scene.
         """
 
 
@@ -80,7 +80,7 @@ _CLASSES: Mapping[Engine, tuple[str, str]] = {
 
 
 def scene_class(engine: Engine) -> type[EngineScene]:
-    """Return the scene class of an engine, and import only this engine's packages.
+    """Return the scene class of an engine; only the packages of this engine are imported.
 
     Raises:
         MissingExtraError: the engine is not installed.
@@ -93,7 +93,7 @@ def checked_command(action: npt.ArrayLike, size: int) -> npt.NDArray[np.float32]
     """Return a checked action (size,).
 
     Raises:
-        InputError: the action has another shape or is not finite.
+        InputError: the action has the wrong shape or is not finite.
     """
     command = np.asarray(action, dtype=np.float32)
     if command.shape != (size,) or not np.isfinite(command).all():

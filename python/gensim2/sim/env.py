@@ -1,4 +1,4 @@
-"""The simulated environment: a robot at a table with the objects of a task."""
+"""Define the ManiSkill environment of a task: a robot at a table with objects."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
     """Build an object at its initial pose.
 
     Raises:
-        InputError: the physics engine changed the object.
+        InputError: the physics engine has changed the object's shapes or joint.
     """
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
@@ -63,9 +63,9 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
 
 @cache
 def spare_imports_from_collection() -> None:
-    """Exempt all present objects, such as ManiSkill's and torch's modules, from garbage collection, once per process.
+    """Exempt all existing objects, such as imported modules, from garbage collection, once in each process.
 
-    ManiSkill runs a full collection at every reset; this reduces it from 180 ms to 2 ms.
+    ManiSkill runs a full collection at every reset; this reduces the duration from 180 ms to 2 ms.
     """
     gc.collect()
     gc.freeze()
@@ -75,9 +75,9 @@ class GenSim2Env(RaycastObservations):
     """A robot at a table with the objects of a task.
 
     Physics and control run on the CPU at the robot's rates. The PhysX settings are fixed to ManiSkill's: TGS solver,
-    persistent contact manifold, 15 position iterations and 1 velocity iteration. Every reset rebuilds the scene, which
-    makes it bitwise repeatable: ``reset(seed=s)`` gives the same scene, and the same actions the same states, in any
-    process, with or without images.
+    persistent contact manifold, 15 position iterations and 1 velocity iteration. Every reset rebuilds the scene, so
+    episodes are exactly repeatable: a seed always gives the same scene, and the same actions give the same states, in
+    any process, with or without images.
 
     An action of the default control mode ``pd_joint_pos`` is (m + 1,): targets of the m arm joints in rad (7 for the
     Panda), and the gripper from -1 (closed) to 1 (open).
@@ -85,16 +85,16 @@ class GenSim2Env(RaycastObservations):
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict; or a complete
             :class:`~gensim2.scenes.config.SceneConfig`.
-        obs_mode: a mode of ManiSkill, or ``"raycast"``: an :class:`~gensim2.perception.Observation` without a renderer,
-            as arrays by name (docs/guides/observations.md).
+        obs_mode: a mode of ManiSkill, or ``"raycast"`` for an :class:`~gensim2.perception.Observation`, which needs no
+            renderer, as arrays by name (docs/guides/observations.md).
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
-        reward_mode: ``"sparse"`` (default; 1 if the goal holds, else 0), ``"normalized_dense"`` (0 to 1, rising as
-            steps are completed; it remembers completed steps, so evaluate it once per step) or ``"none"``.
+        reward_mode: ``"sparse"`` (default): 1 if the goal is reached, else 0; ``"normalized_dense"``: 0 to 1, rising as
+            steps are completed (it stores completed steps, so evaluate it once in each control step); or ``"none"``.
         render_backend: ``"auto"`` renders only if observations or ``render_mode`` need it and a driver works.
         kwargs: arguments of :class:`~gensim2.scenes.config.SceneArguments` and of ManiSkill's ``BaseEnv``;
-            ``robot_uids`` follows from ``robot``. A reset chooses one of ``instances``. An id may also be an unlisted
-            generated object, any number up to 10^6. It applies to the first object whose class has several instances; a
-            mapping from object names applies to any object.
+            ``robot_uids`` follows from ``robot``. A reset chooses one of ``instances``. An id may also be that of a
+            generated object that is not listed, any number up to 10^6. An id applies to the first object whose class
+            has several instances; a mapping from object names applies to any object.
 
     Reset options replace random draws: ``instance`` (id), ``openness`` (0..1), ``offset`` (x, y, yaw relative to the
     default pose) or ``pose`` (root in the world frame: x, y, z, qw, qx, qy, qz). For a task with several objects each
@@ -143,7 +143,9 @@ class GenSim2Env(RaycastObservations):
         if sampler.engine != "sapien":
             remedy = "use gensim2.HeadlessEnv, or leave engine out"
             raise InputError(
-                f"the registered environments run in sapien, not {sampler.engine}", field="engine", remedy=remedy
+                f"the registered environments need the engine sapien, not {sampler.engine}",
+                field="engine",
+                remedy=remedy,
             )
         self.physics = named_physics(sampler.physics)
         self.metadata = {**self.metadata, "render_fps": self.profile.control_hz}
@@ -153,7 +155,7 @@ class GenSim2Env(RaycastObservations):
         self._spec: EnvSpec | None = None
         self._seen = ObservationSpec.of(observation) if obs_mode == RAYCAST else None
         if observation is not None and self._seen is None:
-            raise InputError(f"is for obs_mode {RAYCAST!r}", field="observation")
+            raise InputError(f"applies only to obs_mode {RAYCAST!r}", field="observation")
         if self._seen is not None and "rgb" in self._seen.modalities:
             raise InputError("rgb requires the renderer", field="observation.modalities", remedy="use obs_mode='rgb'")
         self.reset_options: dict[str, Any] = {}
@@ -186,7 +188,7 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def instance_ids(self) -> Mapping[str, tuple[str, ...]]:
-        """Ids that a reset chooses from, by object."""
+        """By object, the ids that a reset chooses from."""
         return self._sampler.instances
 
     @property
@@ -218,7 +220,7 @@ class GenSim2Env(RaycastObservations):
     def reset(
         self, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Build a new scene; the class describes ``options``. Seeds are integers from 0 to 2**32 - 1.
+        """Build a new scene. Seeds are integers from 0 to 2**32 - 1; the class docstring describes ``options``.
 
         Raises:
             InputError: a seed or an option is invalid.
@@ -266,7 +268,7 @@ class GenSim2Env(RaycastObservations):
             part.before_substep()
 
     def show(self, states: Mapping[str, Any], step: int) -> None:
-        """Set the scene to a recorded instant, of any engine.
+        """Set the scene to a recorded state of any engine.
 
         Args:
             states: ManiSkill's ``env_states``.
@@ -283,7 +285,7 @@ class GenSim2Env(RaycastObservations):
         return read_scene(self._robot, self.parts)
 
     def evaluate(self) -> dict[str, Any]:
-        """Return ``success`` (1,), whether the goal holds, and ``openness`` (1,) of each articulated object."""
+        """Return ``success`` (1,), whether the goal is reached, and ``openness`` (1,) of each articulated object."""
         measured = self.measure()
         return {
             "success": torch.tensor([all_hold(self.task.success, measured)]),
@@ -291,18 +293,16 @@ class GenSim2Env(RaycastObservations):
         }
 
     def compute_sparse_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
-        """Return the reward (1,): 1 if the goal holds, else 0."""
+        """Return the reward (1,): 1 if the goal is reached, else 0."""
         reward: torch.Tensor = info["success"].to(torch.float32)
         return reward
 
     def compute_normalized_dense_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
-        """Return the reward (1,) from 0 to 1 of :class:`~gensim2.tasks.reward.StagedReward`; 1 exactly if the goal
-        holds.
-        """
+        """Return the reward (1,) of :class:`~gensim2.tasks.reward.StagedReward`; 1 if the goal is reached."""
         return torch.tensor([self._reward.of(self.measure())], dtype=torch.float32)
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """Make one control step; ``truncated`` is True from ``max_episode_steps`` on.
+        """Execute one control step; ``truncated`` is True from ``max_episode_steps`` on.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.
@@ -315,7 +315,7 @@ class GenSim2Env(RaycastObservations):
         return obs, reward, terminated, self.elapsed_steps >= self.max_episode_steps, info
 
     def close(self) -> None:
-        """End the simulation, which may be repeated; any other call after it raises ClosedEnvError."""
+        """End the simulation. Later calls of other methods raise ClosedEnvError; ``close`` may be called again."""
         if not self._closed:
             self._closed = True
             super().close()

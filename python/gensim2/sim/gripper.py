@@ -1,4 +1,4 @@
-"""The robot's gripper in a scene: follower joints and passive joints."""
+"""Drive a gripper's follower joints and passive joints in a simulated scene."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from gensim2.robots import JointDrive, RobotProfile
 
 
 class Transmission:
-    """Drives of a gripper's joints without motors: followers are driven to the position of their motor.
+    """Drives for gripper joints without motors.
 
-    PhysX's own coupling by fixed tendons would add positions in rad and m along one chain. Here each follower has a
-    drive, whose target is set before every physics step. Passive joints are springs with target 0.
+    Each follower joint has a drive, whose target is set to its motor's position before every physics step. PhysX's
+    coupling by fixed tendons is unsuitable, because it would add positions in rad and m. Passive joints are springs
+    with target 0.
 
     Args:
         robot: robot in the simulation.
@@ -45,7 +46,7 @@ def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[
     """Return the active joints by their names in the URDF, in order.
 
     Raises:
-        InputError: the physics engine has another order than the profile.
+        InputError: the physics engine orders the joints differently from the profile.
     """
     names, built = (*profile.arm_joints, *profile.gripper.joints), robot.active_joints
     # ManiSkill prefixes joint names with the names of scene and robot.

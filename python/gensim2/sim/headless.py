@@ -1,9 +1,8 @@
-"""Physics-only environment in one of the engines; only the selected engine is imported.
+"""Simulate only the physics of a task in one of the engines; only the selected engine is imported.
 
-With SAPIEN it builds the same scene as :class:`~gensim2.sim.env.GenSim2Env`, with the same bodies in the same order,
-but without ManiSkill's work in each step. For the same actions its states equal those of the registered environment,
-bit for bit. It leaves out what searches and collections do not need: batched tensors, rewards, and unrequested
-observations.
+With SAPIEN the scene has the same bodies in the same order as in :class:`~gensim2.sim.env.GenSim2Env`, and the states
+for the same actions are exactly equal, without ManiSkill's overhead in each step. Batched tensors, rewards and
+unrequested observations are left out.
 """
 
 from __future__ import annotations
@@ -43,12 +42,12 @@ NO_POSE = np.full(7, np.nan, dtype=np.float32)
 
 @dataclass(frozen=True)
 class Snapshot:
-    """State of an episode from which it can continue.
+    """State from which an episode can continue.
 
     Attributes:
         physics: (D,) state of the engine.
-        scene: digest of its scene.
-        elapsed_steps: control steps since the reset.
+        scene: hash of the scene.
+        elapsed_steps: number of control steps since the reset.
         command: last gripper command.
     """
 
@@ -61,7 +60,7 @@ class Snapshot:
 class HeadlessEnv(SceneAccessMixin):
     """Physics-only environment of a task; actions are those of the control mode ``pd_joint_pos``.
 
-    The engine ``sapien`` (default) gives the states of :class:`~gensim2.sim.env.GenSim2Env`, bit for bit. The engine
+    The engine ``sapien`` (default) gives exactly the states of :class:`~gensim2.sim.env.GenSim2Env`. The engine
     ``mujoco`` simulates the same scene without SAPIEN, ManiSkill and PyTorch.
 
     Example:
@@ -115,7 +114,7 @@ class HeadlessEnv(SceneAccessMixin):
         read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
-        # The initial state of a seed is sampled once, for the episode and for its no-op baseline.
+        # The initial state of a seed is sampled once for both the episode and its no-op baseline.
         if options or self._drawn is None or self._drawn[0] != self.seed:
             setup = self._sampler.sample(self.seed, options)
             self._drawn = None if options else (self.seed, setup)
@@ -135,7 +134,7 @@ class HeadlessEnv(SceneAccessMixin):
         return self._robot
 
     def step(self, action: npt.ArrayLike) -> None:
-        """Make one control step.
+        """Execute one control step.
 
         Args:
             action: (m + 1,): targets of the m arm joints in rad, and the gripper from -1 (closed) to 1 (open).
@@ -147,7 +146,7 @@ class HeadlessEnv(SceneAccessMixin):
         self._advance()
 
     def substep(self, action: npt.ArrayLike) -> None:
-        """Make one physics step, a part of a control step, for devices that run at the physics rate.
+        """Execute one physics step, which is a part of a control step, for devices that run at the physics rate.
 
         Args:
             action: as for :meth:`step`.
@@ -178,26 +177,26 @@ class HeadlessEnv(SceneAccessMixin):
         self.elapsed_steps += 1
 
     def snapshot(self) -> Snapshot:
-        """Return the present state, from which :meth:`restore` continues bit for bit.
+        """Return the current state, from which :meth:`restore` continues exactly.
 
         Raises:
-            InputError: the engine is ``sapien``, which cannot do this.
+            InputError: the engine is ``sapien``, which cannot restore states.
         """
         assert self.initial_state
         return Snapshot(*self._scene.snapshot(), self.elapsed_steps, self._command)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue from a state of the scene of the last reset, in this process or another.
+        """Continue from a snapshot that was taken in the scene of the last reset, in any process.
 
         Raises:
-            InputError: the engine cannot do this, or the state is of another scene.
+            InputError: the engine cannot restore states, or the snapshot belongs to another scene.
         """
         assert self.initial_state
         self._scene.restore(snapshot.physics, snapshot.scene)
         self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
-        """Move an object, as by a bump; the recorded initial state is unchanged.
+        """Move an object, as if it was bumped; the recorded initial state is unchanged.
 
         Args:
             name: name of the object.
@@ -227,21 +226,19 @@ class HeadlessEnv(SceneAccessMixin):
 
     @property
     def q(self) -> npt.NDArray[np.float64]:
-        """Robot joints (n,), rad and m."""
+        """Joints (n,) of the robot, rad or m."""
         return self._reader.q
 
     @property
     def qvel(self) -> npt.NDArray[np.float64]:
-        """Velocities (n,) of the robot's joints, rad/s and m/s."""
+        """Velocities (n,) of the robot's joints, rad/s or m/s."""
         return self._reader.qvel
 
     def scene_state(self) -> Scene:
         return read_scene(self._reader, self._parts)
 
     def state(self) -> dict[str, dict[str, Row]]:
-        """Return ManiSkill's ``env_states``: root pose (7,) and velocities (6,), and for articulations qpos and qvel
-        (n,).
-        """
+        """Return ManiSkill's ``env_states``: root pose (7,), velocities (6,); for articulations also qpos, qvel."""
         assert self._reader
         found: dict[str, dict[str, Row]] = {
             "actors": {},
@@ -252,7 +249,7 @@ class HeadlessEnv(SceneAccessMixin):
         return found
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """Observe this instant; the same state, spec and seed give the same bytes.
+        """Return the observation of this instant; the same state, spec and seed give the same bytes.
 
         Args:
             spec: observation spec. Colour images (``rgb``) need a second scene with a renderer, 2 GB.
@@ -290,7 +287,7 @@ class HeadlessEnv(SceneAccessMixin):
         return self._pictures.colors
 
     def close(self) -> None:
-        """Release the resources that do not belong to the scene."""
+        """Release all resources that are independent of the scene."""
         if self._pictures is not None:
             self._pictures.close()
             self._pictures = None
@@ -298,8 +295,8 @@ class HeadlessEnv(SceneAccessMixin):
     def observation(self, tool: bool = True) -> Row:
         """Return the state observation (D,).
 
-        It has the robot's qpos, qvel and tool pose, and then for each object in the task's order its openness, qpos,
-        root pose and moving link's pose, or for a rigid object its pose only.
+        It has the robot's qpos, qvel and tool pose. Then, in the task's order, it has openness, qpos, root pose and
+        moving link's pose of each articulated object, and the pose of each rigid object.
 
         Args:
             tool: False leaves NaN for the tool pose.

@@ -1,4 +1,4 @@
-"""Plain gymnasium environment of a task without ManiSkill: NumPy arrays in and out, no batch axis."""
+"""Provide a plain gymnasium environment of a task, without ManiSkill: NumPy arrays without a batch axis."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
     Args:
         task: name of a library task, a :class:`TaskSpec`, its fields, or a
             :class:`~gensim2.scenes.config.SceneConfig`.
-        obs_mode: ``"state"``, (D,) float32; or ``"raycast"``, the arrays of an
+        obs_mode: ``"state"`` for a vector (D,) float32, or ``"raycast"`` for the arrays of an
             :class:`~gensim2.perception.Observation` by name.
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
-        reward_mode: ``"sparse"`` (1 where the goal holds, else 0) or ``"normalized_dense"`` (0 to 1).
+        reward_mode: ``"sparse"`` (1 if the goal is reached, else 0) or ``"normalized_dense"`` (0 to 1).
         render_mode: ``"rgb_array"`` or None; the ray caster draws the pictures.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Raises:
-        InputError: an argument is wrong.
+        InputError: an argument is invalid.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as gymnasium declares it
@@ -69,7 +69,7 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
             if value not in known:
                 raise InputError(f"must be one of {', '.join(map(str, known))}, is {value!r}", field=field)
         if observation is not None and obs_mode != "raycast":
-            raise InputError("is for obs_mode 'raycast'", field="observation")
+            raise InputError("applies only to obs_mode 'raycast'", field="observation")
         self.headless = HeadlessEnv(task, **scene)
         self.metadata = {**self.metadata, "render_fps": self.headless.profile.control_hz}
         self.render_mode = render_mode
@@ -88,14 +88,14 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Build a fresh scene; the same seed gives the same scene.
+        """Build a new scene; the same seed gives the same scene.
 
         Args:
-            seed: 0 to 2**32 - 1; None draws one.
-            options: as of :class:`~gensim2.sim.headless.HeadlessEnv`.
+            seed: 0 to 2**32 - 1; None draws a seed.
+            options: reset options, as for :class:`~gensim2.sim.headless.HeadlessEnv`.
 
         Raises:
-            InputError: the seed or an option cannot be used.
+            InputError: the seed or an option is invalid.
         """
         self._require_open()
         super().reset(seed=seed)
@@ -121,7 +121,7 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
         return self._observed(), reward, success, truncated, self._info(success)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return a (480, 640, 3) picture of this instant; None without a render mode."""
+        """Return a picture (480, 640, 3) of this instant; None without a render mode."""
         self._require_open()
         if self.render_mode is None:
             return None

@@ -26,13 +26,12 @@ class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
 
 
 HULL_TOLERANCE = 0.002
-"""Distance (m) by which a collision shape may exceed the hull that it was made from, or fall short of it without a
-warning. SAPIEN silently replaces a flat hull by a box.
+"""Maximum distance (m) by which a collision shape may exceed its hull, or fall short of the hull without a warning.
+SAPIEN silently replaces a flat hull by a box.
 """
 
 HULL_LOSS = 0.25
-"""Share of a hull's longest side that cooking may cut off with a warning. Of all generated and real objects' hulls only
-one, a plate of 3 mm, loses more than 0.7 mm (37.5 of 256).
+"""Maximum fraction of a hull's longest side that PhysX's cooking may cut off with a warning.
 """
 
 
@@ -43,7 +42,7 @@ def load_object(
     name: str = "object",
     physics: Physics = DEFAULT,
 ) -> tuple[Articulation, tuple[str, ...]]:
-    """Build ``instance`` with its root fixed at ``pose`` (root to world), without joint resistance.
+    """Build an articulated object with its root fixed at ``pose`` (in the world), without joint resistance.
 
     Returns:
         The articulation, and a warning for each hull that was cut during cooking.
@@ -81,7 +80,7 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
     where = instance.urdf
     names = [_joint_name(joint) for joint in articulation.active_joints]
     if names != [instance.joint.name]:
-        raise InputError(f"must move at {instance.joint.name!r} only, moves at {names}", file=where)
+        raise InputError(f"must have only the movable joint {instance.joint.name!r}, has {names}", file=where)
     limits = np.asarray(articulation.qlimits[0], dtype=np.float64)
     expected = np.array([instance.joint.lower, instance.joint.upper])
     if not np.allclose(limits, expected, atol=1e-5):
@@ -134,12 +133,12 @@ def _corners(shape: physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
 
 
 def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionShape) -> tuple[float, float]:
-    """Return by how much (m) the bounds of a collision shape fall short of its hull (N, 3), and exceed it."""
+    """Return by how much (m) the bounds of a collision shape lie inside its hull (N, 3), and outside the hull."""
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
     return float(-beyond.min()), float(beyond.max())
 
 
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
-    """Return whether a shape with such deviations still represents its hull (N, 3)."""
+    """Return whether a shape with the deviations ``lost`` and ``grown`` (m) still represents its hull (N, 3)."""
     return grown <= HULL_TOLERANCE and lost <= HULL_LOSS * float(np.ptp(hull, axis=0).max())

@@ -1,4 +1,4 @@
-"""Observations of an environment: ManiSkill's with object poses added, or this project's."""
+"""Compute observations of an environment: ManiSkill's with added object poses, or this project's."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from gensim2.sim.scene_state import SceneAccessMixin
 from gensim2.tasks.spec import TaskSpec
 
 RAYCAST = "raycast"
-"""Observation mode that gives an :class:`~gensim2.perception.Observation` without a renderer."""
+"""Observation mode that returns an :class:`~gensim2.perception.Observation` without a renderer."""
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
-    """Adds ``obs_mode="raycast"`` to ManiSkill's modes; ``_seen`` is None in all other modes."""
+    """Mixin that adds ``obs_mode="raycast"`` to ManiSkill's modes; ``_seen`` is None in all other modes."""
 
     profile: RobotProfile
     task: TaskSpec
@@ -42,7 +42,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
             self._observer = Observer(self.profile, models, self._seen, seed, self.task.description)
 
     def _note_command(self, action: Any) -> None:
-        """Remember the gripper command, the last number of an action; None is no command."""
+        """Store the gripper command, the last number of an action; None means no command."""
         if action is not None:
             values = action["action"] if isinstance(action, Mapping) else action
             self._command = float(values.reshape(-1)[-1])
@@ -71,7 +71,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
         return self._observer.observe(rows, int(self.elapsed_steps[0]), self._command)
 
     def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
-        """Observe as in ManiSkill; for ``"raycast"`` return the arrays of :meth:`observe` by name, (1, ...) each."""
+        """Return ManiSkill's observation; for ``"raycast"``, the arrays of :meth:`observe` by name, (1, ...) each."""
         if self._seen is None:
             return super().get_obs(info, unflattened)
         return {name: torch.from_numpy(np.ascontiguousarray(array)[None]) for name, array in self.observe().items()}

@@ -1,4 +1,4 @@
-"""Interface of objects in a simulated scene, independent of the engine.
+"""Define the interface of objects in a simulated scene, independently of the engine.
 
 Each engine has a subclass of :class:`ArticulatedPart` and of :class:`RigidPart`.
 """
@@ -26,7 +26,7 @@ class LazyMapping(Mapping[str, Array]):
     """Arrays by name, computed on first access, because most measurements use only one or two of them.
 
     Args:
-        work_out: function that returns all arrays from values read before, not from the simulator.
+        work_out: function that computes all arrays from stored values, without reading the simulator.
     """
 
     def __init__(self, work_out: Callable[[], Mapping[str, Array]]) -> None:
@@ -53,7 +53,7 @@ class LazyMapping(Mapping[str, Array]):
 
 
 class Frame(Protocol):
-    """Pose of a link in the world frame at the instant when it was read."""
+    """Pose of a link in the world frame at the time of reading."""
 
     def row(self) -> Row:
         """Return the pose (7,): position, quaternion (w, x, y, z)."""
@@ -66,10 +66,10 @@ class ArticulatedPart(ABC):
     """An articulated object in a scene.
 
     Args:
-        name: role in the task.
-        thing: the object and its initial pose.
+        name: name of the object in the task.
+        thing: object with its initial pose.
         parents: name of each link's parent, None for the root; parents come before their children.
-        warnings: warnings from building it.
+        warnings: warnings from building the object.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class ArticulatedPart(ABC):
         return frozenset(point.link for point in self.model.keypoints.values())
 
     def observed(self) -> dict[str, Row]:
-        """Return its state observation: openness (1,), qpos (1,), poses of root and moving link (7,), world frame."""
+        """Return the state observation: openness (1,), qpos (1,), world poses (7,) of root and moving link."""
         return {
             "openness": np.array([self.openness], dtype=np.float32),
             "qpos": np.asarray(self.qpos, dtype=np.float32),
@@ -179,7 +179,7 @@ class ArticulatedPart(ABC):
 
     @cached_property
     def _moving(self) -> set[str]:
-        """Return the names of the joint's link and of all links below it."""
+        """Return the names of the links that the joint moves."""
         moved = {self.model.joint.child_link}
         for link, parent in self._parents.items():
             if parent in moved:
@@ -217,9 +217,7 @@ class RigidPart(ABC):
 
     @abstractmethod
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-        """Return the velocity (3,) of the centre of mass, m/s, and the angular velocity (3,), rad/s, in the world
-        frame.
-        """
+        """Return the velocity (3,) of the centre of mass, m/s, and the angular velocity (3,), rad/s; world frame."""
 
     @property
     @abstractmethod
@@ -259,7 +257,7 @@ class RigidPart(ABC):
         return np.concatenate([self.frame().row(), *self.velocities()]).astype(np.float32)
 
     def observed(self) -> dict[str, Row]:
-        """Return its state observation: its pose (7,) in the world frame."""
+        """Return the state observation: the pose (7,) in the world frame."""
         return {"pose": self.frame().row()}
 
     def scene_object(self, T_base_world: Array) -> SceneObject:

@@ -1,7 +1,7 @@
-"""Physics settings, each either the default or that of the original GenSim2.
+"""Apply physics settings, each either the default or as in the original GenSim2.
 
-All differences of the simulator are here: PhysX settings, joint resistance, masses, contact materials and finger
-drives. Both environments use the same :class:`Physics`, so they stay identical.
+The settings are PhysX parameters, joint resistance, masses, contact materials and finger drives. Both environments use
+the same :class:`Physics`, so their states are equal.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from gensim2.sim.gripper import robot_joints
 Array = npt.NDArray[np.float64]
 
 RIGID_CONTACT_OFFSET = 0.005
-"""Contact offset (m) of every shape in scenes with rigid objects and the default solver. With ManiSkill's 20 mm each
-finger has speculative contacts with about 60 hulls of a bowl, and PhysX moves the bowl although nothing touches it.
+"""Contact offset (m) of all shapes in scenes with rigid objects and the default solver. With ManiSkill's 20 mm, each
+finger has speculative contacts with about 60 hulls of a bowl, which move the bowl without touching it.
 """
 
 CREEP_SPEED = 5e-5
@@ -37,7 +37,7 @@ CREEP_SPEED = 5e-5
 
 
 class JointResistance(Protocol):
-    """Resistance of an object's joint."""
+    """Interface of the resistance of an object's joint."""
 
     def update(self) -> None:
         """Update the resistance; call it before each physics step."""
@@ -85,7 +85,7 @@ class Physics:
         )
 
     def new_system(self, robot: RobotProfile) -> physx.PhysxCpuSystem:
-        """Return a PhysX system with these settings at the robot's rate, as ManiSkill makes it."""
+        """Return a PhysX system with these settings at the robot's physics rate, as ManiSkill creates it."""
         scene = self.scene_config
         physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
         physx.set_body_config(
@@ -119,7 +119,7 @@ class Physics:
 
         Args:
             system: PhysX system of the scene.
-            robot: the robot; None in a scene without it.
+            robot: robot; None in a scene without a robot.
             profile: profile of the robot.
             classes: classes of the rigid objects.
         """
@@ -150,7 +150,7 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # The damping is limited to the drive's own: profiles with the original's fingers have none.
+            # The damping does not exceed the profile's, because profiles with the original's fingers have no damping.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":
             _drive_fingers(robot, profile, **self._constants.fingers)
@@ -198,15 +198,16 @@ class Physics:
 class CoulombFriction:
     """Coulomb friction of ``joint.friction`` N m (or N), plus viscous damping.
 
-    PhysX's articulation friction is a coefficient on the joint's load. It has no threshold in N m and it creeps: a 0.3
-    kg lid with a gravity torque of 0.26 N m moves 0.23 rad in 5 s at coefficient 1. SAPIEN's default of 0.05 doubles
-    the resistance of a moving lid; here it is 0.
+    PhysX's articulation friction, a coefficient on the joint's load, has no threshold in N m, and the joint creeps: a
+    0.3 kg lid with a gravity torque of 0.26 N m moves 0.23 rad in 5 s at coefficient 1. SAPIEN's default of 0.05
+    doubles the resistance of a moving lid; here it is 0.
 
     A velocity drive with target zero and a force limit acts as Coulomb friction that is regularized below
     ``CREEP_SPEED``. With a limit of 0.5 N m the same lid creeps less than 0.0002 rad in 5 s. It holds at 0.98 of the
     limit; at 1.1 of the limit its speed after 0.1 s agrees with the excess torque to 1 %.
 
-    Damping at the joint's present speed is added to the limit, so that it never reverses the motion of a light link.
+    The damping at the joint's current speed is added to the force limit, so that damping never reverses the motion of a
+    light link.
     """
 
     def __init__(self, articulation: physx.PhysxArticulation, joint: MovingJoint) -> None:
@@ -265,7 +266,7 @@ def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> N
 
 @cache
 def named_physics(name: str) -> Physics:
-    """Return the physics of that name, one object per process.
+    """Return the physics with a name; later calls in the process return the same object.
 
     Raises:
         InputError: the name is unknown.

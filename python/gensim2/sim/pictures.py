@@ -1,4 +1,4 @@
-"""SAPIEN images of recorded states of any engine, without simulation."""
+"""Render recorded states of any engine with SAPIEN, without simulation."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Images = dict[str, npt.NDArray[Any]]
 
 
 class StatePictures:
-    """Images from the environment's cameras; the scene is rebuilt only if its objects change.
+    """Renders images of the environment's cameras; the scene is rebuilt only if its objects change.
 
     Args:
         config: settings of the scenes.
-        textures: some of ``rgb``, ``depth`` and ``segmentation``.
+        textures: which of ``rgb``, ``depth`` and ``segmentation`` to render.
 
     Raises:
         InputError: no Vulkan driver works.
@@ -32,7 +32,7 @@ class StatePictures:
         self._shown: Mapping[str, str] | None = None
 
     def show(self, instances: Mapping[str, str], seed: int, options: Mapping[str, Any]) -> None:
-        """Build the scene with these objects unless it exists.
+        """Build the scene with the given objects, unless it is already built.
 
         Args:
             instances: id of each object's instance.

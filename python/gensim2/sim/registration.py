@@ -1,4 +1,4 @@
-"""Environment ids for gymnasium."""
+"""Register environment ids with gymnasium."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TASK_ENV_ID = "GenSim2-Task-v1"
 """Id of the environment that takes any task: ``gym.make("GenSim2-Task-v1", task={...})``."""
 
 NUMPY_ENV_ID = "GenSim2-Numpy-v1"
-"""Takes any task, too, and makes a :class:`~gensim2.sim.numpy_env.NumpyEnv`."""
+"""Id of the :class:`~gensim2.sim.numpy_env.NumpyEnv` that takes any task."""
 
 _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 
@@ -31,7 +31,7 @@ _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 def env_id(task: TaskSpec) -> str:
     """Return an id for ``gym.make`` in any process in which gensim2 is installed.
 
-    A task of the package has its own id; any other task has ``GenSim2-Task-v1`` with the spec as an argument.
+    Each task of the package has an id; any other task uses ``GenSim2-Task-v1`` with the spec as an argument.
 
     Example:
         ```python
@@ -48,7 +48,7 @@ _UNBATCHED = WrapperSpec("Unbatched", "gensim2.sim.unbatched:Unbatched", {})
 def make_env(
     task: str | TaskSpec | Mapping[str, Any], *, numpy: bool = False, engine: Engine | None = None, **kwargs: Any
 ) -> gym.Env[Any, Any]:
-    """Make the gymnasium environment of a task.
+    """Create the gymnasium environment of a task.
 
     Example:
         ```python
@@ -59,9 +59,9 @@ def make_env(
 
     Args:
         task: name of a library task, a spec, or its fields.
-        engine: ``"sapien"`` makes ManiSkill's environment, ``"mujoco"`` a plain environment of NumPy arrays without a
+        engine: ``"sapien"`` creates a ManiSkill environment, ``"mujoco"`` a plain environment of NumPy arrays without a
             batch axis. Default: ``"sapien"`` if it is installed, else ``"mujoco"``.
-        numpy: return NumPy arrays, floats and bools without a batch axis from ManiSkill's environment, too.
+        numpy: whether a ManiSkill environment, too, returns NumPy arrays, floats and bools without a batch axis.
         kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env` or
             :class:`~gensim2.sim.numpy_env.NumpyEnv`: ``assets``, ``instances``, ``physics``, ``robot``,
             ``randomization``, ``obs_mode``, ``reward_mode``, ....
@@ -92,7 +92,7 @@ def make_vec_env(
     wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Wrapper[Any, Any, Any, Any]]] = (),
     **kwargs: Any,
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
-    """Make several environments of a task as one vector environment.
+    """Create several environments of a task as one vector environment.
 
     This is ``gymnasium.make_vec`` for environments of ``make_env(..., numpy=True)``.
 
@@ -105,8 +105,8 @@ def make_vec_env(
     Args:
         task: as for :func:`make_env`.
         num_envs: number of environments, n.
-        vectorization_mode: ``"async"``, one process for each, ``"sync"``, all in this process, or ``"thread"``, one
-            thread for each (engine ``mujoco`` only).
+        vectorization_mode: ``"async"`` for one process for each environment, ``"sync"`` for all environments in this
+            process, or ``"thread"`` for one thread for each environment (only with the engine ``mujoco``).
         engine: as for :func:`make_env`.
         vector_kwargs: keyword arguments of gymnasium's vector class.
         wrappers: functions that wrap each environment; the first one is the innermost.
@@ -122,7 +122,7 @@ def make_vec_env(
     if vectorization_mode not in ("async", "sync", "thread"):
         raise InputError(f"must be async, sync or thread, is {vectorization_mode!r}", field="vectorization_mode")
     if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
-        raise InputError(f"must be a whole number from 1, is {num_envs!r}", field="num_envs")
+        raise InputError(f"must be a whole number and at least 1, is {num_envs!r}", field="num_envs")
     if (engine or default_engine()) == "mujoco":
         kwargs |= {"task": task, "engine": "mujoco"}
         if vectorization_mode == "thread":
@@ -132,7 +132,7 @@ def make_vec_env(
             return ThreadVectorEnv([maker] * num_envs, **(vector_kwargs or {}))
         return gym.make_vec(NUMPY_ENV_ID, num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers, **kwargs)
     if vectorization_mode == "thread":
-        raise InputError("thread is of the engine mujoco", field="vectorization_mode", remedy="use async or sync")
+        raise InputError("thread needs the engine mujoco", field="vectorization_mode", remedy="use async or sync")
     id, given = _id_and_arguments(task)
     envs = gym.make_vec(
         _unbatched_spec(id), num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers, **given, **kwargs

@@ -1,4 +1,4 @@
-"""Cameras and lights of SAPIEN's renderer."""
+"""Set up cameras and lights of SAPIEN's renderer."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def video_camera() -> CameraConfig:
 
 
 def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
-    """Return ManiSkill's ``render_backend``: the requested one, or for ``"auto"`` one that works, if it is needed.
+    """Return ManiSkill's ``render_backend``; ``"auto"`` selects a backend that works, if rendering is needed.
 
     Raises:
         InputError: observations need images, and there is no renderer.
@@ -91,6 +91,6 @@ def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
     if needs_pictures and not can_render():
         raise InputError(NO_DRIVER, field="obs_mode", remedy=f"use {WITHOUT_RENDERER}")
     if not (needs_pictures or render_mode is not None) or not can_render():
-        # Without a driver an environment with a render mode still simulates; only render() raises an error.
+        # Without a driver, an environment with a render mode can still simulate; only render() raises an error.
         return "none"
     return "gpu" if torch.cuda.is_available() else "cpu"

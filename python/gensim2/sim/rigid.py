@@ -27,7 +27,7 @@ def load_rigid(
     name: str | None = None,
     physics: Physics = DEFAULT,
 ) -> Actor:
-    """Build ``rigid`` at ``pose`` (object to world; default: at rest at the world's origin).
+    """Build a rigid object at ``pose`` (in the world; default: at rest at the world's origin).
 
     Args:
         name: unique name in the scene; default: the object's class.
@@ -60,7 +60,7 @@ def build_rigid(
 
 
 def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics: Physics = DEFAULT) -> None:
-    """Add the object's shapes and inertia to a builder, and its visual if ``visual``."""
+    """Add the object's shapes and inertia to a builder, and its visual shapes if ``visual`` is true."""
     material, density = physics.rigid_material(rigid), physics.rigid_density(rigid)
     weight = {} if density is None else {"density": density}
     for index in range(len(rigid.hulls[BODY])):
@@ -83,7 +83,7 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
     """Check that the physics engine accepted every hull unchanged.
 
     Raises:
-        InputError: it did not.
+        InputError: the engine dropped or changed a hull.
     """
     if len(shapes) != len(rigid.hulls[BODY]):
         lost = len(rigid.hulls[BODY]) - len(shapes)
@@ -105,7 +105,7 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
 def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
     """Build the table: one static box with static friction 1.0, dynamic friction 0.2, restitution 0.01.
 
-    Legs and floor are visual only; an object that leaves the table falls without end.
+    Legs and floor are only visible and have no collision shapes, so an object that leaves the table falls forever.
 
     Args:
         scene: ManiSkill's or SAPIEN's scene.

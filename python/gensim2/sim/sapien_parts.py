@@ -1,4 +1,4 @@
-"""Robot and objects of a SAPIEN scene built by ManiSkill or by the headless environment."""
+"""Access the robot and the objects of a SAPIEN scene, built by ManiSkill or by the headless environment."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gensim2.sim.scene_state import RobotReader
 
 
 class SapienFrame:
-    """Pose of an entity at the instant when it was read."""
+    """Pose of an entity at the time of reading."""
 
     def __init__(self, pose: sapien.Pose) -> None:
         self._pose = pose
@@ -38,7 +38,7 @@ class SapienArticulatedPart(ArticulatedPart):
     Args:
         name, thing, warnings: as for :class:`ArticulatedPart`.
         articulation: built articulation.
-        resistance: resistance of its joint.
+        resistance: resistance of the object's joint.
     """
 
     def __init__(
@@ -96,10 +96,10 @@ class SapienRigidPart(RigidPart):
         self.body: physx.PhysxRigidDynamicComponent = entity.find_component_by_type(physx.PhysxRigidDynamicComponent)
 
     def put(self) -> None:
-        """Do nothing, because it was built at its initial pose."""
+        """Do nothing, because the object was built at its initial pose."""
 
     def before_substep(self) -> None:
-        """Do nothing, because only contacts and gravity act on it."""
+        """Do nothing, because only contacts and gravity act on a rigid object."""
 
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
         self.entity.pose = _shifted(self.entity.pose, dx, dy, dyaw)

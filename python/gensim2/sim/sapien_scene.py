@@ -1,4 +1,4 @@
-"""Scene of the headless environment in SAPIEN: the bodies of the registered environment in the same order."""
+"""Simulate a scene of the headless environment in SAPIEN, with the bodies of the registered environment in order."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ from gensim2.sim.sapien_parts import (
 class SapienScene:
     """A scene in SAPIEN without ManiSkill; see :class:`~gensim2.sim.engines.EngineScene`.
 
-    Files are read once per process; later changes are ignored.
+    Files are read once in each process; later changes of a file are ignored.
     """
 
     def __init__(self, profile: RobotProfile, physics: str, setup: InitialState, robot: bool) -> None:
         self._profile, how = profile, named_physics(physics)
         self.system = how.new_system(profile)
         self.scene = sapien.Scene([self.system])  # keep a reference, or its contents are freed
-        # The order is the environment's, because PhysX solves contacts in the order in which bodies were added.
+        # Bodies are added in the order of the registered environment, because this order affects PhysX's contact
+        # solver.
         self.arm = Arm(self.scene, profile, how) if robot else None
         build_table(self.scene, visible=False)
         self.parts = {name: _build(self.scene, name, thing, how) for name, thing in setup.objects.items()}
@@ -93,11 +94,11 @@ class SapienScene:
         return articulation_state(self._arm.articulation)
 
     def snapshot(self) -> tuple[Array, str]:
-        """Refuse: PhysX keeps contacts and impulses between steps, and SAPIEN does not expose them."""
+        """Raise an error: PhysX keeps contacts and impulses between steps, and SAPIEN does not expose them."""
         raise InputError("sapien cannot resume exactly from a stored state", field="engine", remedy="use mujoco")
 
     def restore(self, state: Array, scene: str) -> None:
-        """Refuse, as :meth:`snapshot`."""
+        """Raise an error, as :meth:`snapshot` does."""
         self.snapshot()
 
 
@@ -119,7 +120,7 @@ def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics
 
 @dataclass
 class _Known:
-    """Data of an articulated object that a process computes once: its parsed URDF and the warnings from cooking."""
+    """Cached data of an articulated object: the parsed URDF and the warnings from cooking."""
 
     builder: ArticulationBuilder
     warnings: tuple[str, ...] | None = None

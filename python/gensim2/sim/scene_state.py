@@ -22,7 +22,7 @@ _TABLE_HULLS = (corners(),)
 
 
 class RobotReader(ABC):
-    """Reader of a robot's state in a scene; each engine has a subclass."""
+    """Base class that reads a robot's state in a scene; each engine has a subclass."""
 
     def __init__(self, profile: RobotProfile) -> None:
         self.profile = profile
@@ -30,7 +30,7 @@ class RobotReader(ABC):
     @property
     @abstractmethod
     def q(self) -> Array:
-        """Joints (n,), rad and m, in the profile's active joint order."""
+        """Joints (n,), rad or m, in the profile's active joint order."""
 
     @property
     @abstractmethod
@@ -39,7 +39,7 @@ class RobotReader(ABC):
 
     @abstractmethod
     def hand(self) -> Frame:
-        """Return the pose of the hand at this instant."""
+        """Return the current pose of the hand."""
 
     @property
     @abstractmethod
@@ -63,7 +63,7 @@ class RobotReader(ABC):
 
 
 class StandingRobot:
-    """Robot of a scene that was built without it: it counts as being at its start with open fingers.
+    """Stand-in for the robot in a scene without a robot; it counts as at its start with open fingers.
 
     Args:
         start: (n,) all active joints at the start of the episode.
@@ -81,7 +81,7 @@ class StandingRobot:
 
 
 def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
-    """Measure the present instant in the world frame, for success criteria."""
+    """Measure the current state in the world frame, for success criteria."""
     articulated = {name: part for name, part in parts.items() if isinstance(part, ArticulatedPart)}
     rigid = {name: part for name, part in parts.items() if isinstance(part, RigidPart)}
     return Measurement(
@@ -97,7 +97,7 @@ def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
 
 
 def read_scene(robot: RobotReader, parts: Parts) -> Scene:
-    """Return all poses in the robot's base frame; the caller adds the grasped object."""
+    """Return the planner's scene in the robot's base frame; the caller adds the grasped object."""
     T_world_base = robot.profile.T_world_base  # the simulator's value is rounded to float32
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     return Scene(
@@ -118,7 +118,7 @@ def _table(T_base_world: Array) -> SceneBody:
 
 
 class SceneAccessMixin:
-    """Access to the robot and the objects of the scene of the last reset."""
+    """Mixin for access to the robot and the objects of the current scene."""
 
     _initial_state: InitialState | None = None
     _parts: Mapping[str, Part]
@@ -146,5 +146,5 @@ class SceneAccessMixin:
         return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
 
     def measure(self) -> Measurement:
-        """Measure the present instant in the world frame; a missing robot counts as being at its start."""
+        """Measure the current state in the world frame; a missing robot counts as at its start."""
         return measure(self._robot, self.parts)

@@ -1,4 +1,4 @@
-"""Vector environment of gymnasium whose environments run in threads."""
+"""Provide a gymnasium vector environment whose environments run in threads."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class ThreadVectorEnv(SyncVectorEnv):
     """Environments whose steps and resets run in threads; MuJoCo lets other threads run while it simulates.
 
     Args:
-        makers: function that makes each environment.
-        kwargs: further arguments of gymnasium's ``SyncVectorEnv``.
+        makers: for each environment, a function that creates it.
+        kwargs: additional arguments of gymnasium's ``SyncVectorEnv``.
     """
 
     def __init__(self, makers: Sequence[Callable[[], gym.Env[Any, Any]]], **kwargs: Any) -> None:
@@ -39,7 +39,7 @@ class ThreadVectorEnv(SyncVectorEnv):
         self._threads = ThreadPoolExecutor(len(makers))
 
     def step(self, actions: Any) -> Any:
-        """Step all environments; those whose episode has ended are reset, as in ``SyncVectorEnv``."""
+        """Step all environments; an environment whose episode has ended is reset, as in ``SyncVectorEnv``."""
         again = self._autoreset_envs if self.autoreset_mode == AutoresetMode.NEXT_STEP else [False] * self.num_envs
         rows = list(gym.vector.utils.iterate(self.action_space, actions))
 
@@ -50,19 +50,19 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(self._threads.map(advance, range(self.num_envs))), super().step, actions)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Any:
-        """Reset all environments, or those in ``options["reset_mask"]``; environment k gets the seed ``seed + k``."""
+        """Reset all environments, or only the ones in ``options["reset_mask"]``; environment k gets ``seed + k``."""
         if options is not None and "reset_mask" in options:
             return super().reset(seed=seed, options=options)
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
         if len(seeds) != self.num_envs:
-            raise InputError(f"must be {self.num_envs} seeds, are {len(seeds)}", field="seed")
+            raise InputError(f"must be {self.num_envs} seeds, but there are {len(seeds)}", field="seed")
         made = self._threads.map(
             lambda pair: pair[0].reset(seed=pair[1], options=options), zip(self.envs, seeds, strict=True)
         )
         return self._with(list(made), super().reset)
 
     def _with(self, results: list[Any], function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a method of the base class with results that were already computed."""
+        """Call a method of the base class, which then gets results that were already computed."""
         envs = self.envs
         self.envs = [_Done(env, result) for env, result in zip(envs, results, strict=True)]
         try:

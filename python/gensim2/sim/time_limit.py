@@ -1,4 +1,4 @@
-"""Truncation of episodes after a number of control steps, with batched values for ManiSkill's tools."""
+"""Truncate episodes after a number of control steps, with batched values for ManiSkill's tools."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     Args:
         env: environment from ``gymnasium.make``; this wrapper takes over the limit of gymnasium's own wrapper.
-        registered: number of control steps registered with the id; the environment has the limit for its robot's rate.
+        registered: number of control steps that is registered with the id; the environment converts it to its robot's
+            rate.
     """
 
     def __init__(self, env: gym.Env[Any, Any], registered: int | None = None) -> None:
@@ -35,7 +36,7 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return spec
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Make one control step; ``truncated`` (1,) bool is True from the limit on."""
+        """Execute one control step; ``truncated`` (1,) bool is True from the limit on."""
         obs, reward, terminated, _, info = self.env.step(action)
         truncated: Any = self.unwrapped.elapsed_steps >= self._max_episode_steps  # type: ignore[attr-defined]
         return obs, reward, terminated, truncated, info

@@ -1,4 +1,4 @@
-"""Environments of NumPy values for libraries that require plain gymnasium environments."""
+"""Convert ManiSkill environments to plain gymnasium environments of NumPy values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 
 class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Remove the leading axis of length one that ManiSkill adds to all values, and return arrays in place of tensors.
+    """Wrapper that removes the leading axis of length one from ManiSkill's values, and converts tensors to arrays.
 
     Rewards are floats, ``terminated`` and ``truncated`` are bools. All arrays are copies.
 
@@ -29,7 +29,7 @@ class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         RecordConstructorArgs.__init__(self)
         gym.Wrapper.__init__(self, env)
         self.observation_space = _unbatched_space(env.observation_space)
-        # The other modes open a window or need cameras in the observation.
+        # Other render modes open a window or need cameras in the observation.
         modes = [mode for mode in env.metadata["render_modes"] if mode == "rgb_array"]
         self.metadata = {**env.metadata, "render_modes": modes}
 
@@ -49,7 +49,7 @@ class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
 
 def _unbatched(value: Any) -> Any:
-    """Return the only row of tensors and arrays; other values have no leading axis."""
+    """Return the only row of a tensor or array, and other values unchanged."""
     if isinstance(value, Mapping):
         return {name: _unbatched(each) for name, each in value.items()}
     if isinstance(value, np.ndarray) or hasattr(value, "cpu"):

@@ -1,4 +1,4 @@
-"""MuJoCo as physics engine, without importing SAPIEN, ManiSkill or PyTorch."""
+"""Simulate scenes with MuJoCo, without importing SAPIEN, ManiSkill or PyTorch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Links of robots and objects for MuJoCo models: inertias and convex shapes, read once."""
+"""Read the links of robots and objects for MuJoCo models: inertias and convex shapes."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class CollisionShape:
     Attributes:
         kind: ``"box"`` (size: half sides), ``"sphere"`` (radius), ``"cylinder"`` or ``"capsule"`` (radius, half length)
             or ``"mesh"``.
-        size: m; empty for a mesh.
-        vertices: (N, 3) of a mesh, m.
+        size: dimensions, m; empty for a mesh.
+        vertices: (N, 3) vertices of a mesh, m.
         T: (4, 4) pose in the link frame.
     """
 
@@ -47,7 +47,7 @@ class Link:
         name: name in the URDF; ``"body"`` for a rigid object.
         parent: name of the parent link; None for the root.
         joint: joint to the parent; None for the root.
-        axis: (3,) unit axis of a moving joint, in its own frame; None otherwise.
+        axis: (3,) unit axis of a moving joint, in the joint frame; None for a fixed joint or the root.
         inertial: inertia; None for a frame without mass.
         solids: collision shapes.
     """
@@ -65,8 +65,8 @@ def links_of(urdf: Path, content_hash: str = "") -> tuple[Link, ...]:
     """Read the links of a URDF, parents before children.
 
     Args:
-        urdf: the file.
-        content_hash: hash of the sources of the file, as a cache key.
+        urdf: path of the URDF.
+        content_hash: hash of the URDF's source files, which is used as a cache key.
 
     Raises:
         InputError: the file cannot be read or is not a URDF.

@@ -1,4 +1,4 @@
-"""Scenes and objects as MJCF files that ``python -m mujoco.viewer`` opens."""
+"""Write scenes and objects as MJCF files, which ``python -m mujoco.viewer`` opens."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ START = "start"
 
 
 def write_scene(task: str | TaskSpec, file: Path, seed: int = 0, **scene: Unpack[SceneArguments]) -> None:
-    """Write the scene of a seed: robot, table, objects, drives and contact pairs, as the engine ``mujoco`` has them.
+    """Write the scene of a seed as the engine ``mujoco`` simulates it: robot, table, objects, drives, contact pairs.
 
     Example:
         ```python
@@ -35,7 +35,7 @@ def write_scene(task: str | TaskSpec, file: Path, seed: int = 0, **scene: Unpack
 
     Args:
         task: name of a library task, or a spec.
-        file: file to write, with the meshes in it.
+        file: file to write; it contains the meshes.
         seed: seed of the scene.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
@@ -52,8 +52,8 @@ def write_object(model: ArticulatedObject | RigidObject, file: Path) -> None:
     """Write an object on the table, without a robot.
 
     Args:
-        model: the object.
-        file: to write; meshes are part of it.
+        model: object to write.
+        file: file to write; it contains the meshes.
 
     Raises:
         InputError: the object's files cannot be used.

@@ -1,4 +1,4 @@
-"""MuJoCo model of a scene: bodies, drives, joint friction and collision pairs.
+"""Build the MuJoCo model of a scene: bodies, drives, joint friction and collision pairs.
 
 docs/reference/simulation.md explains the constants.
 """
@@ -21,7 +21,7 @@ from gensim2.sim.mujoco.description import CollisionShape, Link, links_of, never
 from gensim2.sim.parts import Array
 
 PHYSICS_HZ = 500
-"""Lowest physics rate, Hz; a robot with a higher ``physics_hz`` uses its own."""
+"""Minimum physics rate, Hz; a robot with a higher ``physics_hz`` uses that rate."""
 
 SOLREF = (0.004, 1.0)
 """Time constant (s) and damping ratio of contacts, joint limits, joint friction and couplings. The time constant is two
@@ -35,7 +35,7 @@ IMPRATIO = 10.0
 """Ratio of the impedance of friction to that of normal forces; with a larger value grasped objects slip less."""
 
 OTHER_FRICTION = 0.3
-"""Friction coefficient of surfaces without their own, as in ManiSkill."""
+"""Friction coefficient of surfaces that specify none, as in ManiSkill."""
 
 TABLE_FRICTION = 0.2
 """Friction coefficient of the table: PhysX's dynamic one, because MuJoCo has no static friction."""
@@ -53,11 +53,11 @@ class Shape:
     Attributes:
         geom: name of the MuJoCo geom.
         owner: the robot's agent, ``"table"`` or the name of an object.
-        link: name of its link.
-        is_static: whether it never moves.
-        slides: whether it moves by a prismatic joint of an object.
+        link: name of the shape's link.
+        is_static: whether the shape never moves.
+        slides: whether a prismatic joint of an object moves the shape.
         friction: friction coefficient.
-        is_rigid: whether it belongs to a rigid object.
+        is_rigid: whether the shape belongs to a rigid object.
     """
 
     geom: str
@@ -70,7 +70,7 @@ class Shape:
 
 
 def mixed_name(owner: str, part: str) -> str:
-    """Return the model's name of a link or joint."""
+    """Return the name of a link or joint in the MuJoCo model."""
     return f"{owner}/{part}"
 
 
@@ -86,17 +86,17 @@ def steps_of(profile: RobotProfile) -> int:
 
 
 def build_spec(profile: RobotProfile, setup: InitialState, robot: bool) -> mujoco.MjSpec:
-    """Build the model of a scene.
+    """Build the MuJoCo specification of a scene.
 
     Args:
-        setup: initial state.
-        robot: False leaves the robot out.
+        setup: initial state of the scene.
+        robot: whether the scene has the robot.
     """
     return _Builder(profile, setup, robot).spec
 
 
 def build_model(profile: RobotProfile, setup: InitialState, robot: bool) -> mujoco.MjModel:
-    """Compile the model of a scene; see :func:`build_spec`."""
+    """Compile the MuJoCo model of a scene; arguments as for :func:`build_spec`."""
     return build_spec(profile, setup, robot).compile()
 
 
@@ -185,7 +185,7 @@ class _Builder:
     def _add_link(
         self, owner: str, link: Link, position: Sequence[float] | Array, quaternion: Sequence[float] | Array
     ) -> mujoco.MjsBody:
-        """Add a link's body; position and quaternion are used for root links only."""
+        """Add the body of a link; position and quaternion are used only for root links."""
         name = mixed_name(owner, link.name)
         if link.parent is None:
             return self.spec.worldbody.add_body(name=name, pos=position, quat=quaternion)
@@ -270,9 +270,7 @@ class _Builder:
         equality.data[:2] = 0.0, 1.0  # offset and multiplier
 
     def _add_pairs(self) -> None:
-        """Add the pairs of shapes that may touch, with the mean friction as in PhysX; MuJoCo's default is the larger
-        one.
-        """
+        """Add the pairs of shapes that may touch, with the mean of both friction coefficients, as in PhysX."""
         apart = never_touching(self._profile.srdf)
         links = {link.name: link for link in links_of(self._profile.urdf)}
         groups: dict[tuple[str, str], list[Shape]] = {}
@@ -291,8 +289,8 @@ class _Builder:
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart
-        # A sliding link is guided by its rail, so contact with the table is left out. With such a contact MuJoCo's
-        # convex friction cone would turn every push into a normal force, and a drawer that touches the table would jam.
+        # A sliding link has no contact with the table, because its rail guides it. With such a contact, MuJoCo's convex
+        # friction cone would turn every push into a normal force, and a drawer on the table would jam.
         table = {one.owner, other.owner} & {"table"}
         return not (table and (one.slides or other.slides))
 

@@ -1,4 +1,4 @@
-"""Robot and objects of a MuJoCo scene."""
+"""Access the robot and the objects of a MuJoCo scene."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from gensim2.sim.scene_state import RobotReader
 
 
 class Simulation:
-    """A compiled model and its state.
+    """A compiled MuJoCo model and its state.
 
-    After ``mj_step`` the poses of bodies are one step behind the joints; :attr:`data` updates them when it is read.
+    After ``mj_step`` the poses of bodies are one step behind the joints; reading :attr:`data` updates the poses.
 
     Args:
         model: compiled model.
@@ -34,7 +34,7 @@ class Simulation:
         self._is_stale = True
 
     def changed(self) -> None:
-        """Note that the state was set from outside."""
+        """Mark the state as changed from outside, so that poses are updated."""
         self._is_stale = True
 
     @property
@@ -61,7 +61,7 @@ class Simulation:
 
 
 class MujocoFrame:
-    """Pose of a body at the instant at which it was read."""
+    """Pose of a body at the time of reading."""
 
     def __init__(self, data: mujoco.MjData, body: int) -> None:
         self._position, self._quaternion = data.xpos[body].copy(), data.xquat[body].copy()
@@ -81,8 +81,8 @@ class MujocoArticulatedPart(ArticulatedPart):
 
     Args:
         name, thing: as for :class:`ArticulatedPart`.
-        simulation: its simulation.
-        parents: parents of its links.
+        simulation: simulation that contains the object.
+        parents: parent of each link.
     """
 
     def __init__(self, name: str, thing: PlacedObject, simulation: Simulation, parents: dict[str, str | None]) -> None:

@@ -1,4 +1,4 @@
-"""Scene of the headless environment in MuJoCo."""
+"""Simulate a scene of the headless environment in MuJoCo."""
 
 from __future__ import annotations
 
@@ -105,10 +105,10 @@ class MujocoScene:
         return float(np.linalg.norm(total))
 
     def _robot_contacts(self) -> list[tuple[int, float, int]]:
-        """Return the robot's contacts that have a force.
+        """Return the contacts with a force on the robot.
 
-        Each entry has the contact's index, 1 if the robot is the second shape and -1 if it is the first, and the owner
-        of the other shape.
+        Each entry has the contact's index, a sign (1 if the robot is the second shape, -1 if it is the first), and the
+        owner of the other shape.
         """
         self._require_robot()
         data = self.simulation.raw
@@ -130,7 +130,7 @@ class MujocoScene:
         return np.concatenate([root, self.robot.q, self.robot.qvel]).astype(np.float32)
 
     def _state(self) -> Array:
-        """Return the state from which MuJoCo continues bit for bit."""
+        """Return the state from which MuJoCo continues exactly."""
         model = self.simulation.model
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, self.simulation.raw, state, _STATE)
@@ -138,7 +138,7 @@ class MujocoScene:
 
     @cached_property
     def _digest(self) -> str:
-        """Return a digest of the model and of the scene's first state."""
+        """Return a hash of the model and of the scene's first state."""
         model = self.simulation.model
         content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)
@@ -151,7 +151,7 @@ class MujocoScene:
         """Continue from a state of the same scene.
 
         Raises:
-            InputError: the state has another shape, or is of another scene.
+            InputError: the state has the wrong shape, or belongs to another scene.
         """
         size = mujoco.mj_stateSize(self.simulation.model, _STATE)
         if np.shape(state) != (size,):

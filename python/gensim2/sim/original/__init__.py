@@ -1,6 +1,6 @@
-"""Physics constants of the original GenSim2 by object class.
+"""Provide the physics constants of the original GenSim2 by object class.
 
-``constants.yaml`` beside this file is read as a package resource, so that wheels include it.
+The constants are in ``constants.yaml`` in this folder, a package resource that wheels include.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Constants:
         material: static and dynamic friction and restitution of every surface except the table's.
         rigid_density: density of rigid objects' hulls, kg/m3.
         fingers: stiffness (N/m) and damping (N s/m) of the original's finger drives.
-        fingers_for: the same for scenes with a rigid object of a given class.
+        fingers_for: stiffness and damping of finger drives in scenes with a rigid object of the given class.
         finger_damping: damping of the soft drives in scenes without rigid objects, N s/m.
         picking_fingers: stiffness and damping of the soft drives in scenes with rigid objects.
     """
@@ -44,13 +44,13 @@ class Constants:
         return _first_match(self._densities, asset_class)
 
     def joint_friction(self, asset_class: str) -> float:
-        """Return PhysX's articulation friction coefficient."""
+        """Return PhysX's articulation friction coefficient for objects of a class."""
         return _first_match(self._joint_frictions, asset_class)
 
 
 @cache
 def constants() -> Constants:
-    """Return the constants, read once per process."""
+    """Return the constants; the file is read once in each process."""
     source = files(__name__) / "constants.yaml"
     data = parse_yaml(source.read_bytes(), str(source))
     density = data["density"]
