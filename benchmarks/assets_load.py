@@ -1,11 +1,11 @@
-"""Cost of loading an instance into a scene without rendering, with a warm cache.
+"""Measure the CPU time for loading an object into a scene without rendering, with a warm cache.
 
     python benchmarks/assets_load.py --assets builtin --assets DIR [--raw DIR]
 
-For every instance: see that its files are what was prepared, read the object from the cache, build it in an empty PhysX
-scene, check its hulls, set its friction. Prepares first what is not in the cache yet. With ``--raw`` also SAPIEN's own
-loader on the unprepared URDFs of a folder of real objects. CPU milliseconds of one process: median, 90th percentile,
-worst.
+Each object is checked against its prepared files, read from the cache, and built in an empty PhysX scene; its hulls are
+checked and its friction is set. Objects that are not in the cache are prepared first. ``--raw`` also measures SAPIEN's
+own loader on the unprepared URDFs of a folder of real objects. The script prints CPU milliseconds of one process:
+median, 90th percentile, worst.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from gensim2.sim.rigid import load_rigid
 
 
 def empty_scene() -> ManiSkillScene:
-    """A scene with physics alone."""
+    """Return a scene with physics only."""
     return ManiSkillScene(
         sub_scenes=[sapien.Scene([sapien.physx.PhysxCpuSystem()])],
         sim_config=SimConfig(),
@@ -49,7 +49,7 @@ def _no_pictures() -> object:
 
 
 def into_scene(library: Library, asset_class: str, instance_id: str) -> None:
-    """Load an object as an environment does that has not had it before."""
+    """Load an object as an environment does on first use."""
     instance = copy.copy(library).load(asset_class, instance_id)  # a copy holds nothing that was loaded
     if isinstance(instance, RigidObject):
         load_rigid(empty_scene(), instance)
@@ -59,7 +59,7 @@ def into_scene(library: Library, asset_class: str, instance_id: str) -> None:
 
 
 def raw(urdf: Path, scale: float) -> None:
-    """SAPIEN's own loader, with several hulls a mesh file, physics alone."""
+    """Load a URDF with SAPIEN's own loader, with several hulls for each mesh file, without visuals."""
     loader = sapien.Scene([sapien.physx.PhysxCpuSystem()]).create_urdf_loader()
     loader.scale, loader.load_multiple_collisions_from_file = scale, True
     builder = loader.parse(str(urdf))[0][0]
@@ -69,7 +69,7 @@ def raw(urdf: Path, scale: float) -> None:
 
 
 def cpu_ms(work: Callable[[], object], repeats: int) -> float:
-    """Median CPU time."""
+    """Return the median CPU time of ``work``, ms."""
     spent = []
     for _ in range(repeats):
         begin = time.process_time()

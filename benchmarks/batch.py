@@ -1,9 +1,9 @@
-"""Speed-up of plan_batch over a file of problems by the number of threads.
+"""Measure the speed-up of plan_batch by threads on a file of problems.
 
     python benchmarks/batch.py --problems FILE [--assets DIR] [--threads 2] [--repeats 5]
 
-Wall time of the whole batch on one thread and on several, in turn; the best of the repeats counts, because whatever
-else runs on the machine only ever makes it slower. Ends with 1 where the answers differ.
+The script measures the wall time of the batch on one thread and on several threads, alternately. The best repeat
+counts, because other processes on the machine can only slow a run down. The exit code is 1 if the results differ.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gensim2.bench.scene import check_assets, problem_scene
 
 
 def questions(problems: Path, assets: Path | None) -> list[kpam.KeypointProblem]:
-    """The problems of a file with their scenes."""
+    """Return the problems of a file with their scenes."""
     robot = robots.robot("panda").model
     folder = None if assets is None else check_assets(assets)
     return [
@@ -38,7 +38,7 @@ def questions(problems: Path, assets: Path | None) -> list[kpam.KeypointProblem]
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns 1 where the number of threads changes an answer."""
+    """Run the command line; return 1 if the number of threads changes a result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=Path, required=True)
     parser.add_argument("--assets", type=Path)

@@ -1,9 +1,9 @@
-"""Table of docs/results/calibration.md, from the JSON of `benchmarks/original_configs.py --json FILE`.
+"""Write the table of docs/results/calibration.md from the JSON of `benchmarks/original_configs.py --json FILE`.
 
     python benchmarks/calibration_table.py FILE...       # takes the figures of these runs in, and writes the table
     python benchmarks/calibration_table.py               # writes the table from the figures that there are
 
-The figures stand in ``calibration.json`` beside this file, one run for each way of drawing scenes: rows without their
+The results are stored in ``calibration.json`` in this folder: one run for each source of scenes, with rows but without
 episodes.
 """
 
@@ -25,7 +25,7 @@ ROW = ("name", "paper", "release", "p_value", "causes", "instances")
 
 
 def figures_of(found: dict[str, Any]) -> dict[str, Any]:
-    """Return a run's figures: rows and sums, without episodes and without folders of the machine that it ran on."""
+    """Return the results of a run: rows and sums, without episodes and without paths of the machine."""
     provenance = dict(found["provenance"])
     provenance["command"] = re.sub(r" --(out|resume|workers|json)( [^-]\S*)?", "", provenance["command"])
     provenance["command"] = re.sub(r"\S*/(\S+)", r"\1", provenance["command"])
@@ -34,7 +34,7 @@ def figures_of(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def share(counted: dict[str, Any] | None) -> str:
-    """Return a count with its rate and interval; nothing where nothing was counted."""
+    """Return a count with its rate and interval as text; empty without trials."""
     if counted is None:
         return ""
     low, high = interval(counted["count"], counted["of"])
@@ -60,7 +60,7 @@ def table(figures: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Take runs in, and write the table."""
+    """Store the results of runs, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path)
     figures = json.loads(FIGURES.read_text()) if FIGURES.exists() else {}

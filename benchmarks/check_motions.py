@@ -1,11 +1,11 @@
-"""Is what ``gensim2 bench motion`` wrote true? Pinocchio's kinematics and coal's distances answer, nothing of gensim2.
+"""Check the output of ``gensim2 bench motion`` with Pinocchio's kinematics and coal's distances, without gensim2.
 
     python benchmarks/check_motions.py --problems FILE.jsonl --motions OUT.jsonl [--margin 0.005] [--every 1]
 
-For each motion: it begins at the start and ends at a goal, keeps the joint limits, and every judged pair of a link and
-an obstacle or another link keeps the margin at every sample; a pair that is nearer at the start or at the end keeps
-what it has there, less 0.2 mm. Samples are 5 ms apart. Prints what is false, and the ratio of path lengths to the
-problems' own reference. Returns 1 where a motion is false.
+Each motion must begin at the start, end at a goal, and keep the joint limits. Every checked pair of a link and an
+obstacle, or of two links, must keep the margin at every sample; a pair that is closer at the start or end must keep
+that distance, less 0.2 mm. Samples are 5 ms apart. The script prints errors, and the ratio of path lengths to the
+reference of the problems. The exit code is 1 if a motion is invalid.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SAMPLE_DT = 0.005
 
 
 def obstacle_part(obstacle: dict[str, Any]) -> Any:
-    """Return an obstacle as a coal shape with its pose."""
+    """Convert an obstacle to a coal shape with a pose."""
     pose = pose_from(obstacle["position"], obstacle.get("quaternion_wxyz", [1, 0, 0, 0]))
     match obstacle["type"]:
         case "box":
@@ -44,13 +44,13 @@ def obstacle_part(obstacle: dict[str, Any]) -> Any:
 
 
 def placed(arm: Arm, samples: Array) -> dict[str, Array]:
-    """Pose of every link at every sample: name to (N, 4, 4)."""
+    """Return the poses (N, 4, 4) of every link at all samples, by name."""
     poses = arm.place(samples)
     return {name: np.broadcast_to(pose, (len(samples), 4, 4)) for name, pose in poses.items()}
 
 
 def breaches(arm: Arm, problem: dict[str, Any], samples: Array, margin: float) -> list[str]:
-    """Pairs that come nearer than they may, as sentences."""
+    """Return a message for each pair that comes too close."""
     poses = placed(arm, samples)
     still = np.eye(4)[None]
     every = np.arange(len(samples))
@@ -76,7 +76,7 @@ def breaches(arm: Arm, problem: dict[str, Any], samples: Array, margin: float) -
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns 1 where a motion is false."""
+    """Run the command line; return 1 if a motion is invalid."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=Path, required=True)
     parser.add_argument("--motions", type=Path, required=True)

@@ -1,10 +1,10 @@
-"""Check the output of ``gensim2 bench solver`` with independent code: Pinocchio kinematics, coal distances.
+"""Check the output of ``gensim2 bench solver`` with independent code: Pinocchio's kinematics and coal's distances.
 
     python benchmarks/check_plans.py --problems plans.jsonl --plans out.jsonl --assets DIR [--frames original|object]
 
-Every figure that a plan states is derived anew from the problem file: constraints, cost, keyframes, limits, the
-hand's path, and every distance that the contact rules judge, so finely that no point of a link moves more than
-1 mm between two looks. Prints a table, writes JSON with ``--json``, ends with 1 when something is wrong.
+All values of a plan are recomputed from the problem file: constraints, cost, keyframes, limits, the hand's path, and
+the distances that the contact rules concern. Samples are so dense that no point of a link moves more than 1 mm between
+two of them. The script prints a table and, with ``--json``, writes JSON. The exit code is 1 if a check fails.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ STRAIGHT_TOLERANCE = 3e-3
 
 @dataclass
 class Finding:
-    """Verdict on one problem's plan; ``errors`` is empty where all of it holds."""
+    """Result of checking the plan of one problem; ``errors`` is empty for a valid plan."""
 
     id: str
     status: str
@@ -61,7 +61,7 @@ class Finding:
 
 
 def check_pose(problem: dict[str, Any], record: dict[str, Any], arm: Arm, finding: Finding) -> None:
-    """q_actuation, q_plan, and the cost."""
+    """Check q_actuation, q_plan, and the cost."""
     for name in ("q_actuation", "q_plan"):
         if record[name] is None:
             continue
@@ -94,7 +94,7 @@ def check_path(
     keyframes: list[Keyframe],
     finding: Finding,
 ) -> None:
-    """Limits, velocities, straightness and distances of one polyline."""
+    """Check limits, velocities, straightness and distances of a polyline."""
     if path.ndim != 2 or path.shape[1] != 9 or len(path) != len(times) or not np.isfinite(path).all():
         finding.errors.append(f"{what} are not {len(times)} times 9 finite numbers")
         return
@@ -125,7 +125,7 @@ def check_path(
 def check_distances(
     problem: dict[str, Any], times: Array, path: Array, arm: Arm, obstacles: list[Obstacle], finding: Finding
 ) -> list[str]:
-    """Every pair that overlaps where it may not, in words; the least distances go into ``finding``."""
+    """Return a message for each forbidden overlap, and store the minimum distances in ``finding``."""
     pre = problem["pre_actuation_times"]
     clock = Clock(pre[-1] if pre else problem["start_time"], problem["actuation_time"])
     errors = []
@@ -146,7 +146,7 @@ def check_trajectory(
     obstacles: list[Obstacle] | None,
     finding: Finding,
 ) -> None:
-    """Keyframes, waypoints and samples."""
+    """Check keyframes, waypoints and samples."""
     if record["waypoints"] is None:
         if record["status"] == "solved":
             finding.errors.append("solved, but no waypoints")
@@ -210,7 +210,7 @@ def check_record(
 
 
 def print_table(findings: list[Finding]) -> None:
-    """Print the findings."""
+    """Print a table of the results."""
     wrong = [finding for finding in findings if finding.errors]
     for finding in wrong:
         print(f"WRONG  {finding.id} ({finding.status}): {finding.errors[0]}")
@@ -246,7 +246,7 @@ def lines(path: Path) -> list[dict[str, Any]]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=Path, required=True)
     parser.add_argument("--plans", type=Path, required=True, help="what gensim2 bench solver wrote")

@@ -1,10 +1,11 @@
-"""Cost of collision checks and plans among points, beside the boxes that the points cover.
+"""Compare the CPU time of collision checks and plans among points with that among the boxes that the points cover.
 
     python benchmarks/clouds.py [--points 500 2000 10000 20000 50000] [--queries 20] [--stray METRES]
 
-A shelf and a table of boxes; points drawn evenly over their faces, of 5 mm radius. The same joint-to-joint queries are
-planned among the boxes and among the points, in turn. Prints CPU milliseconds to build the scene, microseconds a check
-(a batch of 4,000 configurations), the median of plans in milliseconds, and that over the one among boxes.
+The scene is a shelf and a table of boxes; points with a radius of 5 mm are sampled evenly on the faces of the boxes.
+The same joint-to-joint queries are planned among boxes and among points, alternately. The script prints the CPU time
+for building the scene (ms), for a check (microseconds, in a batch of 4,000 configurations), and for a plan (median,
+ms), and the ratio of plans among points and boxes.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def _at(place: list[float]) -> Array:
 
 
 def strewn(count: int, draw: np.random.Generator) -> Array:
-    """Points (count, 3) spread evenly over the faces of the boxes."""
+    """Return points (count, 3) sampled evenly on the faces of the boxes."""
     half = np.array([h for _, h in BOXES])
     faces = np.stack([half[:, 1] * half[:, 2], half[:, 0] * half[:, 2], half[:, 0] * half[:, 1]], axis=1)
     pick = draw.choice(faces.size, size=count, p=faces.ravel() / faces.sum())
@@ -54,14 +55,14 @@ def strewn(count: int, draw: np.random.Generator) -> Array:
 
 
 def spent(work: Callable[[], object]) -> float:
-    """CPU seconds."""
+    """Return the CPU time of ``work``, s."""
     begin = time.process_time()
     work()
     return time.process_time() - begin
 
 
 def built(robot: kpam.Robot, body: kpam.Body) -> None:
-    """Make a scene and what it checks with."""
+    """Build a scene, and prepare its collision checks."""
     kpam.Scene(robot, [body]).in_collision(START)
 
 

@@ -1,13 +1,13 @@
-"""Cost of a collection: episodes a second with one and two workers, memory of all its processes, bytes on disk.
+"""Measure a collection: episodes per second with one and two workers, memory of all processes, size on disk.
 
     python benchmarks/collection.py                        # 10 tasks of one step x 20 episodes
     python benchmarks/collection.py OpenBox OpenSafe --episodes 100 --workers 1 2
     python benchmarks/collection.py --single-step --episodes 40 --workers 1 2 1 2
 
-Episodes a second are told twice: of the whole command, and from its first finished episode to its last, which leaves
-out the seconds in which the simulator is imported. Wall time counts other people's work on this machine; CPU seconds an
-episode do not, and where they are the same with one worker and two, nothing but waiting makes two less than twice as
-fast. Memory is the resident set, sampled every half second; its peak in each quarter of a run shows whether it grows.
+The script prints two rates: episodes per second of the complete command, and from the first to the last finished
+episode, which excludes importing the simulator. Wall time depends on other processes on the machine, CPU time per
+episode does not. Memory is the resident set, sampled every 0.5 s; its peak in each quarter of a run shows whether it
+grows.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ SAMPLE_SECONDS = 0.5
 
 @dataclass
 class Watched:
-    """Exit code, time and memory of a run.
+    """Exit code, duration and memory of a run.
 
     Attributes:
         code: exit code.
@@ -63,7 +63,7 @@ class Watched:
     samples: list[tuple[float, float, float]] = field(repr=False)
 
     def quarters(self) -> list[tuple[float, float]]:
-        """Peaks of driver and largest worker in each quarter of the run, MB."""
+        """Return the peak memory of the driver and of the largest worker in each quarter of the run, MB."""
         found = []
         for quarter in range(4):
             low, high = quarter * self.seconds / 4, (quarter + 1) * self.seconds / 4
@@ -77,7 +77,7 @@ class Watched:
 
 
 def watch(command: list[str], log: Path, limit: float = math.inf) -> Watched:
-    """Run a command and look at the memory of its processes; stop it by SIGTERM after ``limit`` seconds."""
+    """Run a command and sample the memory of its processes; stop it by SIGTERM after ``limit`` seconds."""
     begin = time.monotonic()
     process = kill_runs.start(command, log)
     samples = []
@@ -97,12 +97,12 @@ def watch(command: list[str], log: Path, limit: float = math.inf) -> Watched:
 
 
 def descendants(pid: int) -> list[int]:
-    """All processes below one."""
+    """Return all descendants of a process."""
     return [each for child in kill_runs.children(pid) for each in (child, *descendants(child))]
 
 
 def resident(pid: int) -> float:
-    """MB of a process; 0 where it is gone."""
+    """Return the memory of a process, MB; 0 if it has ended."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
     except (OSError, IndexError):
@@ -110,19 +110,19 @@ def resident(pid: int) -> float:
 
 
 def size(folder: Path, pattern: str) -> tuple[int, int]:
-    """Number and bytes of files."""
+    """Return the number and the total size (bytes) of files."""
     sizes = [path.stat().st_size for path in folder.glob(pattern)]
     return len(sizes), sum(sizes)
 
 
 def steady_rate(folder: Path) -> float:
-    """Episodes a second from the first that was finished to the last, as their files tell."""
+    """Return the episodes per second between the first and the last finished episode, from the times of their files."""
     times = sorted(path.stat().st_mtime for kept in ("episodes", "failures") for path in folder.glob(f"*/{kept}/*.h5"))
     return (len(times) - 1) / (times[-1] - times[0])
 
 
 def single_step_tasks() -> list[str]:
-    """Tasks of the paper's suite with one step."""
+    """Return the single-step tasks of the paper's suite."""
     return [name for name in task_names("paper") if load_task(name).is_single_step]
 
 
@@ -160,7 +160,7 @@ def main() -> int:
 
 
 def _collect(out: Path, workers: int, options: argparse.Namespace) -> tuple[float, float]:
-    """Collect, print what it took, and return episodes a second: of the whole run, and from the first to the last."""
+    """Collect, print the measurements, and return episodes per second: of the complete run, and from first to last."""
     told, log = out.with_suffix(".json"), out.with_suffix(".log")
     words = ["collect", *options.tasks, "--episodes", str(options.episodes), "--workers", str(workers)]
     words += ["--assets", options.assets, "--out", str(out), "--json", str(told)]

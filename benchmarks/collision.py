@@ -1,11 +1,11 @@
-"""A full collision check of the Panda among convex hulls: ours against coal, in turn on one core.
+"""Compare a collision check of the Panda among convex hulls with coal's, alternately on one core.
 
     python benchmarks/collision.py [--hulls 100] [--configurations 2000] [--repeats 5]
 
-The same robot hulls, self-collision pairs and obstacles on both sides: random hulls of 24 points, 3 to 8 cm across,
-strewn about the arm's reach. coal runs behind Pinocchio's broad phase (a dynamic AABB tree) and stops at the first
-contact. Prints CPU microseconds a configuration (medians), the ratio, the same in Pinocchio frame Jacobians, and on how
-many configurations the two disagree.
+Both libraries get the same robot hulls, self-collision pairs and obstacles: random hulls of 24 points, 3 to 8 cm in
+diameter, within the arm's reach. coal uses Pinocchio's broad phase (a dynamic AABB tree) and stops at the first
+contact. The script prints CPU microseconds for a configuration (medians), the ratio, the time in units of a Pinocchio
+frame Jacobian, and the number of configurations on which the results differ.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ CONFIG = {
 
 
 def strewn(count: int, draw: np.random.Generator) -> list[Array]:
-    """Vertex sets of random hulls, (24, 3) metres in the base frame, none nearer than 25 cm to the base's axis."""
+    """Return vertices (24, 3) of random hulls in the base frame, m, at least 25 cm from the base's axis."""
     sets: list[Array] = []
     while len(sets) < count:
         center = draw.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.1])
@@ -56,7 +56,7 @@ def strewn(count: int, draw: np.random.Generator) -> list[Array]:
 
 
 def our_problem(q_start: Array, sets: list[Array]) -> kpam.KeypointProblem:
-    """The obstacles as a problem of ours."""
+    """Return a gensim2_kpam problem with the obstacles."""
     urdf, srdf = panda_files()
     shapes = [kpam.Shape.convex_hull(points) for points in sets]
     return kpam.KeypointProblem(
@@ -71,7 +71,7 @@ def our_problem(q_start: Array, sets: list[Array]) -> kpam.KeypointProblem:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns 1 where the two disagree on more than one configuration in a hundred."""
+    """Run the command line; return 1 if the results differ on more than 1 % of the configurations."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hulls", type=int, default=100)
     parser.add_argument("--configurations", type=int, default=2000)

@@ -1,4 +1,4 @@
-"""Which bodies may touch during which part of a motion, by their roles: docs/reference/solver.md, "Contacts"."""
+"""Determine which bodies may touch during which part of a motion (docs/reference/solver.md, "Contacts")."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Hinge:
     axis: Array
 
     def moved(self, pose: Array, travel: Array) -> Array:
-        """Poses (M, 4, 4) of a body that is at ``pose`` where the joint has not moved, after ``travel`` (M,)."""
+        """Return the poses (M, 4, 4) after ``travel`` (M,) of a body that is at ``pose`` before the joint moves."""
         joint = MovingJoint("", self.turns, self.axis, -np.inf, np.inf, np.inf)
         there = np.eye(4)
         there[:3, 3] = self.origin
@@ -47,17 +47,16 @@ class Hinge:
 
 @dataclass
 class Clock:
-    """When the contact rules change, and how far the object's joint has moved.
+    """Times at which the contact rules change, and travel of the object's joint.
 
-    They change at keyframes, each of which belongs to what comes before it and to what comes after: the clearance that
-    a motion has to keep is that of its own ends.
+    The rules change at keyframes. A keyframe belongs both to the segment before it and to the segment after it.
 
     Attributes:
-        touching_from: from then on hand and fingers may touch the moving link, seconds.
-        moving_from: from then on that link moves, seconds.
-        hinge: its joint.
-        travel: (M,) rad or m at the times that are looked at, NaN where it is unknown; None throughout.
-        letting_go: from then on what the hand held stands where it was, seconds.
+        touching_from: time from which hand and fingers may touch the moving link, s.
+        moving_from: time from which the moving link moves, s.
+        hinge: joint of the moving link.
+        travel: (M,) travel of the joint at the checked times, rad or m, NaN if unknown; None if it is always unknown.
+        letting_go: time from which the released object stays in place, s.
     """
 
     touching_from: float
@@ -67,12 +66,12 @@ class Clock:
     letting_go: float = np.inf
 
     def let_go(self, times: Array) -> Array:
-        """Return at which of the (M,) times the hand has let go, (M,) bool."""
+        """Return a mask (M,) of the times after the release."""
         return times > self.letting_go + INSTANT
 
 
 def held_bodies(obstacles: Sequence[Obstacle], clock: Clock, times: Array, hands: Array) -> list[Moved]:
-    """Return bodies in the hand, whose poses are (M, 4, 4); from when it lets go they stay where they are."""
+    """Return the bodies in the hand with poses (M, 4, 4); after the release the bodies stay in place."""
     holding = hands.copy()
     left = clock.let_go(times)
     holding[left] = holding[np.flatnonzero(~left)[-1]]
@@ -80,9 +79,9 @@ def held_bodies(obstacles: Sequence[Obstacle], clock: Clock, times: Array, hands
 
 
 def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array) -> list[Pair]:
-    """Every pair that may touch somewhere along a motion, judged where it may; arguments as :func:`checked_pairs`.
+    """Return every pair that may touch during a part of a motion; arguments as for :func:`checked_pairs`.
 
-    What the hand holds is left out, and so is what moves by an amount that cannot be told.
+    Grasped objects and bodies with an unknown travel are left out.
     """
     placed = arm.place(q)
     hands = [Moved(name, arm.parts[name], placed[name]) for name in arm.parts if name in arm.touching_links]
@@ -109,13 +108,13 @@ def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, 
 def checked_pairs(
     arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array
 ) -> list[tuple[str, Pair]]:
-    """Every pair that is judged somewhere along a motion, with its group: self, table or object.
+    """Return every pair that is checked during a part of a motion, with its group: self, table or object.
 
     Args:
-        arm: the robot.
-        obstacles: the scene.
-        clock: clock of the contact rules.
-        times: (M,) seconds.
+        arm: robot.
+        obstacles: bodies of the scene.
+        clock: times at which the contact rules change.
+        times: (M,) checked times, s.
         q: (M, n) joint vectors at those times.
     """
     placed = arm.place(q)
@@ -128,7 +127,7 @@ def checked_pairs(
     for body in held:
         for name in arm.parts:
             if name not in arm.holding_links:
-                # What moves as the hand does keeps its place against what it holds.
+                # Links that move with the hand do not move relative to a grasped object.
                 pairs.append(("self", Pair(body, links[name], leaving if arm.movers(name) == carried else always)))
     movers = [links[name] for name in arm.moving_links] + held
     for obstacle in obstacles:

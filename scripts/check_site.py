@@ -1,10 +1,10 @@
-"""Look at the site that ``make docs`` built: every link leads somewhere, and in a browser pages are whole.
+"""Check the site that ``make docs`` has built: all links work, and pages render correctly in a browser.
 
     python scripts/check_site.py dist/site [--pictures DIR]
 
-Links and anchors of all pages are followed in the files; then, where a browser of the Chromium family is installed,
-some pages of every kind are opened at 400 and 1,400 pixels: no error on the console, nothing wider than the page, a
-search that finds something. Ends with 1 where anything is wrong.
+The script follows links and anchors of all pages in the files. If a Chromium browser is installed, it opens some pages
+of every kind at widths of 400 and 1,400 pixels, and checks that the console has no errors, that no element is wider
+than the page, and that the search has results. The exit code is 1 if a check fails.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class _Page(HTMLParser):
 
 
 def dead_links(site: Path) -> list[str]:
-    """Return the links of all pages that lead to no file, or to no place in one; and bars that are shown escaped."""
+    """Return broken links and anchors of all pages, and table bars that are displayed with an escape character."""
     texts = {path: path.read_text(encoding="utf-8") for path in sorted(site.rglob("*.html"))}
     pages = {path: _Page(text) for path, text in texts.items()}
     wrong = [
@@ -80,7 +80,7 @@ def dead_links(site: Path) -> list[str]:
 
 class _Quiet(http.server.SimpleHTTPRequestHandler):
     def log_message(self, format: str, *args: object) -> None:
-        """Write no line a request."""
+        """Do not log requests."""
 
 
 @contextmanager
@@ -94,7 +94,7 @@ def served(site: Path) -> Iterator[str]:
 
 
 def faults_in_browser(site: Path, pictures: Path | None) -> list[str]:
-    """Return what is wrong with some pages in a browser; empty where none is installed, which is said."""
+    """Return the faults of some pages in a browser; without a browser, print this and return no faults."""
     executable = opened.installed()
     if executable is None:
         print("no browser is installed: pages were not opened")
@@ -129,7 +129,7 @@ def faults_in_browser(site: Path, pictures: Path | None) -> list[str]:
 
 
 def main() -> int:
-    """Print what is wrong with a site."""
+    """Print the faults of a site."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("site", type=Path)
     parser.add_argument("--pictures", type=Path, help="folder for screenshots")

@@ -1,8 +1,8 @@
-"""One picture of tasks in films, of a gallery or of runs: each task before, during and after its first demonstration.
+"""Make one picture of several tasks from their videos: each task before, during and after its first demonstration.
 
 .venv/bin/python scripts/contact_sheet.py gallery --task OpenSafe --task TurnOnFaucet --out docs/images/tasks.png
 
-Or one of a library: the first object of each class, half open.
+Or make a picture of an object library, with the first object of each class, half open.
 
 .venv/bin/python scripts/contact_sheet.py --objects builtin --columns 7 --out docs/images/objects.png
 """
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def objects(where: str, columns: int, out: Path) -> None:
-    """A picture of the first object of each class of a library."""
+    """Write a picture of the first object of each class of a library."""
     from gensim2.inspection.pictures import Studio, contact_sheet
     from gensim2.objects import open_library
 
@@ -60,13 +60,13 @@ def objects(where: str, columns: int, out: Path) -> None:
 
 
 def moments(video: Path) -> list[Image.Image]:
-    """The first frame, the one halfway, and the last, cut to where things happen."""
+    """Return the first, the middle and the last frame of a video, cropped to the table."""
     frames = np.asarray(imageio.imread(video, plugin="FFMPEG"))
     return [Image.fromarray(frames[i]).crop(SHOWN).resize(TILE) for i in (0, len(frames) // 2, len(frames) - 1)]
 
 
 def sheet(tasks: list[tuple[str, list[Image.Image]]], columns: int) -> Image.Image:
-    """Tasks in a grid, each a strip of pictures under its name."""
+    """Return a picture with tasks in a grid; each task has its name and three pictures."""
     columns = min(columns, len(tasks))
     rows = -(-len(tasks) // columns)
     width = 3 * TILE[0] + 2 * GAP

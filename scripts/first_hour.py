@@ -1,16 +1,16 @@
-"""Run the commands of the README and of docs/ in their order, as a new user would; ends with 1 where one fails.
+"""Run the commands of the README and of docs/ in order, as a new user would; the exit code is 1 if one fails.
 
     python scripts/first_hour.py                 # every command, made small; what takes over a minute is begun
     python scripts/first_hour.py --list          # what would be run, and what cannot be and why
     python scripts/first_hour.py --page docs/guides/data.md --full     # as written, as long as it takes
     python scripts/first_hour.py --state DIR     # keeps in DIR what was run; a second call goes on
 
-Commands are taken from the blocks of the pages themselves. Those of a page run in one folder, so that one may use what
-another left. A command fails where it ends with a code other than 0 and 1, prints a traceback, or prints nothing at
-all. Without ``--full`` numbers of episodes, tasks, seconds and the like are made small, and what has not ended in a
-minute of CPU (ten for what later commands of the page read) is interrupted by Ctrl-C and must then end in order.
-``GENSIM2_ASSETS`` names the folder of real objects that some need. ``first_hour_pages.py`` names with the reason which
-commands are not run, and which take over a minute however small and are begun and interrupted.
+Commands are read from the code blocks of the pages. All commands of a page run in one folder, so that a command can use
+the output of earlier ones. A command fails if its exit code is not 0 or 1, if it prints a traceback, or if it prints
+nothing. Without ``--full``, numbers such as episodes, tasks and seconds are reduced. A command that takes more than a
+minute of CPU time (ten minutes if later commands need its output) is interrupted by Ctrl-C and must then end properly.
+``GENSIM2_ASSETS`` is the folder of real objects that some commands need. ``first_hour_pages.py`` lists, with reasons,
+the commands that are not run, and the commands that always take more than a minute and are interrupted.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ BEGUN = 1 / 3
 
 
 def run(command: Command, folder: Path, limit: float | None, grace: float = GRACE) -> None:
-    """Run a command in a folder and note how it ended."""
+    """Run a command in a folder, and store its exit code, output and duration."""
     assert command.run is not None
     begin, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     environment = {
@@ -86,10 +86,11 @@ def run(command: Command, folder: Path, limit: float | None, grace: float = GRAC
 
 
 def _wait(process: subprocess.Popen[str], limit: float | None) -> str:
-    """Return what a command said once it has ended.
+    """Wait for the end of a command, and return its output.
 
     Raises:
-        TimeoutExpired: its session has used ``limit`` seconds of CPU, or ten times as many have passed.
+        TimeoutExpired: the command's processes have used ``limit`` seconds of CPU, or ten times as many seconds have
+            passed.
     """
     begin, before = time.monotonic(), _cpu_of_session(process.pid)
     while True:
@@ -102,7 +103,7 @@ def _wait(process: subprocess.Popen[str], limit: float | None) -> str:
 
 
 def _cpu_of_session(session: int) -> float:
-    """Return the seconds of CPU of the processes of a session that are there."""
+    """Return the CPU time (s) of the running processes of a session."""
     ticks = 0
     for file in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):  # it has ended
@@ -113,7 +114,7 @@ def _cpu_of_session(session: int) -> float:
 
 
 def fault_of(said: str, code: int, interrupted: bool = False) -> str | None:
-    """Return what is wrong with how a command ended; None where nothing is."""
+    """Return the reason why a command counts as failed; None if it succeeded."""
     if "Traceback (most recent call last)" in said:
         return "a traceback: " + said.strip().splitlines()[-1]
     if not said.strip():
@@ -128,7 +129,7 @@ def fault_of(said: str, code: int, interrupted: bool = False) -> str | None:
 
 
 class State:
-    """A folder that keeps what was run, so that a second call goes on."""
+    """Folder that stores finished commands, so that a second call continues."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -141,7 +142,7 @@ class State:
                 self._known[each["page"].partition(":")[0], each["run"]] = each
 
     def restore(self, command: Command) -> bool:
-        """Fill in what is known of a command; whether it was run without a fault."""
+        """Fill in the stored result of a command; return whether it ran without a fault."""
         known = self._known.get((command.file, command.run or ""))
         if known is None or known["fault"] is not None:
             return False
@@ -150,7 +151,7 @@ class State:
         return True
 
     def keep(self, command: Command) -> None:
-        """Keep how a command fared."""
+        """Store the result of a command."""
         with self._file.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(asdict(command)) + "\n")
 
@@ -165,7 +166,7 @@ class State:
 
 
 def run_all(found: list[Command], state: State, limit: float | None) -> None:
-    """Run commands, page after page, and print how each fares."""
+    """Run commands page by page, and print the result of each."""
     missing: dict[str, Command] = {}
     page = ""
     for number, command in enumerate(found):
@@ -198,7 +199,7 @@ def run_all(found: list[Command], state: State, limit: float | None) -> None:
 
 
 def summary(found: list[Command]) -> dict[str, object]:
-    """Return the figures of a walk."""
+    """Return the counts and durations of all commands."""
     done = [command for command in found if command.run is not None]
     return {
         "pages": len({command.file for command in found}),
@@ -214,13 +215,13 @@ def summary(found: list[Command]) -> dict[str, object]:
 
 
 def rules(found: list[Command]) -> dict[str, int]:
-    """Return how many commands were not run, by why: those named first that leave out most."""
+    """Return the number of commands that were not run, by reason, most frequent first."""
     why = [re.sub(r"^as \S+", "run already", command.why) for command in found if command.why is not None]
     return dict(Counter(why).most_common())
 
 
 def main() -> int:
-    """Run the commands and print how they fared."""
+    """Run the commands and print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--list", action="store_true", help="run nothing")
     parser.add_argument("--full", action="store_true", help="as written, without a limit")
@@ -229,7 +230,7 @@ def main() -> int:
     parser.add_argument("--state", type=Path, help="folder that keeps what was run")
     parser.add_argument("--json", type=Path, help="write the figures, and how each fared")
     given = parser.parse_args()
-    # A background job of a shell ignores Ctrl-C, and so would the commands.
+    # A background job of a shell ignores Ctrl-C, and its child processes would ignore it, too.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     found = all_commands([each.resolve() for each in given.page] if given.page else pages(), given.full)
     if given.list:

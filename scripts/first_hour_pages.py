@@ -1,4 +1,4 @@
-"""The commands of the pages: which are run by ``first_hour.py``, as what, and why the others are not."""
+"""List the commands of the pages: how ``first_hour.py`` runs them, or why it does not run them."""
 
 from __future__ import annotations
 
@@ -106,17 +106,17 @@ class Command:
     """One command of a page.
 
     Attributes:
-        page: where it stands, with its line.
-        text: as it stands there, without comment and optional words.
-        run: as it is run; None where it is not.
-        why: it is not run.
-        long: why it takes over a minute.
+        page: page and line of the command.
+        text: text of the command, without comment and optional words.
+        run: command line that is run; None if the command is not run.
+        why: reason why the command is not run.
+        long: reason why the command takes more than a minute.
         code: exit code.
-        interrupted: by Ctrl-C, as it took too long.
+        interrupted: whether the command was interrupted by Ctrl-C because it took too long.
         seconds: wall time.
-        cpu_s: CPU of its processes.
-        fault: what is wrong with how it ended.
-        said: the last lines that it printed.
+        cpu_s: CPU time of the command's processes, s.
+        fault: reason why the command counts as failed; None if it succeeded.
+        said: last lines of the output.
     """
 
     page: str
@@ -138,7 +138,7 @@ class Command:
 
 
 def pages() -> list[Path]:
-    """Return the pages in the order in which a reader meets them."""
+    """Return the pages in reading order."""
     others = (
         sorted(ROOT.glob(each))
         for each in ("docs/**/*.md", "python/README.md", "crates/*/README.md", "plugins/*/README.md")
@@ -182,7 +182,7 @@ def commands_of(page: Path) -> Iterator[Command]:
 
 
 def prepare(command: Command, full: bool) -> None:
-    """Decide how a command is run, or why it is not."""
+    """Determine how a command is run, or why it is not run."""
     for pattern, why in NEEDS.items():
         if re.search(pattern, command.text):
             command.why = f"needs {why}"
@@ -217,7 +217,7 @@ def prepare(command: Command, full: bool) -> None:
 
 
 def all_commands(chosen: Iterable[Path], full: bool) -> list[Command]:
-    """Return the commands of pages, each with how it is run or why it is not; one that leaves nothing is run once."""
+    """Return the prepared commands of pages; a repeated command without output files is run only once."""
     found = [command for page in chosen for command in commands_of(page)]
     seen: dict[str, Command] = {}
     for command in found:
@@ -230,6 +230,6 @@ def all_commands(chosen: Iterable[Path], full: bool) -> list[Command]:
 
 
 def left_by(command: Command) -> str | None:
-    """Return the folder or file that a command leaves, if it says one."""
+    """Return the output folder or file that a command names, or None."""
     words = shlex.split(command.run or "")
     return next((after for word, after in itertools.pairwise(words) if word == "--out"), None)

@@ -1,6 +1,7 @@
-"""Write the tables of docs/ that follow from the code; ``--check`` compares them, and ends with 1 where one differs.
+"""Write those tables of docs/ that are generated from the code; with ``--check`` only compare them.
 
-Fields of ``task.yaml`` and types of criteria come from the classes that read them, options of the solver from types.
+Fields of ``task.yaml`` and types of criteria come from the classes that read them, solver options from their types.
+With ``--check`` the exit code is 1 if a table differs.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
 
 
 def attributes(model: type[BaseModel]) -> dict[str, str]:
-    """Return the sentences of a docstring's ``Attributes``, by name; of a class without, from its text none."""
+    """Return the descriptions in a docstring's ``Attributes`` section, by name; empty without this section."""
     text = inspect.getdoc(model) or ""
     _, _, listed = text.partition("Attributes:\n")
     found: dict[str, str] = {}
@@ -112,13 +113,13 @@ def attributes(model: type[BaseModel]) -> dict[str, str]:
 
 
 def sentence(text: str) -> str:
-    """Return text of a docstring as Markdown on one line."""
+    """Convert text of a docstring to one line of Markdown."""
     plain = re.sub(r":\w+:`~?([^`]+)`", lambda found: f"``{found[1].rsplit('.', 1)[-1]}``", " ".join(text.split()))
     return re.sub(r"\bNone\b", "null", plain).replace("``", "`").rstrip(".")
 
 
 def kind(field: FieldInfo) -> str:
-    """Return what a field holds, in words."""
+    """Return the type of a field as text."""
     if any(isinstance(entry, BeforeValidator) for entry in field.metadata):
         return OFFSET
     bounds = [f"{sign} {number(value)}" for sign, value in _bounds(field.metadata)]
@@ -136,7 +137,7 @@ def _bounds(metadata: list[Any]) -> Iterator[tuple[str, Any]]:
 
 
 def number(value: object) -> str:
-    """Return a number as people write it."""
+    """Format a number for readers."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -164,7 +165,7 @@ def _words(annotation: Any) -> Iterator[str]:
 
 
 def default(field: FieldInfo) -> str:
-    """Return a field's default in words."""
+    """Return a field's default as text."""
     if field.is_required() or field.default is PydanticUndefined:
         return "required"
     value = field.default
@@ -180,7 +181,7 @@ def default(field: FieldInfo) -> str:
 
 
 def filled(text: str, name: str, body: str) -> str:
-    """Return a page with one of its marked blocks replaced.
+    """Replace a marked block of a page, and return the page.
 
     Raises:
         ValueError: the page has no such block.

@@ -1,7 +1,7 @@
-"""Pages of the site that no file holds: front page, command line, Python; a hook of MkDocs (``mkdocs.yml``).
+"""Generate pages of the site as a hook of MkDocs (``mkdocs.yml``): front page, command line, Python API.
 
-The front page is the README, so that it says a thing once; the reference follows from click's commands and from what
-each room exports.
+The front page is the README. The reference is generated from click's commands and from the names that each package
+exports.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _FILES = re.compile(r"\[([^]]*)\]\((?!https?:|#|[\w/]+\.md|docs/)([^)]*)\)")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Put the pages of the reference below their first ones in the navigation."""
+    """Insert the generated reference pages into the navigation, below their index pages."""
     under = {
         "Command line": ["cli/index.md", *({name: f"cli/{name}.md"} for name in cli.list_commands(click.Context(cli)))],
         "Python": ["api/index.md", *({name: f"api/{name}.md"} for name in PACKAGES)],
@@ -63,14 +63,14 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages that are made from other files and from the code."""
+    """Add the pages that are generated from other files and from the code."""
     for name, text in {**_from_files(), **dict(_commands()), **dict(_packages())}.items():
         files.append(File.generated(config, name, content=text))
     return files
 
 
 def on_page_content(html: str, page: Any, config: MkDocsConfig, files: Files) -> str:
-    """Show references of docstrings as names, and the bars in tables that GitHub wants escaped as bars."""
+    """Replace docstring references by names, and unescape bars that are escaped in tables for GitHub."""
     html = _CELL.sub(lambda found: found[0].replace("\\|", "|"), html)
     return _ROLE.sub(lambda found: f"<code>{found[2].rsplit('.', 1)[-1] if found[1] else found[2]}</code>", html)
 
@@ -81,7 +81,7 @@ def _from_files() -> dict[str, str]:
 
 
 def _moved(text: str) -> str:
-    """A page of the root as it stands in the site: links go to pages, or are words."""
+    """Adapt a Markdown file of the repository root to the site: links point to pages, or become plain text."""
     text = text.replace("(CONTRIBUTING.md)", "(contributing.md)").replace("(CHANGELOG.md)", "(changelog.md)")
     text = re.sub(r"\]\(docs/", "](", text)
     return _FILES.sub(lambda found: found[0] if found[2].startswith("images/") else found[1], text)
@@ -101,7 +101,7 @@ def _commands() -> Iterator[tuple[str, str]]:
 
 
 def _command(command: click.Command, context: click.Context, level: int) -> Iterator[str]:
-    """A command with its options, and those below it, as its ``--help`` has them."""
+    """Return Markdown for a command and its subcommands, with the options that ``--help`` shows."""
     yield f"{'#' * level} {context.command_path}"
     yield f"```\n{command.get_usage(context).removeprefix('Usage: ')}\n```"
     yield inspect.cleandoc(command.help or "").replace("\f", "")
@@ -116,7 +116,7 @@ def _command(command: click.Command, context: click.Context, level: int) -> Iter
 
 
 def _cell(text: str) -> str:
-    """Text of a cell: on one line, what Markdown would take for its own written out."""
+    """Return text for a table cell: on one line, with Markdown characters escaped."""
     return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*").replace("[", "\\[")
 
 

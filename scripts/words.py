@@ -1,4 +1,4 @@
-"""List docstrings and comments that break a rule of writing, and names that are assigned twice.
+"""List docstrings and comments that violate a style rule, and names that are assigned twice.
 
     python scripts/words.py            # counts, and what is over the bar
     python scripts/words.py --all      # every offender
@@ -40,13 +40,13 @@ _DOC_COMMENT = re.compile(r"^\s*//[/!] ?(.*)$")
 
 @dataclass(frozen=True)
 class Offence:
-    """One place.
+    """A violation of a rule.
 
     Attributes:
         kind: ``"opening"``, ``"speaker"`` or ``"twice"``.
-        path: of the file, from the root.
-        line: counted from 1.
-        text: the words.
+        path: path of the file, relative to the root.
+        line: line number, counted from 1.
+        text: offending text.
     """
 
     kind: str
@@ -56,7 +56,7 @@ class Offence:
 
 
 def offences(root: Path) -> tuple[list[Offence], Counter[str]]:
-    """Return all offences below a root, and the number of docstrings by language."""
+    """Return all violations in a source tree, and the number of docstrings by language."""
     found: list[Offence] = []
     count: Counter[str] = Counter()
     for folders, suffix, read in ((PYTHON, "py", of_python), (RUST, "rs", of_rust)):
@@ -91,12 +91,12 @@ def _twice(tree: ast.AST, path: Path) -> Iterator[Offence]:
 
 
 def docstrings(text: str, suffix: str) -> int:
-    """Return the number of docstrings of a source, or of its doc comments."""
+    """Return the number of docstrings (Python) or doc comments (Rust) in a source text."""
     return sum(1 for _ in (_python_docs(ast.parse(text)) if suffix == "py" else _rust_docs(text)))
 
 
 def of_python(text: str, path: Path) -> Iterator[Offence]:
-    """Yield the offences of a Python source."""
+    """Yield the violations in a Python source."""
     tree = ast.parse(text)
     for line, said in _python_docs(tree):
         yield from _of_text(said, path, line)
@@ -106,7 +106,7 @@ def of_python(text: str, path: Path) -> Iterator[Offence]:
 
 
 def of_rust(text: str, path: Path) -> Iterator[Offence]:
-    """Yield the offences of a Rust source."""
+    """Yield the violations in a Rust source."""
     for line, said in _rust_docs(text):
         yield from _of_text(said, path, line)
     for line, said in _comments(text, "//"):
@@ -126,7 +126,7 @@ def _speakers(said: str, path: Path, line: int) -> Iterator[Offence]:
 
 
 def _python_docs(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Texts that stand alone: of modules, classes, functions and, below them, of values."""
+    """Yield the docstrings of modules, classes, functions and attributes."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             for entry in node.body:
@@ -157,7 +157,7 @@ def _comments(text: str, mark: str) -> Iterator[tuple[int, str]]:
 
 
 def main() -> int:
-    """Print what is wrong and return the exit code."""
+    """Print the violations and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--all", action="store_true", help="print every offender")
     every = parser.parse_args().all

@@ -116,7 +116,7 @@ def test_seeds_of_numpy_and_lists_of_one_are_seeds(env: GenSim2Env) -> None:
         ("openness", "options: must be a mapping"),
         ({"offset": [1e308, 0, 0]}, "offset: must lie within 10 m"),
         ({"pose": [0, 0, 1e30, 1, 0, 0, 0]}, "pose: must lie within 10 m"),
-        ({"env_idx": [3]}, "env_idx: there is one environment"),
+        ({"env_idx": [3]}, "env_idx: must be 0, because there is only one environment"),
         ({"reset_to_env_states": 5}, "reset_to_env_states: must be a mapping"),
     ],
 )

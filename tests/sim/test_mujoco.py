@@ -197,7 +197,7 @@ def test_where_mujoco_is_not_installed_the_extra_is_named(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("physics", ["original", "default+solver=original", "default+gripper=soft"])
 def test_numbers_of_physx_are_refused_in_one_line(physics: str) -> None:
-    with pytest.raises(InputError, match=r"physics: mujoco has cannot simulate \w+=\w+, which only PhysX has"):
+    with pytest.raises(InputError, match=r"physics: mujoco cannot simulate \w+=\w+, which only PhysX has"):
         HeadlessEnv("OpenDrawer", assets="builtin", engine="mujoco", physics=physics)
     with pytest.raises(InputError, match="mujoco has no"):
         SceneOptions("builtin", physics, engine="mujoco")
