@@ -4,7 +4,7 @@
         --seed 7 --library none --out runs/designed
     python benchmarks/designed.py runs/designed
 
-Without a folder only the table is written anew.
+Without a folder, only the table is rewritten.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ pre- and postconditions fit into longer tasks. It searched strategies and verifi
 
 
 def main(arguments: list[str]) -> int:
-    """Shelve the run that is named, if any, and write the page."""
+    """Store the tasks of the given run, if any, in the package, and write the page."""
     if arguments:
         done = shelve(Path(arguments[0]), SHELF)
         print(f"{len(done.tasks)} tasks on the shelf; left out: {', '.join(done.left_out) or 'none'}")

@@ -1,9 +1,9 @@
-"""CPU time of an episode by part: CPU milliseconds an episode, mean over the task library on generated objects.
+"""Measure the CPU time of an episode by part: mean over the task library on generated objects, ms.
 
     python benchmarks/episode_cost.py --episodes 10 [--physics original] [--core 1]
 
-Pinned to one core; times are ratios in one run. Rows add up to the whole: what is left of a part after its inner parts
-is its own. PhysX is ``PhysxCpuSystem.step`` alone, the no-op baseline's apart.
+The process is pinned to one core. The rows add up to the total, because the time of a part excludes the parts inside
+it. The row for PhysX contains only ``PhysxCpuSystem.step``; the no-op baseline has its own row.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ clock = time.process_time
 
 
 class Stopwatch:
-    """CPU seconds by part; a part's own time is without that of parts inside it."""
+    """Measures CPU seconds by part; the time of a part excludes the parts inside it."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
@@ -37,7 +37,7 @@ class Stopwatch:
         self.is_running = False
 
     def timed(self, part: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The same function, its time noted."""
+        """Return a function that also records its CPU time."""
 
         def call(*args: Any, **kwargs: Any) -> Any:
             self._open.append([self._prefix + part, 0.0])
@@ -56,11 +56,11 @@ class Stopwatch:
         return call
 
     def rename(self, part: str) -> None:
-        """Give the part that is under way another name."""
+        """Rename the current part."""
         self._open[-1][0] = self._prefix + part
 
     def within(self, prefix: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The same function; parts inside it are noted under another name."""
+        """Return a function that records the parts inside it with a prefix."""
 
         def call(*args: Any, **kwargs: Any) -> Any:
             before, self._prefix = self._prefix, prefix
@@ -73,7 +73,7 @@ class Stopwatch:
 
 
 class TimedSystem:
-    """A PhysX system whose steps are noted."""
+    """A PhysX system whose steps are timed."""
 
     def __init__(self, system: Any, watch: Stopwatch) -> None:
         self._system = system
@@ -84,7 +84,7 @@ class TimedSystem:
 
 
 def instrument(watch: Stopwatch) -> None:
-    """Note the time of the loop's parts."""
+    """Measure the time of the parts of the episode loop."""
     building = HeadlessEnv.reset
     met: set[tuple[str, str]] = set()
 

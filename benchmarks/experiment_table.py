@@ -1,10 +1,10 @@
-"""Table of experiments in docs/results/generalization.md, from the JSON of `gensim2 experiment NAME --json FILE`.
+"""Write the tables of docs/results/generalization.md from the JSON of `gensim2 experiment NAME --json FILE`.
 
     python benchmarks/experiment_table.py FILE... --commit HASH   # takes the arms of these runs in, and writes tables
     python benchmarks/experiment_table.py                         # writes the tables from the figures that there are
 
-The figures stand in ``experiments.json`` beside this file, an entry an arm, with counts of each task: an arm takes the
-place of an earlier one of the same name and first seed.
+The results are stored in ``experiments.json`` in this folder: for each policy an entry with counts of each task. A
+policy replaces an earlier one with the same name and first seed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Arm = dict[str, Any]
 
 
 def arms_of(found: Mapping[str, Any], commit: str) -> list[Arm]:
-    """Return the policies of one run, without folders of the machine that it ran on."""
+    """Return the policies of one run, without paths of the machine."""
     return [
         {
             **{name: arm[name] for name in KEPT},
@@ -119,12 +119,12 @@ def draw(arms: Sequence[Arm], file: Path) -> None:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Return a key by which names are sorted as people count."""
+    """Return a sort key for names that orders numbers by value."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def main() -> None:
-    """Take runs in, and write the tables."""
+    """Store the results of runs, and write the tables."""
     given = runs_to_take_in(__doc__)
     figures = json.loads(FIGURES.read_text())["arms"] if FIGURES.exists() else []
     known = {(arm["name"], arm["seed"]): arm for arm in figures}

@@ -1,13 +1,13 @@
-"""Put what benchmarks found into the package's file of figures, from which tables, pages and `tasks show` are made.
+"""Store benchmark results in the package; tables, pages and `tasks show` use them.
 
 .venv/bin/python benchmarks/figures.py results/*.json
 .venv/bin/python benchmarks/figures.py --remake DIR --assets OBJECTS [--shown]     # run what DIR lacks, then put it in
 .venv/bin/python benchmarks/figures.py --page by_instance.html                     # each row by its episodes' objects
 
-Each file is what `gensim2 benchmark --json FILE` wrote. A row takes the place of one of the same task and condition;
-with `--only`, rows that no given file holds are dropped. The episodes of each row go into the archive, a line each.
-`--remake` makes the episodes of all rows anew, one command for those that share condition and seed; a command that was
-interrupted is gone on with.
+Each file is the output of `gensim2 benchmark --json FILE`. A row replaces an earlier row of the same task and
+condition; with `--only`, rows that no given file contains are removed. The archive stores the episodes of each row, one
+on a line. `--remake` repeats the episodes of all rows, with one command for all rows that share condition and seed; an
+interrupted command is continued.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class _Document(BaseModel):
 
 
 def rows_of(path: Path) -> list[Figure]:
-    """Return a row for each task of a benchmark; what the file itself says of rates is not looked at.
+    """Return a row for each task of a benchmark, computed from its episodes; rates in the file are ignored.
 
     Raises:
         InputError: as :func:`rows_with_episodes`.
@@ -79,7 +79,7 @@ def rows_with_episodes(path: Path) -> list[tuple[Figure, list[Episode]]]:
     """Return a row for each task of a benchmark, and the episodes that it counts.
 
     Raises:
-        InputError: it is no such file, or a task's episodes are not as many as its arguments say.
+        InputError: the file is not a benchmark result, or a task does not have the number of episodes in the arguments.
     """
     document = read_record(path, _Document, _REMEDY)
     given = document.arguments
@@ -98,7 +98,7 @@ def rows_with_episodes(path: Path) -> list[tuple[Figure, list[Episode]]]:
         rows.append((_row(task, Condition(**condition), given, document.provenance), task.records))
     if document.provenance is None or not rows:
         return rows
-    # The command without the folders of whoever ran it.
+    # The stored command must not contain paths of the user's machine.
     command = " ".join(("gensim2", *command_of([row for row, _ in rows], "OBJECTS")))
     source = document.provenance.model_copy(update={"command": command})
     return [(row.model_copy(update={"source": source}), episodes) for row, episodes in rows]
@@ -125,14 +125,14 @@ def _row(task: _Row, condition: Condition, given: _Arguments, source: Source | N
 
 
 def command_of(rows: Sequence[Figure], assets: str | None) -> list[str]:
-    """Words of the ``gensim2 benchmark`` that makes rows anew: of one condition, seed and number of episodes.
+    """Return the arguments of the ``gensim2 benchmark`` command that repeats rows of one condition and seed.
 
     Args:
-        rows: one a task.
-        assets: folder of the real objects; None where the rows are of generated ones.
+        rows: rows, one for each task.
+        assets: folder of the real objects; None for generated objects.
 
     Raises:
-        InputError: the rows are of real objects and there is no folder.
+        InputError: the rows have real objects, and no folder is given.
     """
     first, condition = rows[0], rows[0].condition
     if condition.objects == "real" and assets is None:
@@ -156,7 +156,7 @@ def command_of(rows: Sequence[Figure], assets: str | None) -> list[str]:
 
 
 def made_together(rows: Sequence[Figure]) -> list[list[Figure]]:
-    """Rows in groups that one command makes, in the order in which the first of each stands."""
+    """Group rows that one command can repeat, in the order of the first row of each group."""
     found: dict[tuple[Condition, int, int, int], list[Figure]] = {}
     for row in rows:
         found.setdefault((row.condition, row.seed, row.runs, row.episodes), []).append(row)
@@ -168,7 +168,7 @@ LOW = 0.5
 
 
 def page_by_instance(rows: Sequence[Figure]) -> str:
-    """HTML that draws each row by the objects that its episodes were run with; rows without them are counted."""
+    """Return an HTML page with the results of each row by object; rows without known objects are only counted."""
     known = [row for row in rows if row.instances]
     values = {"rows": known, "without": len(rows) - len(known), "low": LOW}
     pages = template("gensim2.core.pages", "base.html.j2").environment
@@ -198,25 +198,25 @@ those with a joint, (x, y, z) of the others at the end, m."""
 
 
 def archive_name(condition: Condition) -> str:
-    """Return the name of a condition's file: its words that differ from one condition to another."""
+    """Return the file name of a condition, built from the settings by which conditions differ."""
     words = [condition.physics, condition.objects, *condition.deviations]
     plain = "-".join(words).lower()
     return "".join(each if each.isalnum() or each in "-+=" else "_" for each in plain) + SUFFIX
 
 
 def archived(row: Figure, episodes: Sequence[Episode]) -> list[dict[str, str]]:
-    """Return the lines of a row's episodes, by column."""
+    """Return the columns of the archive lines of a row's episodes."""
     return [_line(row, index, episode) for index, episode in enumerate(episodes)]
 
 
 def put_into_archive(folder: Path, found: Iterable[tuple[Figure, Sequence[Episode]]]) -> list[Path]:
-    """Write the episodes of rows into their conditions' files, in place of older ones of the same task.
+    """Write the episodes of rows to the files of their conditions, replacing older episodes of the same task.
 
     Returns:
-        The files that were written.
+        Written files.
 
     Raises:
-        InputError: a file that is there is damaged.
+        InputError: an existing file is damaged.
     """
     files: dict[Path, dict[str, list[dict[str, str]]]] = {}
     for row, episodes in found:
@@ -235,10 +235,10 @@ def put_into_archive(folder: Path, found: Iterable[tuple[Figure, Sequence[Episod
 
 
 def read_archive(path: Path) -> list[dict[str, str]]:
-    """Return the lines of a file, by column.
+    """Return the columns of an archive file.
 
     Raises:
-        InputError: it cannot be read, or is no such file.
+        InputError: the file cannot be read, or is not an archive.
     """
     try:
         text = lzma.decompress(path.read_bytes()).decode()
@@ -283,7 +283,7 @@ def _joined(things: Iterable[ObjectRecord], openness: Callable[[ObjectRecord], f
 
 
 def main() -> None:
-    """Read the arguments and write the figures."""
+    """Read the arguments and store the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="*", help="JSON files of gensim2 benchmark")
     parser.add_argument("--only", action="store_true", help="keep no other rows")
@@ -311,7 +311,7 @@ def main() -> None:
 
 
 def put_in(results: Sequence[Path], out: Path, archive: Path, only: bool) -> None:
-    """Put the rows of benchmarks into the file of figures, and their episodes into the archive."""
+    """Store the rows of benchmarks in the file of results, and their episodes in the archive."""
     counted = [pair for path in results for pair in rows_with_episodes(path)]
     rows = [row for row, _ in counted]
     fresh = only or not out.exists()
@@ -326,7 +326,7 @@ def put_in(results: Sequence[Path], out: Path, archive: Path, only: bool) -> Non
 
 
 def remade(rows: Sequence[Figure], folder: Path, assets: str | None, shown: bool) -> list[Path]:
-    """Run the benchmarks of rows whose JSON is not in ``folder``; return the files, none where they are but shown."""
+    """Run the benchmarks of rows whose JSON is not in ``folder``; return the files. With ``shown`` only print them."""
     commands = [command_of(group, assets) for group in made_together(rows)]
     found = []
     for words in commands:

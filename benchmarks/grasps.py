@@ -1,11 +1,10 @@
-"""Grasps of the rigid objects in physics: does the best-ranked one lift an object, and does it hold?
+"""Test in simulation whether the best-ranked grasp of each rigid object lifts and holds the object.
 
     python benchmarks/grasps.py [--robot panda] [--objects mug bowl] [--poses 20] [--seed 0] [--workers 2] [--json OUT]
 
-Each object lies at rest on the table, at places and yaws drawn within the robot's reach. The best-ranked grasp for
-which a motion exists is executed as planned: approach, close, lift. It counts where the object's centre of mass is
-10 cm above where it was during the whole of the 2 s that follow, and both fingers touch it at the end. The hand rises
-by 15 cm.
+Each object rests on the table at random positions and yaws within the robot's reach. The best-ranked grasp that can be
+planned is executed: approach, close, lift by 15 cm. The grasp succeeds if the object's centre of mass stays at least 10
+cm above its start for the next 2 s, and both fingers touch the object at the end.
 """
 
 from __future__ import annotations
@@ -103,11 +102,11 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
 
     @property
     def object_pose(self) -> Array:
-        """(4, 4) object in the world."""
+        """Return the pose (4, 4) of the object in the world frame."""
         return np.asarray(self.object.pose.sp.to_transformation_matrix(), dtype=np.float64)
 
     def touching(self) -> tuple[bool, bool]:
-        """Whether each finger touches the object."""
+        """Return, for each finger, whether it touches the object."""
         forces = [
             self.scene.get_pairwise_contact_forces(self.agent.robot.links_map[name], self.object).norm()
             for name in self.robot.gripper.pads
@@ -117,7 +116,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
 
 @dataclass(frozen=True)
 class Lift:
-    """Outcome of one lift: an object in a pose; ``cause`` is "held", or what went wrong."""
+    """Result of lifting an object from one pose; ``cause`` is "held", or the cause of the failure."""
 
     name: str
     pose: int
@@ -132,7 +131,7 @@ class Lift:
 
 
 def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tuple[float, float, float]:
-    """x, y in the world and yaw of an object."""
+    """Draw position x, y (world frame, m) and yaw (rad) of an object."""
     random = rng(seed, f"grasps/{name}", episode)
     distance = STANDARD_REGION.comfortable + random.uniform(*DISTANCE)
     angle = random.uniform(*ANGLE)
@@ -141,7 +140,7 @@ def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tupl
 
 
 def lift(robot_name: str, name: str, seed: int, episode: int) -> dict[str, Any]:
-    """Plan and execute one grasp of an object in the pose of this number."""
+    """Plan and execute a grasp of an object in the pose with a number."""
     return asdict(_lift(robot(robot_name), open_library("builtin").load_rigid(name), seed, episode))
 
 
@@ -159,7 +158,7 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
         T_world_table = np.eye(4)
         T_world_table[2, 3] = -HALF_SIZE[2]
         table = kpam.Body("table", "table", [kpam.Shape.convex_hull(corners())], T_base_world @ T_world_table)
-        # PhysX takes the mean.
+        # PhysX uses the mean of both friction coefficients.
         options: kpam.GraspOptions = {"friction": (profile.gripper.friction + rigid.friction) / 2}
         scene = kpam.Scene(profile.model, [table, body])
         began = time.process_time()
@@ -182,13 +181,13 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
 
 
 def press(profile: RobotProfile) -> float:
-    """Target (m) of a finger joint with which it presses."""
+    """Return the target (m) at which a finger joint presses."""
     assert isinstance(profile.gripper, SlidingGripper)
     return profile.gripper.closed
 
 
 def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) -> tuple[str, float]:
-    """Run a pick; returns what became of it and how far the centre of mass was raised at least while holding (m)."""
+    """Execute a grasp; return its result, and the minimum height (m) of the centre of mass while holding."""
     trajectory = plan.trajectory
     assert trajectory is not None
     profile, pressed = env.robot, press(env.robot)
@@ -235,13 +234,13 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
 
 
 def interval(count: int, total: int) -> str:
-    """Share with its 95 % interval (Wilson)."""
+    """Return a rate with its 95 % Wilson interval, as text."""
     low, high = binomtest(count, total).proportion_ci(method="wilson")
     return f"{count / total:.3f} ({low:.3f} to {high:.3f})"
 
 
 def report(results: list[dict[str, Any]]) -> None:
-    """Print the table."""
+    """Print the table of results."""
     print("| object | held | what went wrong | grasps | rank taken |\n|---|---|---|---|---|")
     for name in dict.fromkeys(r["name"] for r in results):
         mine = [r for r in results if r["name"] == name]
@@ -263,7 +262,7 @@ def report(results: list[dict[str, Any]]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns 1 where less than 0.9 are held."""
+    """Run the command line; return 1 if the success rate is below 0.9."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", choices=robot_names(), default=DEFAULT_ROBOT)
     parser.add_argument("--objects", nargs="*", default=list(open_library("builtin").classes("rigid")))

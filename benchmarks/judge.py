@@ -1,4 +1,4 @@
-"""Whether bodies that may not touch keep apart along a motion, looked at so finely that nothing slips through."""
+"""Check that bodies stay apart along a motion, with samples so dense that no collision is missed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MARGIN_TOLERANCE = 4e-4
 
 @dataclass
 class Pair:
-    """Two bodies and where along the motion they are judged, (M,) of bool."""
+    """Two bodies, and a mask (M,) of the samples at which they are checked."""
 
     one: Moved
     two: Moved
@@ -32,7 +32,7 @@ class Pair:
 
 @dataclass
 class Overlap:
-    """Two bodies that are ``depth`` metres inside each other at a sample of the motion."""
+    """Two bodies that overlap by ``depth`` (m) at a sample of the motion."""
 
     one: str
     two: str
@@ -40,12 +40,12 @@ class Overlap:
     sample: int
 
     def describe(self, times: Array) -> str:
-        """In words."""
+        """Describe the overlap as text."""
         return f"{self.one} is {1e3 * self.depth:.1f} mm inside {self.two} at {times[self.sample]:.3f} s"
 
 
 def corners(arm: Mechanism, q: Array) -> Array:
-    """Extreme points (M, K, 3) of every link that moves, in the base frame, at joint vectors (M, n)."""
+    """Return extreme points (M, K, 3) of all moving links in the base frame, at joint vectors (M, n)."""
     placed = arm.place(q)
     found = []
     for name in arm.moving_links:
@@ -53,20 +53,20 @@ def corners(arm: Mechanism, q: Array) -> Array:
         low, high = points.min(axis=0), points.max(axis=0)
         box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         found.append(box @ placed[name][:, :3, :3].transpose(0, 2, 1) + placed[name][:, None, :3, 3])
-    # A hand without shapes still counts with its origin.
+    # A hand without collision shapes is represented by its origin.
     found.append(placed[arm.hand_link][:, None, :3, 3])
     return np.concatenate(found, axis=1)
 
 
 def largest_moves(arm: Mechanism, q: Array) -> Array:
-    """Return the largest displacement of a corner between neighbours of (M, n) joint vectors, (M - 1,) metres."""
+    """Return the largest displacement (M - 1,) of a corner between consecutive joint vectors (M, n), m."""
     placed = corners(arm, q)
     moved = np.diff(placed, axis=0)
     return np.sqrt(np.einsum("mki,mki->mk", moved, moved).max(axis=1))
 
 
 def refine(arm: Mechanism, times: Array, path: Array, step: float = STEP) -> tuple[Array, Array]:
-    """Points of the polyline such that no corner of a link moves more than ``step`` from one to the next."""
+    """Sample a polyline so densely that no corner of a link moves more than ``step`` (m) between samples."""
     # A chord underestimates an arc, so take more and look again at what is left.
     counts = np.maximum(1, np.ceil(1.2 * largest_moves(arm, path) / step).astype(int))
     while True:
@@ -83,20 +83,20 @@ def refine(arm: Mechanism, times: Array, path: Array, step: float = STEP) -> tup
 
 
 def thin(arm: Mechanism, path: Array, step: float = STEP) -> Array:
-    """Numbers of those points of a finely sampled curve that lie about half of ``step`` apart, the ends included."""
+    """Return the indices of points of a curve that are about half of ``step`` (m) apart, including both ends."""
     travelled = np.concatenate([[0.0], np.cumsum(largest_moves(arm, path))])
     kept = np.flatnonzero(np.diff(np.floor(2.0 * travelled / step), prepend=-1.0))
     return np.union1d(kept, [len(path) - 1])
 
 
 def judge(pair: Pair, cutoff: float = CUTOFF) -> tuple[Overlap | None, float, int]:
-    """Look at two bodies along a motion.
+    """Check two bodies along a motion.
 
-    What overlaps at the first sample may persist, not deepen, until it has come apart.
+    Bodies that overlap at the first sample may stay in contact, but not deeper, until they separate.
 
     Returns:
-        An overlap beyond ``PENETRATION_TOLERANCE``, the least signed distance (``cutoff`` where nothing is nearer),
-        and the sample where that occurs.
+        An overlap beyond ``PENETRATION_TOLERANCE``, the minimum signed distance (at most ``cutoff``, m), and its
+        sample.
     """
     samples = np.flatnonzero(pair.judged)
     least, at = cutoff, -1
@@ -120,9 +120,9 @@ def judge(pair: Pair, cutoff: float = CUTOFF) -> tuple[Overlap | None, float, in
 
 
 def too_near(pair: Pair, legs: Sequence[Array], margin: float) -> Overlap | None:
-    """The first leg of a motion in which two bodies come nearer to each other than they may.
+    """Return the first segment of a motion in which two bodies come too close.
 
-    In each leg they keep ``margin``, or what they have where it begins or ends if that is less.
+    In each segment the bodies keep ``margin``, or their distance at the segment's start or end if it is smaller.
 
     Args:
         pair: the bodies, and where they are judged.
@@ -130,7 +130,7 @@ def too_near(pair: Pair, legs: Sequence[Array], margin: float) -> Overlap | None
         margin: metres.
 
     Returns:
-        How near they come, as a negative depth, and the sample where that is.
+        The distance as a negative depth, and its sample.
     """
     for leg in legs:
         samples = leg[pair.judged[leg]]

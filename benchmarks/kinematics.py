@@ -1,9 +1,9 @@
-"""Forward kinematics and the hand's Jacobian: ours in a batch call against Pinocchio, in turn on one core.
+"""Compare batched forward kinematics and the hand's Jacobian with Pinocchio, alternately on one core.
 
     python benchmarks/kinematics.py [--count 100000] [--repeats 5]
 
-Prints microseconds of CPU a configuration (medians), their ratio, and the largest disagreement. Pinocchio is called
-from Python, one configuration a call, which adds its binding's overhead of some tenths of a microsecond.
+The script prints the CPU microseconds for a configuration (medians), their ratio, and the largest difference. Pinocchio
+is called from Python for each configuration, which adds some tenths of a microsecond for each call.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ Array = np.ndarray
 
 
 def spent_us(work: Callable[[], object], count: int) -> float:
-    """CPU microseconds of ``work`` divided by ``count``."""
+    """Return the CPU microseconds of ``work`` divided by ``count``."""
     begin = time.process_time()
     work()
     return 1e6 * (time.process_time() - begin) / count
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns 1 where the two disagree by more than 1e-9."""
+    """Run the command line; return 1 if the results differ by more than 1e-9."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=100_000, help="configurations a call")
     parser.add_argument("--repeats", type=int, default=5)

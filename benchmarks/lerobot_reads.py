@@ -1,4 +1,4 @@
-"""Do LeRobot's own loader, editing tools and visualizer take an export? Run by a Python that has LeRobot.
+"""Test an export with LeRobot's loader, editing tools and visualizer; run this script with a Python that has LeRobot.
 
     uv venv lerobot --python 3.11
     uv pip install --python lerobot/bin/python torch==2.13.0 torchvision torchcodec accelerate safetensors einops \\

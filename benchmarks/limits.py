@@ -1,4 +1,4 @@
-"""Do commands pass a limit? Random and hostile targets through the deployed limits, judged by NumPy and coal.
+"""Test that commands never exceed a limit: random and hostile targets, checked with NumPy and coal.
 
     python benchmarks/limits.py [--actions 1000000] [--seed 0] [--speed 0.1] [--robot panda|fr3] [--json OUT]
 
@@ -42,7 +42,7 @@ BLOCK = 20_000
 
 @dataclass(frozen=True)
 class Published:
-    """Limits of an arm as its maker publishes them; nothing is asked of the code that is judged.
+    """Published limits of an arm, independent of the tested code.
 
     Attributes:
         velocity, acceleration, jerk, lower, upper: (7,) rad/s, rad/s^2, rad/s^3, rad.
@@ -88,7 +88,7 @@ PUBLISHED = {
 
 
 def hostile(count: int, draw: np.random.Generator, start: Array, arm: Published) -> Iterator[Array]:
-    """Targets, (7,) each; a kind of nastiness lasts up to two seconds."""
+    """Yield hostile targets (7,); each kind lasts up to two seconds."""
     sent = 0
     here = start.copy()
     while sent < count:
@@ -142,7 +142,7 @@ def commands(count: int, seed: int, speed: float, name: str, margin: float) -> t
 def judge(
     q: Array, speed: float, margin: float, tool_speed: float, clearance: float, name: str = "panda"
 ) -> dict[str, Any]:
-    """Shares of the limits that commands used at most, and how many passed each.
+    """Return the maximum fraction of each limit that commands used, and the number of commands beyond each limit.
 
     Args:
         q: (N, 7) joint positions, one cycle apart; the arm is at rest at the first position before the start.
@@ -195,7 +195,7 @@ def judge(
 
 
 def run(actions: int, seed: int, speed: float, name: str = "panda", margin: float = 0.1) -> dict[str, Any]:
-    """Figures of so many hostile targets."""
+    """Return the results for a number of hostile targets."""
     q, told, cost = commands(actions, seed, speed, name, margin)
     found = judge(q, speed, margin, speed * 1.7, 0.005, name)
     return {

@@ -1,9 +1,9 @@
-"""Memory of one process over a million inverse kinematics queries and 20,000 plans: it has to stay flat.
+"""Test that memory does not grow over a million inverse kinematics queries and 20,000 plans in one process.
 
     python benchmarks/memory.py [--queries 1000000] [--plans 20000] [--reports 10]
 
-Prints the resident memory (MB) as it goes and, last, by how much it grew after the first tenth of each part, when
-caches are full. Ends with 1 where that is more than ``--max-growth`` MB.
+The script prints the resident memory (MB) and, at the end, its growth after the first tenth of each part, when caches
+are full. The exit code is 1 if the growth exceeds ``--max-growth`` MB.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ CONFIG: dict[str, Any] = {
 
 
 def resident_mb() -> float:
-    """Resident memory of this process, MB."""
+    """Return the resident memory of this process, MB."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("VmRSS:"):
             return float(line.split()[1]) / 1024.0
@@ -54,7 +54,7 @@ def resident_mb() -> float:
 
 
 def problems(robot: kpam.Robot, count: int, options: kpam.Options) -> list[kpam.KeypointProblem]:
-    """Goals about a block on a table; what stands is shared."""
+    """Return planning problems with goals near a block on a table; all problems share the obstacles."""
     draw = seeding.rng(0, "memory")
     table, block = np.eye(4), np.eye(4)
     table[:3, 3], block[:3, 3] = [0.6, 0.0, -0.025], [0.45, 0.25, 0.1]
@@ -81,7 +81,7 @@ def problems(robot: kpam.Robot, count: int, options: kpam.Options) -> list[kpam.
 
 
 def watch(name: str, count: int, reports: int, call: Callable[[int], object]) -> float:
-    """Call so many times, print the memory now and then; by how much it grew after the first tenth, MB."""
+    """Make ``count`` calls and print the memory at intervals; return its growth after the first tenth, MB."""
     settled = 0.0
     step = max(1, count // reports)
     for done in range(1, count + 1):
@@ -94,7 +94,7 @@ def watch(name: str, count: int, reports: int, call: Callable[[int], object]) ->
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--queries", type=int, default=1_000_000, help="inverse kinematics queries")
     parser.add_argument("--plans", type=int, default=20_000)

@@ -1,4 +1,4 @@
-"""Convex parts for coal, and the least distance of two bodies along a motion."""
+"""Provide convex parts for coal, and compute the minimum distance of two bodies along a motion."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ CHUNK = 128
 
 
 def transform(pose: Array) -> coal.Transform3s:
-    """(4, 4) as coal's transform."""
+    """Convert a pose (4, 4) to coal's transform."""
     return coal.Transform3s(np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3]))
 
 
 def hull(points: Array) -> coal.ConvexBase | None:
-    """Convex hull of (N, 3) points; a flat set is thickened to 0.5 mm; None where there is no area."""
+    """Return the convex hull of points (N, 3). Flat sets are thickened to 0.5 mm; sets without area give None."""
     if len(points) < 3:
         return None
     center = points.mean(axis=0)
@@ -91,13 +91,13 @@ REQUEST.enable_nearest_points = True
 
 
 def shape_distance(one: Any, at_one: Any, two: Any, at_two: Any) -> float:
-    """Signed distance in metres of two convex shapes; minus the penetration depth where they overlap."""
+    """Return the signed distance (m) of two convex shapes: the negative penetration depth if they overlap."""
     return float(coal.distance(one, at_one, two, at_two, REQUEST, coal.DistanceResult()))
 
 
 @dataclass
 class Moved:
-    """A body along a motion: its poses are (M, 4, 4), or (1, 4, 4) where it stands still."""
+    """A body along a motion, with poses (M, 4, 4), or (1, 4, 4) if it does not move."""
 
     name: str
     parts: list[Part]
@@ -105,7 +105,7 @@ class Moved:
 
 
 def inverted(poses: Array) -> Array:
-    """Inverses of rigid poses (M, 4, 4)."""
+    """Return the inverses of rigid poses (M, 4, 4)."""
     out = np.zeros_like(poses)
     out[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
     out[:, :3, 3] = -(out[:, :3, :3] @ poses[:, :3, 3, None])[..., 0]
@@ -114,12 +114,12 @@ def inverted(poses: Array) -> Array:
 
 
 def least_distance(one: Moved, two: Moved, samples: Array, cutoff: float) -> tuple[float, int] | None:
-    """The least signed distance of two bodies over some samples of a motion, where it is below ``cutoff``.
+    """Return the minimum signed distance of two bodies over samples of a motion, if it is below ``cutoff``.
 
     Args:
         one, two: the bodies; the first one moves.
         samples: (K,) increasing sample numbers.
-        cutoff: what is not nearer than this does not count, metres.
+        cutoff: maximum distance that is reported, m.
 
     Returns:
         Distance in metres, up to ``RESOLUTION``, and the sample where it occurs.

@@ -1,4 +1,4 @@
-"""Independent kinematics, geometry and collision: Pinocchio, trimesh and coal. Nothing here knows gensim2's solver.
+"""Provide independent kinematics, geometry and collision checks by Pinocchio, trimesh and coal, without gensim2.
 
 Frames and units as in the problem files: metres, radians, poses (4, 4), everything in the robot base frame.
 """
@@ -34,7 +34,7 @@ def panda_files() -> tuple[Path, Path]:
 
 
 class Arm(Mechanism):
-    """The Panda, with Pinocchio's model of it."""
+    """The Panda as a Pinocchio model."""
 
     def __init__(self) -> None:
         urdf, srdf = panda_files()
@@ -44,7 +44,7 @@ class Arm(Mechanism):
         self.hand = self.model.getFrameId("panda_hand")
 
     def hand_pose(self, q: Array) -> Array:
-        """Pose of ``panda_hand``, (4, 4)."""
+        """Return the pose (4, 4) of ``panda_hand``."""
         pin.framesForwardKinematics(self.model, self.data, q)
         return self.data.oMf[self.hand].homogeneous.copy()
 
@@ -125,12 +125,12 @@ def object_obstacles(
 
 
 def _turn(angle: float) -> Array:
-    """Pinocchio's continuous joints are (cos, sin)."""
+    """Return an angle as (cos, sin), as Pinocchio represents continuous joints."""
     return np.array([np.cos(angle), np.sin(angle)])
 
 
 def pose_from(position: Any, quaternion: Any) -> Array:
-    """(4, 4) from a position and a quaternion (w, x, y, z)."""
+    """Return the pose (4, 4) of a position and a quaternion (w, x, y, z)."""
     w, x, y, z = quaternion
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized(), np.asarray(position, dtype=float)).homogeneous
 

@@ -1,4 +1,4 @@
-"""Random whole problems on six arms, every plan looked at by other code.
+"""Plan random problems on six arms, and check every plan with independent code.
 
     python benchmarks/random_plans.py [--problems 20000] [--first 0] [--json OUT]
 

@@ -1,7 +1,7 @@
-"""Any emitted trajectory against its problem, by other code than the planner's: limits, mimics, ends, collisions.
+"""Check a trajectory against its problem with independent code: limits, mimic joints, ends, collisions.
 
-The problem comes as plain values (:class:`Question`), so that nothing of the planner's own reading is trusted. Rates
-are finite differences of positions alone. Collisions are looked for at steps of 1 mm of any corner of any link.
+The problem is given as plain values (:class:`Question`), so the check does not depend on the planner's parser. Rates
+are finite differences of positions. Collisions are checked at steps in which no corner of a link moves more than 1 mm.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SAMPLE_STEP, FEWEST, MOST = 2e-3, 400, 6000
 
 
 class Motion(Protocol):
-    """Motion as the planner emits it."""
+    """Motion that the planner returned."""
 
     @property
     def times(self) -> Array: ...
@@ -83,7 +83,7 @@ class Answer:
 
 @dataclass
 class Verdict:
-    """Verdict: correct where ``errors`` is empty."""
+    """Result of a check; the motion is correct if ``errors`` is empty."""
 
     errors: list[str] = field(default_factory=list)
     looks: int = 0
@@ -91,7 +91,7 @@ class Verdict:
 
 
 def answer_of(plan: Any) -> Answer:
-    """The emitted plan as plain values."""
+    """Convert a plan to plain values."""
     frames = [
         (each["label"], each["time"], np.asarray(each["T_base_hand"]), each["reached"]) for each in plan.keyframes
     ]
@@ -100,7 +100,7 @@ def answer_of(plan: Any) -> Answer:
 
 
 def fine_samples(motion: Motion) -> tuple[Array, Array]:
-    """Times (M,) and positions (M, n) at even steps of time."""
+    """Return times (M,) and positions (M, n) at even time steps."""
     count = int(np.clip(motion.duration / SAMPLE_STEP, FEWEST, MOST))
     step = motion.duration / count
     positions = motion.sample_every(step * (1.0 + 1e-12))[: count + 1]
@@ -108,7 +108,7 @@ def fine_samples(motion: Motion) -> tuple[Array, Array]:
 
 
 def recheck(question: Question, answer: Answer) -> Verdict:
-    """Find all that is wrong with an emitted motion."""
+    """Return all errors of a motion."""
     verdict = Verdict()
     times, q = fine_samples(answer.motion)
     if q.shape[1:] != question.q_start.shape or not np.isfinite(q).all():
@@ -124,7 +124,7 @@ def recheck(question: Question, answer: Answer) -> Verdict:
 
 
 def start_errors(question: Question, first: Array) -> list[str]:
-    """A start that is not the present one."""
+    """Return an error if the motion does not begin at the start of the problem."""
     off = np.abs(first - question.q_start)
     return [f"starts {off[j]:.2e} from q_start at {name}" for j, name in named(question, off > ROUNDING)]
 
@@ -203,7 +203,7 @@ def acts(question: Question, answer: Answer) -> list[str]:
 
 
 def keyframe_errors(question: Question, answer: Answer) -> list[str]:
-    """Keyframes that are missed, out of order, or claimed and not reached."""
+    """Return errors of keyframes that are missing, out of order, or wrongly reported as reached."""
     errors, last = let_go_errors(question, answer), -np.inf
     for label, time, pose, reached in answer.keyframes:
         if not reached:
@@ -222,7 +222,7 @@ def keyframe_errors(question: Question, answer: Answer) -> list[str]:
 
 
 def let_go_errors(question: Question, answer: Answer) -> list[str]:
-    """A hand that does not move back as it should from where it lets go."""
+    """Return errors of the retreat after the release."""
     if question.let_go == 0.0:
         return [f"{label}, which was not asked for" for label, *_ in answer.keyframes if label == "let_go"]
     (_, _, before, _), (label, _, after, _) = answer.keyframes[-2:]
@@ -233,7 +233,7 @@ def let_go_errors(question: Question, answer: Answer) -> list[str]:
 
 
 def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict: Verdict) -> list[str]:
-    """Every pair that is inside each other where it may not be."""
+    """Return errors for forbidden overlaps."""
     arm = question.arm
     kept = thin(arm, q)
     # Legs end at keyframes, to the microsecond.
@@ -265,7 +265,7 @@ def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict
 def margin_errors(
     pair: Pair, legs: Sequence[Array], margin: float, nearer: set[frozenset[str]], times: Array
 ) -> list[str]:
-    """Two bodies that come nearer to each other than they may, or than the plan says."""
+    """Return errors for bodies that come closer than permitted, or closer than the plan reports."""
     least = least_distance(pair.one, pair.two, np.flatnonzero(pair.judged), margin)
     if least is None:
         return []
@@ -279,7 +279,7 @@ def margin_errors(
 
 
 def deep_errors(pair: Pair, depth: float, times: Array) -> list[str]:
-    """A contact that is deeper than it may be, and deeper than at the start."""
+    """Return errors for contacts that are deeper than permitted and deeper than at the start."""
     allowed = -depth - MARGIN_TOLERANCE
     begun = least_distance(pair.one, pair.two, np.array([0]), allowed)
     allowed = allowed if begun is None else begun[0] - MARGIN_TOLERANCE
@@ -340,5 +340,5 @@ def angles(arms: Array, axis: Array) -> Array:
 
 
 def named(question: Question, which: Array) -> list[tuple[int, str]]:
-    """Joints by place and name."""
+    """Return joints by index and name."""
     return [(int(j), question.arm.joint_names[j]) for j in np.flatnonzero(which)]

@@ -1,4 +1,4 @@
-"""Requirements of a solver config, derived from the problem file alone: keyframes, constraints, cost, limits."""
+"""Derive the requirements of a solver config from the problem file: keyframes, constraints, cost, limits."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ NAMED = {
 
 
 def rotation(axis: str, angle: float) -> Array:
-    """(3, 3) about a coordinate axis."""
+    """Return the rotation matrix (3, 3) about a coordinate axis."""
     vector = np.eye(3)["xyz".index(axis)]
     cross = np.array([[0, -vector[2], vector[1]], [vector[2], 0, -vector[0]], [-vector[1], vector[0], 0]])
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
 def angle_between(one: Array, two: Array) -> float:
-    """Angle in rad of two rotations or of two vectors."""
+    """Return the angle (rad) between two rotations or two vectors."""
     if one.ndim == 2:
         difference = one.T @ two
         skew = [
@@ -90,7 +90,7 @@ def expected_keyframes(problem: dict[str, Any], T_base_hand: Array, frames: str)
 
 
 def constraint_errors(problem: dict[str, Any], T_base_hand: Array) -> list[str]:
-    """Every constraint of the config that a hand pose leaves, in words."""
+    """Return a message for each constraint of the config that a hand pose violates."""
     turn, origin = T_base_hand[:3, :3], T_base_hand[:3, 3]
     tool = {name: turn @ point + origin for name, point in problem["tool_keypoints_hand"].items()}
     target = {name: np.asarray(point) for name, point in problem["object_keypoints_base"].items()}
@@ -119,7 +119,7 @@ def constraint_errors(problem: dict[str, Any], T_base_hand: Array) -> list[str]:
 
 
 def pose_cost(problem: dict[str, Any], arm: Arm, q: Array) -> float:
-    """The original's cost of an actuation pose."""
+    """Return the original GenSim2's cost of an actuation pose."""
     current = np.asarray(problem["q_current"])
     here, there = arm.hand_pose(current), arm.hand_pose(q)
     weights = np.array([10.0] + [1.0] * 8)
@@ -128,7 +128,7 @@ def pose_cost(problem: dict[str, Any], arm: Arm, q: Array) -> float:
 
 
 def limit_errors(arm: Arm, q: Array, what: str) -> list[str]:
-    """Joints that leave their limits; q is (9,) or (N, 9)."""
+    """Return errors for joints outside their limits; ``q`` is (9,) or (N, 9)."""
     over = np.maximum(arm.lower - q, q - arm.upper).reshape(-1, len(arm.lower)).max(axis=0)
     return [
         f"{what}: joint {index + 1} leaves its limits by {over[index]:.4f}"
@@ -137,7 +137,7 @@ def limit_errors(arm: Arm, q: Array, what: str) -> list[str]:
 
 
 def between(keyframes: list[Keyframe], time: float) -> tuple[Keyframe, Keyframe] | None:
-    """The keyframes around a time; None before the first one."""
+    """Return the keyframes before and after a time; None before the first keyframe."""
     for one, two in pairwise(keyframes):
         if one.time <= time <= two.time:
             return one, two
@@ -145,7 +145,7 @@ def between(keyframes: list[Keyframe], time: float) -> tuple[Keyframe, Keyframe]
 
 
 def off_path(one: Keyframe, two: Keyframe, position: Array) -> float:
-    """Distance in metres of a point from the straight line, or the arc, between two keyframes' hand origins."""
+    """Return the distance (m) of a point from the line or arc between the hand origins of two keyframes."""
     start, end = one.pose[:3, 3], two.pose[:3, 3]
     if two.turn is None:
         along = end - start
