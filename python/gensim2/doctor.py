@@ -172,7 +172,10 @@ def _versions(packages: Sequence[str]) -> str:
 
 
 def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:
-    """Check whether a language model answers; send nothing if no endpoint is configured."""
+    """Check whether a language model answers; without an endpoint nothing is sent.
+
+    A model that the user names and that does not answer counts as missing.
+    """
     name, without = "Language model", "the offline designer works without"
     absent = [each for each in ("openai", "json_repair") if importlib.util.find_spec(each) is None]
     if absent:
@@ -195,9 +198,12 @@ def language_model(model: str | None = None, base_url: str | None = None, config
         asked = ModelQuestion("doctor", "", (Message("user", "Answer with the one word: yes"),), {"type": "object"})
         answer = client.ask(asked)
     except GenSim2Error as error:
-        return Check(name, "limited", str(error), without)
-    said = answer.problem or f"{options.model} at {client.endpoint} answers"
-    return Check(name, "limited" if answer.problem else "ok", said)
+        remedy = "start the server, and check the model's name, --base-url and the key"
+        return Check(name, "limited" if options.model == "any" else "missing", str(error), f"{remedy}; {without}")
+    if answer.problem:
+        remedy = "raise max_tokens in --model-config, or choose another model"
+        return Check(name, "missing", f"{options.model} at {client.endpoint}: {answer.problem}", remedy)
+    return Check(name, "ok", f"{options.model} at {client.endpoint} answers")
 
 
 def _python() -> Check:

@@ -80,5 +80,7 @@ def test_a_language_model_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
         assert [asked.prompt for asked in server.asked] == ["Answer with the one word: yes"]
         server.key = KEY
         refused = language_model("test-model", server.url)
-    assert (refused.status, "$OPENAI_API_KEY: is not set" in refused.value) == ("limited", True)
-    assert "cannot be reached" in language_model("test-model", server.url).value
+    assert (refused.status, "$OPENAI_API_KEY: is not set" in refused.value) == ("missing", True)
+    gone = language_model("test-model", server.url)
+    assert (gone.status, "cannot be reached" in gone.value) == ("missing", True)
+    assert "start the server" in gone.remedy

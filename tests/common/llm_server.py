@@ -86,10 +86,14 @@ Script = Callable[[Asked], str]
 
 @dataclass
 class ModelServer:
-    """A context manager that answers by ``script``; each of ``faults`` replaces one answer, in order."""
+    """A context manager that answers by ``script``; each of ``faults`` replaces one answer, in order.
+
+    Requests for which ``broken`` returns True get the status 500.
+    """
 
     script: Script
     faults: deque[Fault] = field(default_factory=deque)
+    broken: Callable[[dict[str, Any]], bool] = lambda body: False
     key: str | None = KEY
     finish: str = "stop"
     asked: list[Asked] = field(default_factory=list)
@@ -143,6 +147,9 @@ class ModelServer:
         self.requests += 1
         data = handler.rfile.read(int(handler.headers["Content-Length"]))
         if self.faults and self._faulty(handler, self.faults.popleft()):
+            return
+        if self.broken(json.loads(data)):
+            _send(handler, 500, SERVER_ERROR.body)
             return
         if not self._knows(handler):
             return

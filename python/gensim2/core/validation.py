@@ -49,5 +49,11 @@ def input_error(
         return InputError("unknown field", file=file, field=field, remedy=remedy or rename)
     if first["type"] == "value_error":
         return InputError(str(first["ctx"]["error"]), file=file, field=field, remedy=remedy)
+    if first["type"] in ("too_short", "too_long"):
+        least = first["type"] == "too_short"
+        bound, found = first["ctx"]["min_length" if least else "max_length"], first["ctx"].get("actual_length")
+        entries = "entry" if bound == 1 else "entries"
+        message = f"needs at {'least' if least else 'most'} {bound} {entries}" + (f", not {found}" if found else "")
+        return InputError(message, file=file, field=field, remedy=remedy)
     message = first["msg"][:1].lower() + first["msg"][1:]
     return InputError(message, file=file, field=field, remedy=remedy)

@@ -2,21 +2,50 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from gensim2.design.pictures import LazyPicture
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject, Kind
 from gensim2.objects.words import noun
+from gensim2.rollout.container import inner_box
+
+Array = npt.NDArray[np.float64]
+Triple = tuple[float, float, float]
 
 JointType = Literal["revolute", "prismatic"]
 
 INSIDE = "inside"
 """Substring of the name of a container's measured keypoint."""
+
+PLACES = (INSIDE, "above", "bottom", "surface")
+"""Substrings of the name of a measured keypoint at which an object can be put."""
+
+
+MOVES = 0.005
+"""Distance in metres by which a keypoint must move during a fifth of the joint's range to have an opening direction."""
+
+
+@dataclass(frozen=True)
+class KeypointFacts:
+    """Geometry at a keypoint in the default placement with the joint at its mean start; means over instances.
+
+    Attributes:
+        position: (3,) metres in the world.
+        opening: (3,) unit direction in the world in which the keypoint moves as the joint opens; None if it does not.
+        part: (3,) extents in metres along the world's axes of the convex part nearest to the keypoint.
+    """
+
+    position: Triple
+    opening: Triple | None
+    part: Triple
 
 
 @dataclass(frozen=True)
@@ -30,17 +59,19 @@ class Affordance:
         description: phrase that describes the class.
         size: (3,) extents in metres in the resting pose with the joint at zero: depth (away from the robot), width,
             height.
-        mass: mean mass, kg.
-        keypoints: description of each keypoint that all sampled instances have, by name. The last is the measured
-            keypoint, which distance criteria use.
-        lever_arms: distance in metres from the joint axis of each keypoint on the moving link, by name; zero for a
-            prismatic joint, empty for a rigid object.
-        joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object.
+        mass: kg.
+        keypoints: description by name, for the keypoints that every sampled instance has. The last one is the measured
+            keypoint; distance criteria use it.
+        lever_arms: distance in metres from the joint axis by keypoint name, for the keypoints on the moving link; zero
+            for a prismatic joint, empty for a rigid object.
+        joint_type: ``"revolute"`` or ``"prismatic"``, whichever more of the instances have; None for a rigid object.
+            All values of the joint are those of instances of this type.
         joint_range: lower and upper joint limit, rad or m, at openness 0 and 1.
         joint_axis: ``"vertical"`` or ``"level"``: direction of the hinge axis, or of the motion of a prismatic joint.
         default_openness: mean openness at the start of an episode.
         grip_width: distance in metres between the fingertips that hold a rigid object across its narrowest side.
-        picture: picture of one instance with labelled keypoints, or None.
+        picture: picture of one instance with its keypoints named, or None.
+        samples: the articulated instances that the values summarize.
     """
 
     asset_class: str
@@ -57,6 +88,7 @@ class Affordance:
     default_openness: float | None = None
     grip_width: float | None = None
     picture: LazyPicture | None = field(default=None, compare=False)
+    samples: tuple[ArticulatedObject, ...] = field(default=(), compare=False, repr=False)
 
     @property
     def measured(self) -> str:
@@ -64,13 +96,30 @@ class Affordance:
         return list(self.keypoints)[-1]
 
     @property
+    def place(self) -> str | None:
+        """Name of the keypoint at which an object can be put; None for a class without such a place."""
+        named = self.joint_type is not None and self.keypoints and any(word in self.measured for word in PLACES)
+        return self.measured if named else None
+
+    @cached_property
+    def facts(self) -> dict[str, KeypointFacts]:
+        """Geometry at each keypoint by name; empty for a rigid object."""
+        return {name: _facts(self.samples, name, name in self.lever_arms) for name in self.keypoints if self.samples}
+
+    @cached_property
+    def interior(self) -> Triple | None:
+        """Extents (3,) in metres of the free space inside a container (depth, width, height); None without one."""
+        return _interior(self.samples, self.measured) if self.samples and self.is_container else None
+
+    @property
     def is_container(self) -> bool:
         """Whether objects of the class are containers, judged by the name of the measured keypoint."""
         return bool(self.keypoints) and self.joint_type is not None and INSIDE in self.measured
 
     def to_dict(self) -> dict[str, Any]:
-        """Return a dictionary for JSON, without the picture and empty fields."""
-        values = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "picture"}
+        """Return plain data without the picture, the samples and empty fields."""
+        left_out = ("picture", "samples")
+        values = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in left_out}
         return {name: value for name, value in values.items() if value not in (None, {})}
 
     @staticmethod
@@ -98,7 +147,10 @@ class Affordance:
         }
         if isinstance(first, RigidObject):
             return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, **common)
-        instances = [each for each in objects if isinstance(each, ArticulatedObject)]
+        articulated = [each for each in objects if isinstance(each, ArticulatedObject)]
+        # An angle and a length have no mean: the numbers are those of the more frequent joint type.
+        ((kind, _),) = Counter(each.joint.type for each in articulated).most_common(1)
+        instances = [each for each in articulated if each.joint.type == kind]
         joint = instances[0].joint
         moving = [
             name for name in shared if all(each.keypoints[name].link == each.joint.child_link for each in instances)
@@ -111,14 +163,64 @@ class Affordance:
                 float(np.mean([each.joint.lower for each in instances])),
                 float(np.mean([each.joint.upper for each in instances])),
             ),
-            joint_axis="vertical" if abs(float((first.placement.rotation @ joint.axis)[2])) > 0.7 else "level",
+            joint_axis=("vertical" if abs(float((instances[0].placement.rotation @ joint.axis)[2])) > 0.7 else "level"),
             default_openness=instances[0].default_openness,
+            samples=tuple(instances),
             **common,
         )
 
 
 def _lever_arm(instance: ArticulatedObject, keypoint: str) -> float:
     return instance.lever_arm(keypoint) if instance.joint.type == "revolute" else 0.0
+
+
+def _poses(instance: ArticulatedObject, openness: float) -> dict[str, Array]:
+    """Return the pose (4, 4) of each link in the world, in the default placement."""
+    T_world_root = np.eye(4)
+    T_world_root[:3, :3], T_world_root[:3, 3] = instance.placement.rotation, instance.placement.position
+    child = instance.joint.child_link
+    return {
+        link: T_world_root @ (instance.link_pose(openness) if link == child else np.eye(4)) for link in instance.hulls
+    }
+
+
+def _facts(instances: Sequence[ArticulatedObject], name: str, moves: bool) -> KeypointFacts:
+    """Return the geometry at a keypoint."""
+    found = []
+    for each in instances:
+        point = each.keypoints[name]
+        start, step = each.default_openness, 0.1
+        before, after = max(0.0, start - step), min(1.0, start + step)
+        here, low, high = (
+            (T[:3, :3] @ point.position + T[:3, 3])
+            for T in (_poses(each, openness)[point.link] for openness in (start, before, after))
+        )
+        T = _poses(each, start)[point.link]
+        hulls = [hull @ T[:3, :3].T + T[:3, 3] for hull in each.hulls[point.link]]
+        apart = [float(np.linalg.norm(np.maximum(0.0, np.maximum(h.min(0) - here, here - h.max(0))))) for h in hulls]
+        part = np.ptp(hulls[int(np.argmin(apart))], axis=0) if hulls else np.zeros(3)
+        found.append((here, high - low, part))
+    position, way, part = (np.mean(values, axis=0) for values in zip(*found, strict=True))
+    opening = _triple(way / np.linalg.norm(way)) if moves and np.linalg.norm(way) > MOVES else None
+    return KeypointFacts(_triple(position), opening, _triple(part))
+
+
+def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
+    """Return the extents of the free space at the measured keypoint; None if an instance has none."""
+    sizes = []
+    for each in instances:
+        point = each.keypoints[name]
+        turn = _poses(each, each.default_openness)[point.link][:3, :3]
+        box = inner_box(each.hulls[point.link], point.position, turn[2])
+        if box is None:
+            return None
+        sizes.append(np.abs(turn @ (box.high - box.low)))
+    return _triple(np.mean(sizes, axis=0))
+
+
+def _triple(values: Array) -> Triple:
+    x, y, z = (round(float(value), 3) + 0.0 for value in values)
+    return x, y, z
 
 
 def _extents(model: ArticulatedObject | RigidObject) -> np.ndarray[Any, Any]:

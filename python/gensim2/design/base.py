@@ -112,7 +112,8 @@ class StageResult:
         score: share of trials with a complete plan, or share of successful episodes.
         causes: number of failures by cause.
         strict: share of episodes that also pass the strict verdict; 0 without episodes.
-        diagnoses: kinds of failure, described with numbers, the most frequent first.
+        diagnoses: failures in words with numbers, the most frequent first.
+        by_object: numbers of successful and of all episodes with each instance of the first object, by its id.
     """
 
     name: Literal["plan", "physics"]
@@ -121,6 +122,7 @@ class StageResult:
     causes: dict[str, int]
     strict: float = 0.0
     diagnoses: tuple[Diagnosis, ...] = field(default=())
+    by_object: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,16 @@ class CandidateResult:
         return sum(stage.strict * stage.trials for stage in self._physics)
 
     @property
+    def by_object(self) -> dict[str, tuple[int, int]]:
+        """Numbers of successful and of all episodes with each instance of the first object, over all stages."""
+        found: dict[str, tuple[int, int]] = {}
+        for stage in self._physics:
+            for instance, (held, count) in stage.by_object.items():
+                before = found.get(instance, (0, 0))
+                found[instance] = (before[0] + held, before[1] + count)
+        return dict(sorted(found.items()))
+
+    @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
         """Diagnoses of failures in the last stage with failures."""
         return next((stage.diagnoses for stage in reversed(self.stages) if stage.diagnoses), ())
@@ -175,8 +187,10 @@ class Designer(Protocol):
     """Interface of a designer, which proposes tasks and candidate strategies, and refines candidates by their results.
 
     Attributes:
-        name: name of the designer in run.json and in the provenance of its tasks.
-        notes: remarks for the report, read at the end of the run.
+        name: recorded in run.json and as the origin of the designer's tasks.
+        notes: remarks for the reader of the report; read at the end of the run.
+        patience: number of refinements that the search allows before it gives up a task whose candidates nearly always
+            fail. A designer that learns from the words of a diagnosis needs more than one.
     """
 
     @property
@@ -184,6 +198,9 @@ class Designer(Protocol):
 
     @property
     def notes(self) -> Sequence[str]: ...
+
+    @property
+    def patience(self) -> int: ...
 
     def open(self, folder: Path) -> None:
         """Set the run folder in which the designer stores its records; called once, before all other methods."""

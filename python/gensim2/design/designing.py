@@ -46,6 +46,10 @@ class Chosen:
         left = [f"{len(self._left)} proposals {self.left_out}"] if self._left else []
         return [*self.designer.notes, *left]
 
+    @property
+    def patience(self) -> int:
+        return self.designer.patience
+
     def open(self, folder: Path) -> None:
         self.designer.open(folder)
 

@@ -271,6 +271,7 @@ class PipelineRun:
         self._known, self._familiar = list(known), tuple(familiar)
         self._classes = Classes(library, extent.instances, seed, folder, progress)
         self._brief = Brief(robot_summary(evaluator.scene.robot), self._classes, self._known, self._familiar)
+        self._designer_s = 0.0
         self._outcomes: list[TaskOutcome] = []
         self._kept: list[TaskSpec] = []
 
@@ -292,9 +293,10 @@ class PipelineRun:
                 continue
             unwanted = 0
             tried += 1
-            begin, cpu_s = time.perf_counter(), self.evaluator.cpu_s
+            begin, cpu_s = time.perf_counter() - self._designer_s, self.evaluator.cpu_s
             reason = self._designed(task)
-            self.folder.note_effort(task.name, self.evaluator.cpu_s - cpu_s, time.perf_counter() - begin)
+            wall_s = time.perf_counter() - self._designer_s - begin
+            self.folder.note_effort(task.name, self.evaluator.cpu_s - cpu_s, wall_s)
             if reason is not None:
                 rejected.append({"name": task.name, "class": classes_of(task), "reason": reason})
             if self.evaluator.cpu_s - reported > REPORT_EVERY:
@@ -372,7 +374,10 @@ class PipelineRun:
             self.progress.message(f"{task.name}: {told}; usually 1 to 5 minutes")
             kept = _Kept(self.evaluator, folder.path / SEARCHED)
             search = Search(config, self._brief, self.designer, kept, self.seed, self.budget, self.progress)
-            write_design(folder.path, search.run())
+            try:
+                write_design(folder.path, search.run())
+            finally:
+                self._designer_s += search.designer_s
             shutil.rmtree(folder.path / SEARCHED, ignore_errors=True)
             record = read_design(folder.path)
             assert record is not None

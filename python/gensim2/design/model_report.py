@@ -67,7 +67,7 @@ class ModelReport:
             "name": stage,
             "questions": len(own),
             **{word: sum(each.outcome == word for each in own) for word in ("used", "refused", "dropped")},
-            "complaints": sum(bool(turn.problems) for each in own for turn in each.turns),
+            "complaints": sum(len(each.turns) - (each.outcome != "dropped") for each in own),
             **self._sums(own),
         }
 

@@ -103,6 +103,7 @@ class OfflineDesigner:
 
     name = "offline"
     notes: Sequence[str] = ()
+    patience = 1
 
     def open(self, folder: Path) -> None:
         """Do nothing: this designer keeps no records."""

@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from gensim2.core import seeding
 from gensim2.core.progress import NULL_PROGRESS, Progress
@@ -63,9 +64,10 @@ class Budget:
             equal.
         enough, enough_strict: success rate and strict success rate, over at least ``enough_episodes`` episodes, that
             end the search. A low strict rate alone causes at most one refinement.
-        enough_episodes: minimum number of episodes before a candidate can end or win the search.
-        hopeless: the search ends if no candidate exceeds this success rate after a refinement.
-        max_physics_episodes: total number of simulated episodes after which the search stops comparing and refining.
+        enough_episodes: minimum episodes of a candidate that ends or wins the search.
+        hopeless: the search ends if no candidate exceeds this success rate after the refinements that the designer's
+            ``patience`` allows.
+        max_physics_episodes: number of simulated episodes after which no candidates are compared or refined.
     """
 
     screen_scenes: int = 3
@@ -110,6 +112,9 @@ class Search:
         seed: seed of every random draw.
         budget: budget of the search.
         progress: progress listener.
+
+    Attributes:
+        designer_s: seconds that the designer took for its candidates; a language model is slow.
     """
 
     def __init__(
@@ -125,12 +130,13 @@ class Search:
         self.config, self.task = config, config.task
         self.brief, self.designer, self.evaluator = brief, designer, evaluator
         self.seed, self.budget, self.progress = seed, budget or budget_for(config.task), progress
+        self.designer_s = 0.0
         self._episodes_run: dict[str, int] = defaultdict(int)
         self._notes: list[str] = []
 
     def run(self) -> Design:
-        """Run the search and return its result, in which ``chosen`` is None if no episode succeeded."""
-        first = self._screen(self.designer.candidates(self.task, self.brief, self.seed))
+        """Run the search; ``chosen`` is None if no episode succeeded."""
+        first = self._screen(self._asked(self.designer.candidates, self.task, self.brief, self.seed))
         everything = {self._key(result): result for result in first}
         standing = [result for result in first if result.plan_score > 0]
         self._notes = [f"{len(standing)} of {len(first)} first candidates plan on at least one scene"]
@@ -147,11 +153,11 @@ class Search:
                 remember(standing)
                 if self._enough(standing[0], strictly=round_index == 0):
                     break
-            if round_index and self._hopeless(standing):
+            if round_index and (self._spent or (round_index >= self.designer.patience and self._hopeless(standing))):
                 break
             # Pass on dropped candidates, too: their failures show the designer which choices to avoid.
             learned = [*standing, *self._sorted([each for each in everything.values() if each not in standing])]
-            children = self.designer.refine(self.task, self.brief, learned, self.seed, round_index)
+            children = self._asked(self.designer.refine, self.task, self.brief, learned, self.seed, round_index)
             if not children:
                 break
             screened = self._screen(children)
@@ -168,6 +174,13 @@ class Search:
             return Design(tuple(ranked), None, (*self._notes, "no candidate held in physics"))
         self._notes.append(_compared(standing))
         return Design(tuple(ranked), standing[0].candidate.steps, tuple(self._notes))
+
+    def _asked(self, question: Callable[..., list[Candidate]], *given: Any) -> list[Candidate]:
+        begin = time.perf_counter()
+        try:
+            return question(*given)
+        finally:
+            self.designer_s += time.perf_counter() - begin
 
     def _screen(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
         if not candidates:
@@ -250,9 +263,9 @@ class Search:
         return result.held > 0 and result.episodes - result.held <= (1 - budget.enough) * budget.enough_episodes
 
     def _hopeless(self, standing: Sequence[CandidateResult]) -> bool:
-        """Return whether to stop refining: no candidate succeeds often enough, or the budget of episodes is used up."""
+        """Return whether no candidate succeeds often enough to be worth another refinement."""
         best = max((result.held / result.episodes for result in standing if result.episodes), default=0.0)
-        return best <= self.budget.hopeless or self._spent
+        return best <= self.budget.hopeless
 
     @property
     def _spent(self) -> bool:
@@ -292,6 +305,11 @@ def _compared(standing: Sequence[CandidateResult]) -> str:
 
 
 def _stage(episodes: Sequence[Episode]) -> StageResult:
+    by_object: dict[str, tuple[int, int]] = {}
+    for episode in episodes:
+        instance = next(iter(episode.objects.values())).id
+        held, count = by_object.get(instance, (0, 0))
+        by_object[instance] = (held + episode.held, count + 1)
     return StageResult(
         "physics",
         len(episodes),
@@ -299,4 +317,5 @@ def _stage(episodes: Sequence[Episode]) -> StageResult:
         merge_causes([str(episode.cause) for episode in episodes if episode.cause is not None]),
         sum(episode.strict for episode in episodes) / len(episodes),
         diagnoses((str(e.cause), e.diagnosis) for e in episodes if e.cause is not None),
+        by_object,
     )

@@ -79,7 +79,7 @@ def test_what_passes_is_tried_again(server: ModelServer, fault: Fault) -> None:
 def test_what_does_not_pass_is_one_error(server: ModelServer, fault: Fault, words: str) -> None:
     server.faults = deque([fault] * 3)
     with pytest.raises(ModelError, match=words):
-        Client(options(server)).ask(question())
+        Client(options(server, structured="off")).ask(question())
     assert server.requests == 3
 
 
@@ -130,6 +130,22 @@ def test_an_endpoint_without_schemas_is_asked_without(server: ModelServer) -> No
     assert client.ask(question()).text == '{"fine": true}'
     assert server.requests == 3
     assert all("response_format" not in asked.body for asked in server.asked)
+
+
+def test_a_server_that_fails_on_a_schema_is_asked_without(server: ModelServer) -> None:
+    server.broken = lambda body: "response_format" in body
+    client = Client(options(server))
+    assert client.ask(question()).text == '{"fine": true}'
+    assert server.requests == 4, "three attempts with a schema and one without"
+    assert client.ask(question()).text == '{"fine": true}'
+    assert server.requests == 5, "later questions go without at once"
+
+
+def test_a_server_that_fails_on_everything_is_one_error(server: ModelServer) -> None:
+    server.broken = lambda body: True
+    with pytest.raises(ModelError, match="made to fail"):
+        Client(options(server)).ask(question())
+    assert server.requests == 6
 
 
 def test_a_server_that_refuses_a_field_as_unprocessable_is_asked_without(server: ModelServer) -> None:

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from llm_answers import BOX, DRAWER, LONG, GoodModel
 from llm_server import Asked, ModelServer
 
+from gensim2.design.affordance import Affordance
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined, StageResult
 from gensim2.design.diagnosis import Diagnosis
 from gensim2.design.llm import Asking, LanguageModel, LLMDesigner, ModelOptions, Prompts
 from gensim2.design.pictures import LazyPicture
+from gensim2.objects import Library
 from gensim2.planning.strategies import parse_strategy
 from gensim2.tasks.criteria import ArticulatedOpen
+from gensim2.tasks.library import load_task
 from gensim2.tasks.spec import TaskSpec
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"0" * 20
@@ -56,13 +61,24 @@ def test_prompts_say_what_there_is_and_what_is_known(server: ModelServer, brief:
     proposal, reflection, constraints, motions = (asked.prompt for asked in server.asked)
     for text in (proposal, reflection):
         assert "`box_rotate`" in text
+        assert 'openness 1 means "open the box", openness 0 means "close the box"' in text
+        assert 'an object can be put at "the point from which to drop an object into the box", with 1' in text
+        assert "the openness of the articulated object is above 0.8" in text
     assert "`golf_ball`" in proposal
     assert "- CloseBox: close the box (box_rotate; articulated_closed)" in proposal
     assert "articulated_object_head" in constraints
     assert "tool_side" in constraints
     assert "`OpenSafe`" in constraints, "an example of the library with the same goal comes first"
     assert "Write 2 different ways" in motions
-    assert "target_keypoint_name: articulated_object_head" in motions
+    for text in (constraints, motions):
+        assert "base stands at (-0.61, 0.00, 0) m" in text
+        assert re.search(r"a hinge of \d+° about a level axis", text)
+        assert re.search(
+            r"`articulated_object_head`.*, at \(-0.*\) m, on a convex part of .*cm from the hinge, moves along", text
+        )
+        assert "The step has succeeded if" in text
+        assert "YAML" not in text, "the answer has the format of the JSON schema"
+    assert '"target_keypoint_name": "articulated_object_head"' in motions
 
 
 def test_long_tasks_are_taken_apart(server: ModelServer, brief: Brief) -> None:
@@ -85,6 +101,32 @@ def test_long_tasks_are_taken_apart(server: ModelServer, brief: Brief) -> None:
     assert first.steps["place"]["designed_place"]["gripper"] == "release"
     assert first.steps != second.steps
     assert first.of(task).steps[1].strategies == ("grasp", "grasp_from_any_side")
+
+
+def test_a_sub_task_keeps_its_words_and_a_held_object_its_grip(server: ModelServer, brief: Brief) -> None:
+    server.script = GoodModel(LONG)
+    found = designer(server, mode="topdown")
+    (task,) = proposed(found, brief)
+    found.candidates(task, brief, seed=0)
+    asked = {asked.prompt.split("step `")[1].split("`")[0]: asked.prompt for asked in server.asked[3:]}
+    assert '"pull the drawer open" (task `StowGolfBall`, step `open`)' in asked["open"]
+    assert '"push the drawer closed" (task `StowGolfBall`, step `close`)' in asked["close"]
+    assert f'This is one step of the task "{LONG["task-description"]}"' in asked["place"]
+    assert re.search(r"from above across its narrowest side, \d cm", asked["place"])
+
+
+def test_code_from_nothing_has_the_good_examples_as_reference(server: ModelServer, brief: Brief) -> None:
+    proposed(designer(server, code=True), replace(brief, known=()))
+    assert "class OpenSafe(Task)" in server.asked[2].prompt
+    assert "def __init__" in server.asked[2].prompt
+
+
+def test_a_task_of_the_benchmark_does_not_count_and_the_model_is_told(server: ModelServer, brief: Brief) -> None:
+    server.script = GoodModel({**DRAWER, "task-name": "close-the-drawer"}, BOX)
+    known = load_task("PushDrawerClose")
+    tasks = proposed(designer(server), replace(brief, known=(), familiar=(known,)), 2)
+    assert [task.name for task in tasks] == ["CloseTheDrawer", "FlingBoxOpen"]
+    assert "the benchmark has this task already" in server.asked[2].prompt
 
 
 def test_long_tasks_are_put_together_from_what_is_known(server: ModelServer, brief: Brief) -> None:
@@ -113,7 +155,7 @@ def test_a_task_comes_by_way_of_code(server: ModelServer, brief: Brief) -> None:
 def test_a_wished_task_and_a_wished_object(server: ModelServer, brief: Brief) -> None:
     tasks = proposed(designer(server, target_task="YankBoxOpen"), brief, 5)
     assert [task.name for task in tasks] == ["YankBoxOpen"], "the name is the user's"
-    assert "called `YankBoxOpen`" in server.asked[0].prompt
+    assert "the name `YankBoxOpen`" in server.asked[0].prompt
     (task,) = proposed(designer(server, target_object="drawer"), brief)
     assert task.name == "ShoveDrawerShut"
     complaints = [asked.last for asked in server.asked if asked.again]
@@ -141,6 +183,17 @@ WRONG: list[tuple[str, dict[str, Any] | str, str]] = [
         "closed at",
     ),
     ("a known task", {**BOX, "success-criteria": ["articulated_closed"]}, "the task CloseBox is the same"),
+    (
+        "a distance",
+        {**BOX, "task-description": "move the lid 10 cm to the left"},
+        'no success criterion measures "10 cm"',
+    ),
+    ("a half", {**BOX, "task-description": "open the box halfway"}, 'no success criterion measures "halfway"'),
+    (
+        "a good example",
+        {**BOX, "assets-used": ["safe_rotate"], "task-name": "unlock-safe"},
+        "this repeats one of the good examples",
+    ),
     ("another language", {**BOX, "task-description": "打开盒子"}, "must be in English"),
     ("a missing key", {k: v for k, v in BOX.items() if k != "assets-used"}, '"assets-used" is missing'),
     ("numbers for words", {**BOX, "assets-used": 7}, "must be a list of object names"),
@@ -164,6 +217,22 @@ def test_what_is_wrong_with_a_proposal_goes_back_in_words(
     assert complaint.stage == "proposal"
     assert words in complaint.last
     assert found.notes == []
+
+
+def test_nothing_is_put_where_there_is_no_place(server: ModelServer, brief: Brief, library: Library) -> None:
+    switch = Affordance.of([library.load("switch", library.instances("switch")[0])])
+    model = GoodModel({**LONG, "assets-used": ["switch", "golf_ball"]}, LONG)
+    server.script = model
+    (task,) = proposed(designer(server, mode="topdown"), replace(brief, classes={**brief.classes, "switch": switch}))
+    assert "switch has no place for an object; these have one: drawer, box_rotate" in server.asked[1].last
+    assert task.name == "StowGolfBall"
+
+
+def test_an_average_is_of_one_kind_of_joint(library: Library) -> None:
+    hinges = [library.load("dishwasher", each) for each in library.instances("dishwasher")[:2]]
+    slide = library.load("drawer", library.instances("drawer")[0])
+    alone, mixed = Affordance.of(hinges), Affordance.of([replace(slide, keypoints=hinges[0].keypoints), *hinges])
+    assert (mixed.joint_type, mixed.joint_range) == ("revolute", alone.joint_range)
 
 
 def test_what_stays_wrong_is_dropped_and_counted(server: ModelServer, brief: Brief, tmp_path: Path) -> None:
@@ -241,6 +310,29 @@ def test_motions_that_cannot_be_used_are_dropped_where_none_can_be(
     assert found.notes == ["1 question had no answer that could be used and were dropped"]
 
 
+def test_a_retreat_of_zero_is_none_and_other_faults_of_a_trial_are_recorded(server: ModelServer, brief: Brief) -> None:
+    model = GoodModel()
+    (good, late) = yaml.safe_load(model.motions(_motions_request(server, brief)).strip("`").removeprefix("yaml"))[
+        "trials"
+    ]
+    trials = [{**good, "let_go": 0}, {**late, "gripper": "tight"}]
+    server.script = lambda asked: json.dumps({"trials": trials}) if asked.stage == "motions" else model(asked)
+    found = designer(server)
+    (task,) = proposed(found, brief)
+    (candidate,) = found.candidates(task, brief, seed=0)
+    assert "let_go" not in candidate.strategies["designed"]
+    (record,) = (each for each in found.talk.log.conversations if each.stage == "motions")
+    assert record.outcome == "used"
+    assert record.turns[-1].problems == ['number 2: gripper: must be open, closed, grasp, hold or release, not "tight"']
+
+
+def _motions_request(server: ModelServer, brief: Brief) -> Asked:
+    found = designer(server)
+    (task,) = proposed(found, brief)
+    found.candidates(task, brief, seed=0)
+    return server.asked[-1]
+
+
 def result(candidate: Candidate, held: int, step: str | None = None) -> CandidateResult:
     words = "step 'open': the hand lost contact; its joint went 40% of its range the wanted way"
     stage = StageResult("physics", 4, held / 4, {}, diagnoses=(Diagnosis(step, "contact lost", words, 4 - held),))
@@ -255,12 +347,31 @@ def test_better_configs_are_asked_for_with_what_went_wrong(server: ModelServer, 
     (child,) = found.refine(task, brief, results, seed=0, round=0)
     prompt = server.asked[-1].prompt
     assert "its joint went 40% of its range the wanted way" in prompt
-    assert "In physics it held in 1 of 4 episodes." in prompt
+    assert "In physics it succeeded in 1 of 4 episodes." in prompt
     assert child.strategies["designed"]["let_go"] == 0.05
     assert found.refine(task, brief, results, seed=0, round=2) == [], "there are two rounds"
     server.script = lambda asked: "no idea"
     assert found.refine(task, brief, results, seed=0, round=1) == []
     assert any("FlingBoxOpen: no better configs" in note for note in found.notes)
+
+
+def test_the_newest_failures_are_shown_with_all_stages_and_objects(server: ModelServer, brief: Brief) -> None:
+    found = designer(server, max_rounds=3)
+    (task,) = proposed(found, brief)
+    (first, _) = found.candidates(task, brief, seed=0)
+    unplanned = StageResult("plan", 3, 0.3, {}, diagnoses=(Diagnosis("open", "no way", "the hinge is in the way", 2),))
+    results = []
+    for number in range(8):
+        config = {**first.steps["open"]["designed"], "let_go": round(0.02 + 0.01 * number, 2)}
+        tried = Candidate(str(number), {"open": {"designed": config}}, {"round": number // 3})
+        physics = StageResult("physics", 4, 0.5 - 0.05 * number, {}, by_object={"7": (2, 2), "8": (0, 2)})
+        results.append(CandidateResult(tried, (unplanned, physics)))
+    found.refine(task, brief, results, seed=0, round=2)
+    prompt = server.asked[-1].prompt
+    shown = [float(each) for each in re.findall(r'"let_go": ([0-9.]+)', prompt)]
+    assert shown == [0.02, 0.03, 0.04, 0.08, 0.09, 0.05], "the three best, then the newest"
+    assert "planning, 2 times: the hinge is in the way" in prompt
+    assert "By object: 7 2 of 2, 8 0 of 2." in prompt
 
 
 def test_of_a_long_task_the_step_to_blame_is_written_anew(server: ModelServer, brief: Brief) -> None:

@@ -47,6 +47,7 @@ class FakeDesigner:
 
     name = "fake"
     notes = ()
+    patience = 1
 
     def open(self, folder: Path) -> None: ...
 
@@ -253,3 +254,7 @@ def test_a_hopeless_task_is_given_up() -> None:
     designer = Eager()
     assert Search(CONFIG, BRIEF, designer, Hard(), seed=0).run().chosen is None
     assert designer.rounds == 1
+    patient = Eager()
+    patient.patience = 3
+    assert Search(CONFIG, BRIEF, patient, Hard(), seed=0).run().chosen is None
+    assert patient.rounds == 3, "a model that learns from failures gets all its rounds"

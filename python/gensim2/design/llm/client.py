@@ -112,28 +112,36 @@ class Client:
             InputError: the endpoint refuses the key, the model or the question.
         """
         messages = [_message(message) for message in question.messages]
+        failed: InputError | ModelError | None = None
         while True:
-            request = self._request(question)
+            request = self._request(question, schema=failed is None)
             try:
                 raw = self._api.chat.completions.with_raw_response.create(messages=messages, **request)
+                if failed is not None:
+                    self._without.add("response_format")
                 return self._answer(question, raw)
             except (self._openai.BadRequestError, self._openai.UnprocessableEntityError) as error:
                 if (name := self._refused(request, _complaint(error))) is None:
                     raise self._in_words(error) from error
                 self._without.add(name)
+            except self._openai.InternalServerError as error:
+                # Some servers fail on a JSON schema instead of refusing it, so the question is repeated without one.
+                if failed is not None or "response_format" not in request:
+                    raise failed or self._in_words(error) from error
+                failed = self._in_words(error)
             except self._openai.OpenAIError as error:
                 raise self._in_words(error) from error
 
-    def _request(self, question: ModelQuestion) -> dict[str, Any]:
+    def _request(self, question: ModelQuestion, schema: bool) -> dict[str, Any]:
         given = self.options
         request: dict[str, Any] = {"model": given.model}
         if given.temperature is not None and "temperature" not in self._without:
             request["temperature"] = given.temperature
         limit = "max_completion_tokens" if "max_tokens" in self._without else "max_tokens"
         request[limit] = given.max_tokens
-        if "response_format" not in self._without:
-            schema = {"name": question.stage, "schema": question.schema}
-            request["response_format"] = {"type": "json_schema", "json_schema": schema}
+        if schema and "response_format" not in self._without:
+            form = {"name": question.stage, "schema": question.schema}
+            request["response_format"] = {"type": "json_schema", "json_schema": form}
         return request
 
     def _refused(self, request: dict[str, Any], complaint: str) -> str | None:

@@ -59,8 +59,12 @@ def problems_of_config(config: Mapping[str, Any]) -> list[str]:
 
 
 def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a solver config without redundant fields and null values."""
-    return {name: value for name, value in data.items() if name not in DROPPED and value is not None}
+    """Return a config without redundant fields, null values and a retreat of zero metres, which means none."""
+    return {
+        name: value
+        for name, value in data.items()
+        if name not in DROPPED and value is not None and not (name == "let_go" and value == 0)
+    }
 
 
 def problems_of_names(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
@@ -36,7 +36,7 @@ class TurnRecord(_Record):
 
     Attributes:
         answer: digest of the question; ``answers/<first 32 digits>.json`` stores both.
-        problems: faults of the answer, as sent to the model.
+        problems: faults of the answer, as sent to the model; of a usable answer, the faults of the parts left out.
     """
 
     answer: str
@@ -163,7 +163,8 @@ class Ask(Generic[T]):
         read: function that converts the data of an answer to a value; raises Wrong or InputError if the data is
             invalid.
         pictures: pictures sent with the prompt.
-        sample: number that distinguishes repetitions of the same question.
+        sample: number that distinguishes repetitions of a question.
+        remarks: faults of parts of a usable answer that were left out; ``read`` adds them, and the record keeps them.
         prose: pass the raw answer to ``read``, as the field ``text``.
     """
 
@@ -176,6 +177,7 @@ class Ask(Generic[T]):
     pictures: tuple[LazyPicture, ...] = ()
     sample: int = 0
     prose: bool = False
+    remarks: list[str] = field(default_factory=list)
 
 
 class Conversations:
@@ -222,7 +224,8 @@ class Conversations:
                 problems = list(wrong.problems[:MAX_PROBLEMS]) if isinstance(wrong, Wrong) else [str(wrong)]
                 turns.append(TurnRecord(answer=digest, problems=problems))
             else:
-                record = self._record(ask, [*turns, TurnRecord(answer=digest, problems=[])], "")
+                left_out = ask.remarks[:MAX_PROBLEMS]
+                record = self._record(ask, [*turns, TurnRecord(answer=digest, problems=left_out)], "")
                 self.log.add(record)
                 return value, record
             shown = answer.text if len(answer.text) <= SHOWN_AGAIN else f"{answer.text[:SHOWN_AGAIN]} ..."

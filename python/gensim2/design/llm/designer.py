@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import queue
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined
 from gensim2.design.llm.catalog import Catalog
@@ -21,8 +24,12 @@ from gensim2.design.llm.stages.solving import Config, StepToSolve
 from gensim2.design.llm.templating import Prompts
 from gensim2.design.sandbox import task_code
 from gensim2.robots import robot
+from gensim2.tasks.library import load_task
+from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
+
+T = TypeVar("T")
 
 #: The designer stops proposing after this many consecutive unusable proposals.
 MAX_FAILURES = 5
@@ -62,6 +69,7 @@ class LLMDesigner:
         self._profile = robot(robot_name)
         self._proposed: list[TaskSpec] = []
         self._skills: dict[str, Mapping[str, Strategies]] = {}
+        self._sentences: dict[str, Mapping[str, str]] = {}
         self._notes: list[str] = []
 
     @property
@@ -80,6 +88,11 @@ class LLMDesigner:
         if refused:
             counts.append(f"{refused} proposal{'s' * (refused > 1)} of the model were found bad by itself")
         return [*self._notes, *counts]
+
+    @property
+    def patience(self) -> int:
+        """All rounds, because the model sees the diagnosis of each failure."""
+        return self.asking.max_rounds
 
     def open(self, folder: Path) -> None:
         """Store questions, answers and outcomes in ``folder/model``."""
@@ -105,6 +118,11 @@ class LLMDesigner:
             failures = 0 if task is not None else failures + 1
             if task is not None:
                 self._proposed.append(task)
+                if first_alike(task, brief.familiar) is not None:
+                    refused.append(
+                        f"{task.name} ({task.description}): the benchmark has this task already, so it does not "
+                        "count as a new one; propose another object or another goal"
+                    )
                 yield task
                 if self.asking.target_task is not None:
                     return
@@ -119,8 +137,8 @@ class LLMDesigner:
         fixed = {step.name: found for step in task.steps if (found := self._fixed(task, step)) is not None}
         jobs = [self._job(task, step, brief) for step in task.steps if step.name not in fixed]
         try:
-            with ThreadPoolExecutor(max_workers=self.model.options.concurrency) as pool:
-                designed = list(pool.map(lambda job: self._solutions.configs(job, brief, fixed), jobs))
+            asked = [partial(self._solutions.configs, job, brief, fixed) for job in jobs]
+            designed = _in_threads(self.model.options.concurrency, asked)
         except (Dropped, BudgetSpent) as error:
             raise Declined(str(error)) from error
         ways = {job.step.name: found for job, found in zip(jobs, designed, strict=True)}
@@ -167,7 +185,8 @@ class LLMDesigner:
             former = [] if task.is_single_step else list(parent.candidate.steps[step.name].values())
             steps = {**parent.candidate.steps, step.name: _in_turn(name, [config, *former])}
             if steps not in seen:
-                children.append(self._candidate(f"round {round + 1}, config {number + 1}", steps, {step.name: config}))
+                label = f"round {round + 1}, config {number + 1}"
+                children.append(self._candidate(label, steps, {step.name: config}, round + 1))
         return children
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
@@ -187,7 +206,9 @@ class LLMDesigner:
             refused.append(f"{found.name} ({found.sentence}): {why}")
             return None
         if wish.long:
-            task, _ = self.talk.ask(decomposition.decomposition(self.prompts, catalog, found, self.name))
+            made, _ = self.talk.ask(decomposition.decomposition(self.prompts, catalog, found, self.name))
+            task = made.task
+            self._sentences[task.name] = made.sentences
         else:
             task = proposal.task_of(found, catalog, self.name)
         return self._as_code(task, brief) if self.asking.code else task
@@ -207,6 +228,8 @@ class LLMDesigner:
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
         """Return the task that the model's code for ``task`` describes."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
+        if not known:  # The good examples of the proposal prompt are no secret, even if the run starts from nothing.
+            known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
         found, _ = self.talk.ask(code_stage.code(self.prompts, task, references))
         names = {step.name: step.strategies for step in task.steps}
@@ -227,7 +250,8 @@ class LLMDesigner:
         return GRASPS if step.tool == HAND and step.name.startswith("grasp") else None
 
     def _job(self, task: TaskSpec, step: Step, brief: Brief) -> StepToSolve:
-        return StepToSolve(task, step, brief.of(task), brief.settings.tool_keypoints, self._profile)
+        sentence = self._sentences.get(task.name, {}).get(step.name)
+        return StepToSolve(task, step, brief.of(task), brief.settings, self._profile, sentence)
 
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
         """Return the step to improve: the step that failed, or else the last step with configs by the model."""
@@ -235,12 +259,48 @@ class LLMDesigner:
         blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
         return next(blamed, own[-1] if own else None)
 
-    def _candidate(self, label: str, steps: Mapping[str, Strategies], written: Mapping[str, Config]) -> Candidate:
+    def _candidate(
+        self, label: str, steps: Mapping[str, Strategies], written: Mapping[str, Config], round: int = 0
+    ) -> Candidate:
         told = [
             f"{name}: {in_words(config)}" if len(steps) > 1 else in_words(config) for name, config in written.items()
         ]
         ways = {name: dict(each) for name, each in steps.items()}
-        return Candidate(f"{label}: {'; '.join(told)}"[:400], ways, {"by": self.name})
+        return Candidate(f"{label}: {'; '.join(told)}"[:400], ways, {"by": self.name, "round": round})
+
+
+def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
+    """Return the answers to questions that are asked in at most ``count`` threads, in the order of the questions.
+
+    The threads are daemons: Ctrl-C ends the run at once, although a model may need minutes for its answer. Python would
+    wait at its exit for the threads of an executor.
+    """
+    waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[tuple[int, T | BaseException]] = queue.SimpleQueue()
+    for number in range(len(questions)):
+        waiting.put(number)
+
+    def work() -> None:
+        while True:
+            try:
+                number = waiting.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                answers.put((number, questions[number]()))
+            except BaseException as error:  # noqa: BLE001 - it is raised in the thread that waits
+                answers.put((number, error))
+
+    for _ in range(min(count, len(questions))):
+        threading.Thread(target=work, daemon=True, name="question").start()
+    found = dict(answers.get() for _ in questions)
+    values: list[T] = []
+    for number in range(len(questions)):
+        answer = found[number]
+        if isinstance(answer, BaseException):
+            raise answer
+        values.append(answer)
+    return values
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:

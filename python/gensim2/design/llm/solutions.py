@@ -22,8 +22,8 @@ from gensim2.tasks.strategies import Strategies
 
 Mode = Literal["explore", "topdown", "bottomup"]
 
-#: Maximum number of tried configs shown when asking for better ones.
-SHOWN_TRIED = 3
+#: Maximum numbers of tried configs shown when asking for better ones: the best ones, and the newest others.
+SHOWN_BEST, SHOWN_NEW = 3, 3
 
 FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"
 
@@ -142,19 +142,36 @@ class Solutions:
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """Return the best configs of a step so far, with their results in words."""
+    """Return tried configs of a step with their results: the best ones, then the newest others.
+
+    Args:
+        step: step of the configs.
+        results: candidates, best first.
+    """
     name = step.strategies[0]
-    found: list[solving.Tried] = []
+    distinct: dict[str, CandidateResult] = {}
     for result in results:
-        config = result.candidate.steps[step.name][name]
-        if len(found) == SHOWN_TRIED or any(each.config == config for each in found):
-            continue
-        told = f"Planned on {result.plan_score:.0%} of the scenes."
-        if result.episodes:
-            told += f" In physics it held in {result.held:.0f} of {result.episodes} episodes."
-        words = tuple(str(each) for each in result.diagnoses if each.step in (None, step.name))
-        found.append(solving.Tried(config, told, words))
-    return found
+        distinct.setdefault(json.dumps(result.candidate.steps[step.name][name], sort_keys=True), result)
+    ranked = list(distinct.values())
+    rest = sorted(ranked[SHOWN_BEST:], key=lambda result: -int(result.candidate.provenance.get("round", 0)))
+    return [_tried(step, result) for result in (*ranked[:SHOWN_BEST], *rest[:SHOWN_NEW])]
+
+
+def _tried(step: Step, result: CandidateResult) -> solving.Tried:
+    """Return a config with its success rates, also by object, and the failures of all stages."""
+    told = f"Planned on {result.plan_score:.0%} of the scenes."
+    if result.episodes:
+        told += f" In physics it succeeded in {result.held:.0f} of {result.episodes} episodes."
+    if len(result.by_object) > 1:
+        rates = ", ".join(f"{each} {held} of {count}" for each, (held, count) in result.by_object.items())
+        told += f" By object: {rates}."
+    words = tuple(
+        f"{'planning' if stage.name == 'plan' else 'physics'}, {diagnosis}"
+        for stage in result.stages
+        for diagnosis in stage.diagnoses
+        if diagnosis.step in (None, step.name)
+    )
+    return solving.Tried(result.candidate.steps[step.name][step.strategies[0]], told, tuple(dict.fromkeys(words)))
 
 
 def in_words(config: Config) -> str:

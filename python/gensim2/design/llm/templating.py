@@ -28,17 +28,54 @@ if TYPE_CHECKING:
 import math
 
 from gensim2.design.affordance import Affordance
+from gensim2.objects.words import End, words
+from gensim2.tasks.library import task_names
 from gensim2.tasks.spec import TaskSpec
 
 
 def motion(thing: Affordance) -> str:
-    """Return the joint's motion in words, such as ``"a hinge of 110°"``."""
+    """Return the joint's motion in words, such as ``"a hinge of 110° about a vertical axis"``."""
     if thing.joint_type is None or thing.joint_range is None:
         return "rigid"
     low, high = thing.joint_range
     if thing.joint_type == "revolute":
-        return f"a hinge of {math.degrees(high - low):.0f}°"
-    return f"a slide of {100 * (high - low):.0f} cm"
+        return f"a hinge of {math.degrees(high - low):.0f}° about a {thing.joint_axis} axis"
+    return f"a {thing.joint_axis} slide of {100 * (high - low):.0f} cm"
+
+
+def reached(thing: Affordance, goal: End) -> str:
+    """Return the instruction that brings a joint to one end, in quotes."""
+    return quoted(words(thing.asset_class, goal, thing.joint_type or "revolute").sentence)
+
+
+def place(thing: Affordance) -> str:
+    """Describe the place of an articulated object for other objects, with the free space around it."""
+    if thing.place is None:
+        return "no place for another object"
+    room = ""
+    if thing.interior is not None:
+        depth, width, height = (100 * value for value in thing.interior)
+        room = f", with {depth:.0f} x {width:.0f} x {height:.0f} cm of free space (deep, wide, high)"
+    return f"an object can be put at {quoted(thing.keypoints[thing.place])}{room}"
+
+
+def at(thing: Affordance, name: str) -> str:
+    """Describe a keypoint's position, the part at it and its motion, for a list of keypoints."""
+    facts = thing.facts.get(name)
+    if facts is None:
+        return ""
+    x, y, z = facts.position
+    depth, width, height = (100 * value for value in facts.part)
+    said = (
+        f", at ({x:.2f}, {y:.2f}, {z:.2f}) m, on a convex part of {depth:.0f} x {width:.0f} x {height:.0f} cm (x, y, z)"
+    )
+    if name not in thing.lever_arms:
+        return f"{said}, which stands still"
+    if thing.lever_arms[name]:
+        said += f", {100 * thing.lever_arms[name]:.0f} cm from the hinge"
+    if facts.opening is not None:
+        said += ", moves along ({:.2f}, {:.2f}, {:.2f}) as the joint opens".format(*facts.opening)
+    return said
 
 
 def size(thing: Affordance) -> str:
@@ -88,7 +125,9 @@ class Prompts:
             autoescape=False,
         )
         self._environment.filters["quoted"] = quoted
-        self._environment.filters.update(yaml=as_yaml, motion=motion, size=size)
+        self._environment.filters.update(
+            yaml=as_yaml, json=as_json, motion=motion, size=size, reached=reached, place=place, at=at
+        )
         self._folder = folder
 
     @cached_property
@@ -100,6 +139,12 @@ class Prompts:
     def bank(self) -> dict[str, Any]:
         """Examples of good and bad tasks, each with its reason."""
         return parse_yaml(self._texts[BANK].encode(), BANK)
+
+    def good_tasks(self, long: bool) -> list[str]:
+        """Return the names of the bank's good tasks that the package stores: the long ones, or those of one step."""
+        kebab = [str(each["task-name"]) for each in self.bank["long" if long else "single"]]
+        names = ["".join(map(str.capitalize, each.split("-"))) for each in kebab]
+        return [name for name in names if name in task_names()]
 
     def text(self, prompt: str, /, **values: Any) -> str:
         """Fill in a prompt template and return the prompt.
@@ -125,6 +170,18 @@ def quoted(text: str) -> str:
 def as_yaml(value: Any) -> str:
     """Format plain data as YAML."""
     return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True).strip()
+
+
+def as_json(value: dict[str, Any]) -> str:
+    """Format a config as JSON, with each field, and each entry of a list of objects, on a line of its own."""
+    lines = []
+    for name, given in value.items():
+        if isinstance(given, list) and any(isinstance(each, dict) for each in given):
+            entries = ",\n  ".join(json.dumps(each, ensure_ascii=False) for each in given)
+            lines.append(f"{json.dumps(name)}: [\n  {entries}]")
+        else:
+            lines.append(f"{json.dumps(name)}: {json.dumps(given, ensure_ascii=False)}")
+    return "{" + ",\n".join(lines) + "}"
 
 
 def _texts(folder: Traversable) -> dict[str, str]:

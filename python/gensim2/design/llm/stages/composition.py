@@ -179,6 +179,8 @@ def _classes(
             into = str(step.get("into", "")).strip()
             if skill == PLACE and into in catalog.articulated:
                 articulated.add(into)
+                if catalog.articulated[into].place is None:
+                    problems.append(f"{where}: {into} has no place for an object")
             elif skill == PLACE:
                 problems.append(f'{where}: "into" must be an articulated object: {catalog.unknown(into)}')
         else:

@@ -7,11 +7,11 @@ belongs to the motion that places the object.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from gensim2.design.llm.catalog import Catalog
+from gensim2.design.llm.catalog import Catalog, sentence_of
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import ITEMS, Data
 from gensim2.design.llm.specs import CRITERIA, criterion, long_task, roles_of
@@ -49,8 +49,16 @@ SCHEMA: dict[str, Any] = {
 }
 
 
-def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: str) -> Ask[TaskSpec]:
-    """Return the question that asks for the sub-tasks of a long task."""
+@dataclass(frozen=True)
+class Decomposition:
+    """A decomposed task, and the model's own sentence for each step, by name; a grasp has none."""
+
+    task: TaskSpec
+    sentences: Mapping[str, str]
+
+
+def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: str) -> Ask[Decomposition]:
+    """Return the question for the sub-tasks of a long task."""
     assert found.rigid is not None
     text = prompts.text(
         "decomposition",
@@ -63,8 +71,8 @@ def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: s
     )
 
 
-def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, origin: str) -> TaskSpec:
-    """Return the task whose steps implement the sub-tasks in an answer.
+def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, origin: str) -> Decomposition:
+    """Return the task with the steps that the sub-tasks stand for, and their sentences.
 
     Raises:
         Wrong: a sub-task breaks a rule, or the sub-tasks do not reach the goal; the problems say which.
@@ -86,7 +94,8 @@ def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, 
     _check_goal(found, chain.steps, chain.problems)
     if chain.problems:
         raise Wrong(chain.problems)
-    return long_task(found.name, found.sentence, articulated, rigid, chain.steps, found.criteria, origin)
+    task = long_task(found.name, found.sentence, articulated, rigid, chain.steps, found.criteria, origin)
+    return Decomposition(task, chain.sentences)
 
 
 def _listed(data: Sequence[Data]) -> list[Data]:
@@ -113,6 +122,7 @@ class _Chain:
     other: str
     steps: list[Step] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
+    sentences: dict[str, str] = field(default_factory=dict)
     held: bool = False
     brought: bool = False
     on_handle: bool = False
@@ -127,6 +137,8 @@ class _Chain:
         kind = self._kind(where, given)
         if kind is None:
             return
+        before = len(self.steps)
+        sentence = sentence_of(given["task-description"], self.problems, f"{where}: task-description")
         if kind == BRINGING:
             self._bring(where)
         elif kind in WORKING:
@@ -136,6 +148,7 @@ class _Chain:
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role
             self._step("reach", on, HAND, kind)
+        self.sentences.update((step.name, sentence) for step in self.steps[before:])
 
     def end(self) -> None:
         if self.held:

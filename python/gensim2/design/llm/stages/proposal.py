@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,11 @@ from gensim2.design.llm.specs import CRITERIA, single_step
 from gensim2.design.llm.templating import Prompts
 from gensim2.tasks.criteria import CLOSED, OPEN
 from gensim2.tasks.spec import TaskSpec
+
+#: Goals in a sentence that no criterion measures: distances, angles, parts, sides.
+_UNMEASURED = re.compile(
+    r"\b(\d+(\.\d+)? ?(mm|cm|m|degrees?|percent)|half(way)?|slightly|a (little|bit)|to the (left|right)|twice)\b"
+)
 
 #: Half the width of the range of the initial openness.
 SPREAD = 0.15
@@ -112,13 +118,19 @@ def proposal(prompts: Prompts, catalog: Catalog, wish: Wish, refused: Sequence[s
         f"proposal {number + 1}",
         text,
         SCHEMA,
-        lambda data: read_proposal(data, catalog, wish),
+        lambda data: read_proposal(data, catalog, wish, [*bank["single"], *bank["long"]]),
         sample=number,
     )
 
 
-def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish) -> Proposal:
+def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish, shown: Sequence[Data] = ()) -> Proposal:
     """Return the proposal in an answer; the last one if the model corrects itself.
+
+    Args:
+        data: mappings in the answer.
+        catalog: robot, objects and known tasks.
+        wish: restrictions on the task.
+        shown: good examples of the prompt, which a proposal must not repeat.
 
     Raises:
         Wrong: the proposal breaks rules; the problems list all of them.
@@ -139,8 +151,15 @@ def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish) -> Proposa
     if problems:
         raise Wrong(problems)
     found = Proposal(name, sentence, articulated, rigid, criteria)
-    if not wish.long:
+    if wish.long:
+        _check_place(found, catalog, problems)
+    else:
         _check_single(found, catalog, problems)
+    if (unmeasured := _UNMEASURED.search(found.sentence)) is not None:
+        problems.append(f'"task-description": no success criterion measures "{unmeasured[0]}"; propose another goal')
+    same = (found.to_dict()["assets-used"], set(criteria))
+    if wish.task is None and any((each["assets-used"], set(each["success-criteria"])) == same for each in shown):
+        problems.append("this repeats one of the good examples; propose a task with another object or another goal")
     if problems:
         raise Wrong(problems)
     return found
@@ -226,6 +245,13 @@ def _criteria(given: Any, has_rigid: bool, wish: Wish, problems: list[str]) -> t
     if not wish.long and len(found) > 1:
         problems.append('"success-criteria": a task of one motion has one')
     return found
+
+
+def _check_place(found: Proposal, catalog: Catalog, problems: list[str]) -> None:
+    """Report an articulated object into or onto which nothing can be put."""
+    if catalog.articulated[found.articulated].place is None:
+        places = ", ".join(name for name, thing in catalog.articulated.items() if thing.place is not None)
+        problems.append(f"{found.articulated} has no place for an object; these have one: {places or 'none'}")
 
 
 def _check_single(found: Proposal, catalog: Catalog, problems: list[str]) -> None:

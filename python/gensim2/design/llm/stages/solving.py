@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gensim2.design.affordance import Affordance
-from gensim2.design.base import Known
+from gensim2.design.base import Known, RobotSummary
 from gensim2.design.llm import configs
 from gensim2.design.llm.configs import CONSTRAINTS, FINGERS, MOTIONS
 from gensim2.design.llm.conversations import Ask, Wrong
@@ -50,15 +50,17 @@ class StepToSolve:
         task: task of the step.
         step: step for which configs are requested.
         things: affordance of each object, by its name in the task.
-        tool_keypoints: description of each keypoint of the hand, by name.
+        settings: facts about the robot, among them the keypoints of its hand.
         profile: robot profile, against which names are checked.
+        sentence: the model's own sentence for the step; None: there is none.
     """
 
     task: TaskSpec
     step: Step
     things: Mapping[str, Affordance]
-    tool_keypoints: Mapping[str, str]
+    settings: RobotSummary
     profile: RobotProfile
+    sentence: str | None = None
 
     @property
     def held(self) -> Affordance | None:
@@ -68,14 +70,17 @@ class StepToSolve:
     def for_prompts(self) -> dict[str, Any]:
         """Return the values shared by all solver prompts."""
         done = criteria_in_words(self.step.done)
-        sentence = self.task.description if self.task.is_single_step else f"{self.step.name}: {done}"
+        sentence = self.sentence or (self.task.description if self.task.is_single_step else f"{self.step.name}: {done}")
         return {
             "sentence": sentence,
+            "goal": done,
+            "description": self.task.description,
             "task_name": self.task.name,
             "step_name": self.step.name,
             "thing": self.things[self.step.object],
             "held": self.held,
-            "tool_keypoints": self.tool_keypoints,
+            "settings": self.settings,
+            "tool_keypoints": self.settings.tool_keypoints,
         }
 
     def problems(self, config: Mapping[str, Any]) -> list[str]:
@@ -160,9 +165,11 @@ def motions(
 
     def read(data: list[Data]) -> list[Config]:
         given = _several(data, "trials", {*MOTIONS, *FINGERS})
-        return _valid([{CONSTRAINTS: list(constraint_list), **configs.cleaned(each)} for each in given], job, trials)
+        whole = [{CONSTRAINTS: list(constraint_list), **configs.cleaned(each)} for each in given]
+        return _valid(whole, job, trials, remarks)
 
-    return Ask(stage, job.task.name, job.step.name, text, schema, read, sight.pictures)
+    remarks: list[str] = []
+    return Ask(stage, job.task.name, job.step.name, text, schema, read, sight.pictures, remarks=remarks)
 
 
 @dataclass(frozen=True)
@@ -188,10 +195,12 @@ def regeneration(
     schema = _listed_schema("configs", {**_CONSTRAINT_FIELDS, **_MOTION_FIELDS})
 
     def read(data: list[Data]) -> list[Config]:
-        return _valid([configs.cleaned(each) for each in _several(data, "configs", {CONSTRAINTS})], job, trials)
+        whole = [configs.cleaned(each) for each in _several(data, "configs", {CONSTRAINTS})]
+        return _valid(whole, job, trials, remarks)
 
     about = f"{job.step.name}, round {round + 1}"
-    return Ask("regeneration", job.task.name, about, text, schema, read, sample=round)
+    remarks: list[str] = []
+    return Ask("regeneration", job.task.name, about, text, schema, read, sample=round, remarks=remarks)
 
 
 @dataclass(frozen=True)
@@ -252,8 +261,10 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
     return loose
 
 
-def _valid(given: Sequence[Config], job: StepToSolve, max_count: int) -> list[Config]:
-    """Return the valid configs without duplicates; raise Wrong if none is valid."""
+def _valid(given: Sequence[Config], job: StepToSolve, max_count: int, remarks: list[str]) -> list[Config]:
+    """Return the valid configs without duplicates and add the faults of the others to ``remarks``; raise only if none
+    is valid.
+    """
     found: list[Config] = []
     problems: list[str] = []
     for number, config in enumerate(given[: 4 * max_count]):
@@ -263,4 +274,5 @@ def _valid(given: Sequence[Config], job: StepToSolve, max_count: int) -> list[Co
             found.append(config)
     if not found:
         raise Wrong(problems or ["the list is empty"])
+    remarks += problems
     return found[:max_count]
