@@ -75,6 +75,46 @@ COMPOSED = {
 }
 
 
+#: A whole task: two articulated objects and a rigid one, with criteria beyond the paper's.
+WHOLE = {
+    "task-name": "tidy-desk",
+    "task-description": "close the box, leave the drawer ajar and put the apple into it",
+    "objects": {
+        "box": {"class": "box_rotate", "at": [0.0, 0.28], "openness": 0.6},
+        "drawer": {"class": "drawer", "at": [0.05, -0.28]},
+        "apple": {"class": "apple", "at": [-0.2, 0.0]},
+    },
+    "steps": [
+        {
+            "name": "close_box",
+            "description": "push the lid of the box down",
+            "object": "box",
+            "done": [{"type": "articulated_closed", "object": "box"}],
+        },
+        {
+            "name": "open_drawer",
+            "description": "pull the drawer out halfway",
+            "object": "drawer",
+            "tool": "hand",
+            "done": [{"type": "articulated_between", "object": "drawer", "low": 0.4, "high": 0.8}],
+        },
+        {"name": "grasp_apple", "description": "pick up the apple", "object": "apple"},
+        {
+            "name": "place_apple",
+            "description": "lower the apple into the drawer",
+            "object": "drawer",
+            "tool": "apple",
+            "done": [{"type": "distance_articulated_rigidbody", "articulated": "drawer", "rigid": "apple"}],
+        },
+    ],
+    "goal": [
+        {"type": "articulated_closed", "object": "box"},
+        {"type": "articulated_between", "object": "drawer", "low": 0.4, "high": 0.8},
+        {"type": "distance_articulated_rigidbody", "articulated": "drawer", "rigid": "apple"},
+    ],
+}
+
+
 def config_for(prompt: str) -> dict[str, Any]:
     """Return a library config for the step in a solver prompt."""
     asset_class = re.findall(r"^The keypoints of `(\w+)`", prompt, re.MULTILINE)[-1]
@@ -119,6 +159,10 @@ class GoodModel:
     def composition(self, asked: Asked) -> str:
         self._proposed += 1
         return json.dumps(COMPOSED)
+
+    def free(self, asked: Asked) -> str:
+        self._proposed += 1
+        return f"Two containers are new.\n{json.dumps(WHOLE)}"
 
     def code(self, asked: Asked) -> str:
         name = re.findall(r"^Write the class of the task `(\w+)`", asked.prompt, re.MULTILINE)[0]

@@ -25,6 +25,7 @@ STAGES = {
     "# Task decomposition": "decomposition",
     "# Task composition": "composition",
     "# Code generation": "code",
+    "# Whole task": "free",
     "# Solver stage 1: constraints": "constraints",
     "# Solver stage 2: motions": "motions",
     "# Regeneration": "regeneration",

@@ -25,7 +25,8 @@ class Designing:
 
     Attributes:
         mode: explore designs single-step tasks; topdown decomposes long tasks into steps; bottomup combines verified
-            tasks into long tasks.  [default: explore; offline designer: all tasks]
+            tasks into long tasks; free designs whole tasks with several objects, held tools and all criteria.
+            [default: explore; offline designer: all tasks]
         trials: Number of configs of a step to request at once.  [default: 3]
         max_rounds: Maximum number of answers to a request, and of rounds that improve configs after simulation.
             [default: 3]
@@ -43,7 +44,7 @@ class Designing:
         concurrency: Maximum number of simultaneous requests.  [default: 4]
     """
 
-    mode: Literal["explore", "topdown", "bottomup"] | None = None
+    mode: Literal["explore", "topdown", "bottomup", "free"] | None = None
     trials: Annotated[int | None, count(50)] = None
     max_rounds: Annotated[int | None, count(20)] = None
     visual: bool = False
@@ -92,8 +93,8 @@ def designer_of_command(
             if value and name not in _FOR_ALL:
                 flag = f"--{'model-config' if name == 'config' else name.replace('_', '-')}"
                 raise InputError("does not apply to the offline designer", field=flag, remedy="give --designer MODEL")
-        if asked["mode"] == "topdown":
-            raise InputError("needs a language model", field="--mode topdown", remedy="give --designer MODEL")
+        if asked["mode"] in ("topdown", "free"):
+            raise InputError("needs a language model", field=f"--mode {asked['mode']}", remedy="give --designer MODEL")
         return offline_designer(asked["mode"], target_object, review), target_task
     from gensim2.design.llm import Asking
 

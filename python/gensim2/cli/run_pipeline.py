@@ -24,6 +24,8 @@ def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None
     if designer in (None, OFFLINE) and asked["config"] is None and asked["replay"] is None:
         return
     mode = asked["mode"]
+    if mode == "free":
+        return
     explores = mode in (None, "explore")
     kind, other = ("long", "topdown or bottomup") if explores else ("single", "explore")
     if {"single": single, "long": long}[kind]:

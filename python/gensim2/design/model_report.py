@@ -16,6 +16,7 @@ SHOWN_ANSWER = 20_000
 STAGES = (
     "proposal",
     "composition",
+    "free",
     "reflection",
     "decomposition",
     "code",

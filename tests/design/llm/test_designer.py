@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import json
 import re
@@ -12,7 +13,7 @@ from typing import Any
 
 import pytest
 import yaml
-from llm_answers import BOX, DRAWER, LONG, GoodModel
+from llm_answers import BOX, DRAWER, LONG, WHOLE, GoodModel
 from llm_server import Asked, ModelServer
 
 from gensim2.design.affordance import Affordance
@@ -22,7 +23,7 @@ from gensim2.design.llm import Asking, LanguageModel, LLMDesigner, ModelOptions,
 from gensim2.design.pictures import LazyPicture
 from gensim2.objects import Library
 from gensim2.planning.strategies import parse_strategy
-from gensim2.tasks.criteria import ArticulatedOpen
+from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedOpen
 from gensim2.tasks.library import load_task
 from gensim2.tasks.spec import TaskSpec
 
@@ -137,6 +138,67 @@ def test_long_tasks_are_put_together_from_what_is_known(server: ModelServer, bri
     (candidate, *_) = found.candidates(task, brief, seed=0)
     assert server.stages() == ["composition", "constraints", "motions"], "only the new step is asked for"
     assert "open_drawer_from_inside" in candidate.steps["open"]
+
+
+def test_a_whole_task_has_several_objects_tools_and_all_criteria(server: ModelServer, brief: Brief) -> None:
+    found = designer(server, mode="free")
+    (task,) = proposed(found, brief)
+    assert server.stages() == ["free", "reflection"]
+    assert [thing.asset_class for thing in task.objects.values()] == ["box_rotate", "drawer", "apple"]
+    assert [(step.name, step.object, step.tool) for step in task.steps] == [
+        ("close_box", "box", "hand"),
+        ("open_drawer", "drawer", "hand"),
+        ("grasp_apple", "apple", "hand"),
+        ("place_apple", "drawer", "apple"),
+    ]
+    assert task.success[1] == ArticulatedBetween(object="drawer", low=0.4, high=0.8)
+    assert task.objects["box"].randomization.openness_mean == 0.6
+    (first, *_) = found.candidates(task, brief, seed=0)
+    assert list(first.steps["grasp_apple"]) == ["grasp", "grasp_from_any_side"], "a grasp is planned by rule"
+    assert first.steps["place_apple"]["designed_place_apple"]["gripper"] == "release"
+    asked = [asked.prompt for asked in server.asked if asked.stage == "constraints"]
+    assert len(asked) == 3
+    assert any('"pull the drawer out halfway" (task `TidyDesk`, step `open_drawer`)' in prompt for prompt in asked)
+
+
+WRONG_WHOLE: list[tuple[str, Callable[[dict[str, Any]], object], str]] = [
+    ("an unknown class", lambda task: task["objects"]["box"].update({"class": "crate"}), "there is no object 'crate'"),
+    ("an unknown field", lambda task: task["objects"]["box"].update(colour="red"), "there is no field colour"),
+    ("no place to stand", lambda task: task["objects"]["apple"].pop("at"), 'a rigid object needs "at" or "on"'),
+    ("an empty hand", lambda task: task["steps"].pop(2), "the hand does not hold apple"),
+    ("a grasp of a drawer", lambda task: task["steps"][1].update(name="grasp_drawer"), "picks up a rigid object"),
+    (
+        "the wrong kind",
+        lambda task: task["goal"].append({"type": "rigidbody_lifted", "rigid": "drawer"}),
+        "drawer is no rigid object",
+    ),
+    ("an unknown criterion", lambda task: task["goal"].append({"type": "is_tidy"}), "goal.3"),
+    (
+        "no place in it",
+        lambda task: task["goal"].append(
+            {"type": "distance_articulated_rigidbody", "articulated": "handle", "rigid": "apple"}
+        ),
+        "bucket_swing has no place for an object",
+    ),
+    ("no goal", lambda task: task.pop("goal"), "goal: must be a list of criteria"),
+    ("too many steps", lambda task: task.update(steps=task["steps"] * 3), '"steps" must be 1 to 8, not 12'),
+]
+
+
+@pytest.mark.parametrize(("change", "words"), [case[1:] for case in WRONG_WHOLE], ids=[case[0] for case in WRONG_WHOLE])
+def test_what_is_wrong_with_a_whole_task_goes_back_in_words(
+    server: ModelServer, brief: Brief, library: Library, change: Callable[[dict[str, Any]], object], words: str
+) -> None:
+    task = copy.deepcopy(WHOLE)
+    task["objects"]["handle"] = {"class": "bucket_swing", "at": [-0.3, 0.3]}
+    change(task)
+    model = GoodModel()
+    server.script = lambda asked: json.dumps(task) if asked.stage == "free" and not asked.again else model(asked)
+    swing = Affordance.of([library.load("bucket_swing", library.instances("bucket_swing")[0])])
+    found = designer(server, mode="free")
+    (made,) = proposed(found, replace(brief, classes={**brief.classes, "bucket_swing": swing}))
+    assert made.name == "TidyDesk"
+    assert words in server.asked[1].last
 
 
 def test_a_task_comes_by_way_of_code(server: ModelServer, brief: Brief) -> None:

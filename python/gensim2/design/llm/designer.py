@@ -18,7 +18,7 @@ from gensim2.design.llm.model import LanguageModel
 from gensim2.design.llm.questions import BudgetSpent
 from gensim2.design.llm.solutions import Asking, Solutions, Views, in_words, tried_of
 from gensim2.design.llm.stages import code as code_stage
-from gensim2.design.llm.stages import composition, decomposition, proposal, solving
+from gensim2.design.llm.stages import composition, decomposition, free, proposal, solving
 from gensim2.design.llm.stages.proposal import Wish
 from gensim2.design.llm.stages.solving import Config, StepToSolve
 from gensim2.design.llm.templating import Prompts
@@ -198,6 +198,8 @@ class LLMDesigner:
         wish = Wish(self.asking.mode == "topdown", self.asking.target_task, self.asking.target_object)
         if self.asking.mode == "bottomup":
             return self._composed(brief, catalog, wish, number, refused)
+        if self.asking.mode == "free":
+            return self._whole(brief, catalog, wish, number, refused)
         found, record = self.talk.ask(proposal.proposal(self.prompts, catalog, wish, refused, number))
         self.talk.log.settle(record, found.name, "used")
         (good, why), _ = self.talk.ask(proposal.reflection(self.prompts, catalog, found, wish))
@@ -224,6 +226,23 @@ class LLMDesigner:
         self.talk.log.settle(record, found.task.name, "used")
         self._skills[found.task.name] = found.strategies
         return self._as_code(found.task, brief) if self.asking.code else found.task
+
+    def _whole(self, brief: Brief, catalog: Catalog, wish: Wish, number: int, refused: list[str]) -> TaskSpec | None:
+        good = [load_task(name) for name in self.prompts.good_tasks(long=True)]
+        found, record = self.talk.ask(free.whole_task(self.prompts, catalog, good, wish, refused, number, self.name))
+        task = found.task
+        self.talk.log.settle(record, task.name, "used")
+        classes = [thing.asset_class for thing in task.objects.values()]
+        about = proposal.reflection_on(
+            self.prompts, catalog.about(*classes), free.as_answer(task), task.name, long=True
+        )
+        (good_one, why), _ = self.talk.ask(about)
+        if not good_one:
+            self.talk.log.settle(record, task.name, "refused", why)
+            refused.append(f"{task.name} ({task.description}): {why}")
+            return None
+        self._sentences[task.name] = found.sentences
+        return self._as_code(task, brief) if self.asking.code else task
 
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
         """Return the task that the model's code for ``task`` describes."""

@@ -20,7 +20,7 @@ from gensim2.design.pictures import LazyPicture
 from gensim2.tasks.spec import Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-Mode = Literal["explore", "topdown", "bottomup"]
+Mode = Literal["explore", "topdown", "bottomup", "free"]
 
 #: Maximum numbers of tried configs shown when asking for better ones: the best ones, and the newest others.
 SHOWN_BEST, SHOWN_NEW = 3, 3
@@ -48,7 +48,8 @@ class Asking:
 
     Attributes:
         mode: ``"explore"``: single-step tasks; ``"topdown"``: long tasks that are decomposed into steps;
-            ``"bottomup"``: long tasks composed of verified ones.
+            ``"bottomup"``: long tasks composed of verified ones; ``"free"``: whole tasks with several objects, held
+            tools and all criteria.
         target_task: name of the task to propose; None: any.
         target_object: class that each task must use; None: any.
         trials: number of configs of a step requested at once.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -174,14 +174,15 @@ def task_of(found: Proposal, catalog: Catalog, origin: str) -> TaskSpec:
 def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) -> Ask[tuple[bool, str]]:
     """Return the question whether a proposal is good; its answer is read as a verdict with reasons."""
     classes = [name for name in (found.articulated, found.rigid) if name]
-    text = prompts.text(
-        "reflection",
-        **catalog.about(*classes).for_prompts(),
-        task=found.to_dict(),
-        bad=prompts.bank["bad"],
-        long=wish.long,
-    )
-    return Ask("reflection", found.name, "", text, REFLECTION_SCHEMA, read_reflection)
+    return reflection_on(prompts, catalog.about(*classes), found.to_dict(), found.name, long=wish.long)
+
+
+def reflection_on(
+    prompts: Prompts, catalog: Catalog, task: Mapping[str, Any], name: str, *, long: bool
+) -> Ask[tuple[bool, str]]:
+    """Return the question whether a task is good; ``task`` is the task as the model wrote it."""
+    text = prompts.text("reflection", **catalog.for_prompts(), task=dict(task), bad=prompts.bank["bad"], long=long)
+    return Ask("reflection", name, "", text, REFLECTION_SCHEMA, read_reflection)
 
 
 def read_reflection(data: Sequence[Data]) -> tuple[bool, str]:
