@@ -60,6 +60,7 @@ class Client:
             remedy = f"set it, or name the endpoint of {options.model!r} with --base-url or $OPENAI_BASE_URL"
             raise InputError("is not set", field=f"${options.key_variable}", remedy=remedy)
         self._without: set[str] = {"response_format"} if options.structured == "off" else set()
+        self._schema_works = False
         self._boundary = Boundary(self._key)
         try:
             line = guarded_client(httpx, self._boundary, options.timeout)
@@ -119,6 +120,7 @@ class Client:
                 raw = self._api.chat.completions.with_raw_response.create(messages=messages, **request)
                 if failed is not None:
                     self._without.add("response_format")
+                self._schema_works |= "response_format" in request
                 return self._answer(question, raw)
             except (self._openai.BadRequestError, self._openai.UnprocessableEntityError) as error:
                 if (name := self._refused(request, _complaint(error))) is None:
@@ -126,7 +128,7 @@ class Client:
                 self._without.add(name)
             except self._openai.InternalServerError as error:
                 # Some servers fail on a JSON schema instead of refusing it, so the question is repeated without one.
-                if failed is not None or "response_format" not in request:
+                if failed is not None or self._schema_works or "response_format" not in request:
                     raise failed or self._in_words(error) from error
                 failed = self._in_words(error)
             except self._openai.OpenAIError as error:

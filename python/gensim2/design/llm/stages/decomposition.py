@@ -50,14 +50,14 @@ SCHEMA: dict[str, Any] = {
 
 
 @dataclass(frozen=True)
-class Decomposition:
+class DecomposedTask:
     """A decomposed task, and the model's own sentence for each step, by name; a grasp has none."""
 
     task: TaskSpec
     sentences: Mapping[str, str]
 
 
-def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: str) -> Ask[Decomposition]:
+def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: str) -> Ask[DecomposedTask]:
     """Return the question for the sub-tasks of a long task."""
     assert found.rigid is not None
     text = prompts.text(
@@ -71,7 +71,7 @@ def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: s
     )
 
 
-def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, origin: str) -> Decomposition:
+def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, origin: str) -> DecomposedTask:
     """Return the task with the steps that the sub-tasks stand for, and their sentences.
 
     Raises:
@@ -95,7 +95,7 @@ def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, 
     if chain.problems:
         raise Wrong(chain.problems)
     task = long_task(found.name, found.sentence, articulated, rigid, chain.steps, found.criteria, origin)
-    return Decomposition(task, chain.sentences)
+    return DecomposedTask(task, chain.sentences)
 
 
 def _listed(data: Sequence[Data]) -> list[Data]:
