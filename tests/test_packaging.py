@@ -215,6 +215,13 @@ def light_site(wheel: Path, folder: Path) -> Path:
     return site
 
 
+def test_the_light_installation_takes_at_most_400_mb(wheels: dict[str, Path], tmp_path: Path) -> None:
+    site = light_site(wheels["gensim2"], tmp_path)
+    folders = (folder for folder, *_ in os.walk(site, followlinks=True))
+    files = [file for folder in folders for file in Path(folder).iterdir() if file.suffix != ".pyc"]
+    assert sum(file.stat().st_blocks * 512 for file in files) <= 400 * 2**20
+
+
 def test_the_light_installation_makes_a_verified_demonstration(wheels: dict[str, Path], tmp_path: Path) -> None:
     site = light_site(wheels["gensim2"], tmp_path)
     # -S: without this environment's own packages, in the worker processes as well.

@@ -14,7 +14,7 @@ from gensim2.core.errors import InputError
 from gensim2.inspection.rigid import physical_findings
 from gensim2.objects import Library, open_library
 from gensim2.objects.library.rigid import CLASSES
-from gensim2.objects.library.rigid_prepare import best_grip, read, resting_pose, steadiness
+from gensim2.objects.library.rigid_prepare import best_grip, read, resting_pose, resting_sides, steadiness
 from gensim2.objects.physics import Inertial
 from gensim2.objects.types import AssetError
 
@@ -83,6 +83,14 @@ def test_what_cannot_stand_is_laid_on_its_largest_side() -> None:
     lying = resting_pose([box(0.01, 0.1, 0.2)], mass)
     np.testing.assert_allclose(np.abs(lying.rotation[2]), [1, 0, 0], atol=1e-9)
     assert lying.position[2] == pytest.approx(0.005)
+
+
+def test_sides_are_ordered_by_the_chance_to_land_and_topple_on_them() -> None:
+    sides = resting_sides(box(0.02, 0.05, 0.1), np.zeros(3))
+    np.testing.assert_allclose(np.abs(sides), np.repeat(np.eye(3), 2, axis=0), atol=1e-9)
+    # A leaning body topples from its ends, where its centre of mass is beyond an edge, onto its large sides.
+    slanted = box(0.1, 0.1, 0.1) + np.array([0.2, 0, 0]) * (box(1, 1, 1)[:, 2:] + 0.5)
+    np.testing.assert_allclose(np.abs(resting_sides(slanted, slanted.mean(axis=0)))[:, 1], [0, 0, 1, 1], atol=1e-9)
 
 
 def test_a_box_is_held_across_its_narrow_side() -> None:

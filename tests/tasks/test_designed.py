@@ -8,7 +8,7 @@ from gensim2.design.drafting import chains, verbs
 from gensim2.design.proposals import joint_goal
 from gensim2.objects import open_library
 from gensim2.tasks.library import load_strategies, load_task, task_names
-from gensim2.tasks.likeness import normal_form, why_alike
+from gensim2.tasks.likeness import likeness, normal_form, why_alike
 from gensim2.tasks.spec import TaskSpec
 
 LIBRARY = open_library("builtin")
@@ -74,3 +74,9 @@ def test_each_is_asked_for_in_a_sentence_of_its_own() -> None:
     sentences = Counter(task.description for task in TASKS)
     assert max(sentences.values()) == 1
     assert all(sentence[0].islower() and not sentence.endswith(".") and "_" not in sentence for sentence in sentences)
+
+
+def test_likeness_is_the_share_of_common_letters_whatever_the_order_of_words() -> None:
+    assert likeness(("lid", "close", "lid"), ("close", "lid")) == 100.0
+    assert likeness(("abcd",), ("bxd",)) == 400 / 7
+    assert likeness(("a",), ()) == 0.0

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from gensim2.core.files import replacing
 from gensim2.data.formats.columns import RGB, XYZ
@@ -62,7 +62,7 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
         if first is not None and last is not None:
             file = f"{folder}/{store.name}-{row.index:06d}.png"
             with replacing(root / file) as path:
-                imageio.imwrite(path, np.concatenate([first, last]), format="png")
+                Image.fromarray(np.concatenate([first, last])).save(path, "png")
             shots.append(Shot(row.index, file))
     return tuple(shots)
 

@@ -6,6 +6,7 @@ rendered without a replay. Otherwise a ray caster draws the recorded states.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
@@ -14,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 from pydantic import BaseModel, ConfigDict
 
 from gensim2.core.errors import InputError
@@ -199,7 +200,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
         write_video(path, frames(replay, shown, stride), speed * replay.control_hz / stride)
     if still is not None:
         with replacing(still) as path:
-            imageio.imwrite(path, shown.farthest)
+            Image.fromarray(shown.farthest).save(path)
     return Film(shown.frames, shown.success)
 
 
@@ -299,21 +300,24 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
 
     rest = iter(frames)
     first = next(rest)
+    height, width = first.shape[:2]
     shape: dict[str, Any] = {"macro_block_size": 1, "output_params": ["-g", "2"]}
     if not exact:  # "faststart": browsers can play it while it loads
-        shape = {"codec": "libx264", "quality": 7, "output_params": ["-movflags", "+faststart"]}
-    shape["pixelformat"] = pixel_format(*first.shape[:2]) if exact else "yuv420p"
-    # ImageIO's plugin types lack the writer's append method.
-    writer: Any = imageio.get_writer(path, fps=frames_per_second, ffmpeg_log_level="quiet", **shape)
+        shape = {"quality": 7, "output_params": ["-movflags", "+faststart"]}
+    shape |= {"codec": "libx264", "pix_fmt_out": pixel_format(height, width) if exact else "yuv420p"}
+    writer = imageio_ffmpeg.write_frames(
+        str(path), (width, height), fps=frames_per_second, ffmpeg_log_level="quiet", **shape
+    )
     count = 0
-    with writer:
+    with contextlib.closing(writer):
+        writer.send(None)
         for frame in itertools.chain([first], rest):
             try:
-                writer.append_data(frame)
+                writer.send(np.ascontiguousarray(frame))
             except OSError as error:
                 raise OSError(errno.EIO, _ENDED_EARLY) from error
             count += 1
-    try:  # imageio does not check the encoder's exit status
+    try:  # the writer does not check the encoder's exit status
         found = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
     except RuntimeError as error:
         raise OSError(errno.EIO, _ENDED_EARLY) from error

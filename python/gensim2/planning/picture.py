@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 import gensim2_kpam as kpam
 from gensim2.perception.raycast.drawing import Drawing
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import Surface, read_links
+from gensim2.planning.hulls import surface
 from gensim2.planning.scene import Scene
 from gensim2.planning.show import FIXTURE, MOVING, RIGID, STANDING
 from gensim2.robots import RobotProfile
@@ -126,8 +126,7 @@ def _bodies(scene: Scene) -> list[tuple[Surface, Array]]:
             colors[body.name] = RIGID if thing.is_rigid else MOVING if body.name in moves else STANDING
     found = []
     for body in scene.bodies:
-        mesh = trimesh.util.concatenate([trimesh.convex.convex_hull(hull) for hull in body.hulls])
-        corners, faces = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32)
+        corners, faces = surface(body.hulls)
         bare = Surface(corners, faces, np.zeros((len(faces), 3), np.uint8))
         found.append((bare.painted(colors[body.name]), body.T_base_body))
     return found

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
 from gensim2.core.errors import MissingExtraError
+from gensim2.planning.hulls import surface
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
 from gensim2_kpam.show import STEP, add_clock, add_text
@@ -94,11 +94,11 @@ def _quaternion(pose: Array) -> Array:
 
 
 def _draw_body(server: Any, body: SceneBody, color: tuple[int, int, int]) -> Any:
-    mesh = trimesh.util.concatenate([trimesh.convex.convex_hull(hull) for hull in body.hulls])
+    vertices, faces = surface(body.hulls)
     return server.scene.add_mesh_simple(
         f"/scene/{body.name}",
-        np.asarray(mesh.vertices, dtype=np.float32),
-        np.asarray(mesh.faces, dtype=np.uint32),
+        vertices,
+        faces.astype(np.uint32),
         color=color,
         flat_shading=True,
         position=body.T_base_body[:3, 3],

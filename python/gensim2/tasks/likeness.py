@@ -12,8 +12,6 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rapidfuzz import fuzz
-
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -112,8 +110,19 @@ def normal_words(sentence: str) -> tuple[str, ...]:
 
 
 def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
-    """Return the similarity, 0 to 100, of two lists of words, regardless of order and repetition."""
-    return float(fuzz.token_sort_ratio(" ".join(set(one)), " ".join(set(other))))
+    """Return the similarity of two sets of words, 0 to 100, regardless of order and repetition.
+
+    The similarity is the share of letters in the longest common subsequence of the sorted words.
+    """
+    first, second = " ".join(sorted(set(one))), " ".join(sorted(set(other)))
+    lengths = [0] * (len(second) + 1)
+    for letter in first:
+        before = lengths
+        lengths = [0]
+        for place, each in enumerate(second):
+            lengths.append(before[place] + 1 if letter == each else max(before[place + 1], lengths[place]))
+    total = len(first) + len(second)
+    return 200.0 * lengths[-1] / total if total else 100.0
 
 
 def _concerned(task: TaskSpec) -> list[str]:

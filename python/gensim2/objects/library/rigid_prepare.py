@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -69,25 +70,62 @@ def steadiness(points: Array, center: Array) -> float:
 
 
 def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
-    """Return the pose in which an object rests on the table: upright if stable, else the most probable stable pose.
-
-    trimesh computes the statically stable poses of the convex hull and their probabilities.
-    """
+    """Return the pose in which an object rests on the table: upright if stable, else the most probable one."""
     points = np.concatenate(list(hulls))
-    shell = trimesh.convex.convex_hull(points)
-    transforms, chances = trimesh.poses.compute_stable_poses(shell, center_mass=mass.center, seed=0)
-    poses = [_least_turn(np.asarray(T[:3, :3], float)) for T in transforms] or [np.eye(3)]
+    poses = [_least_turn(-side) for side in resting_sides(points, mass.center)]
     R = max(poses, key=lambda pose: float(pose[2, 2]))
     if R[2, 2] < np.cos(LEAN) or steadiness(points @ R.T, R @ mass.center) < STEADY:
-        R = poses[int(np.argmax(np.round(chances, 6)))] if len(chances) else R
+        R = poses[0]
     low = float((points @ R[2]).min())
     quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
     return Placement(np.array([0.0, 0.0, -low]), quaternion + 0.0)
 
 
-def _least_turn(R: Array) -> Array:
-    """Return the rotation closest to upright among all that have the same side down as ``R``."""
-    down = R[2]  # world up in the object frame
+def resting_sides(points: Array, center: Array) -> Array:
+    """Return the outward normals (K, 3) of the sides on which the hull of (N, 3) points can rest, most probable first.
+
+    A body dropped in a random orientation lands on a triangle with a probability proportional to the solid angle of the
+    triangle seen from the centre of mass (3,). The body then topples until its centre of mass is above a triangle.
+    """
+    shell = trimesh.convex.convex_hull(points).convex_hull
+    corners, normals = np.asarray(shell.triangles), np.asarray(shell.face_normals)
+    across = np.zeros(shell.faces.shape, dtype=int)  # the triangle beyond the edge that faces a corner
+    for column, alone in enumerate(shell.face_adjacency_unshared.T):
+        here, beyond = shell.face_adjacency[:, column], shell.face_adjacency[:, 1 - column]
+        across[here, np.argmax(shell.faces[here] == alone[:, None], axis=1)] = beyond
+    height = ((center - corners[:, 0]) * normals).sum(axis=1, keepdims=True)
+    weights = trimesh.triangles.points_to_barycentric(corners, center - height * normals)
+    numbers = np.arange(len(corners))
+    falls = np.where((weights < 0).any(axis=1), across[numbers, weights.argmin(axis=1)], numbers)
+    chances = np.array([_share(*(corner - center)) for corner in corners])
+    moving = np.setdiff1d(numbers, falls[falls != numbers])
+    for _ in numbers:
+        moving = moving[falls[moving] != moving]
+        for triangle in moving:
+            chances[falls[triangle]] += chances[triangle]
+            chances[triangle] = 0.0
+        moving = falls[moving]
+    sides: dict[tuple[float, ...], list[int]] = {}
+    for triangle in np.flatnonzero(chances > 0):
+        sides.setdefault(tuple(np.round(normals[triangle], 3)), []).append(triangle)
+    order = np.argsort([-sum(chances[each] for each in side) for side in sides.values()])
+    return normals[[list(sides.values())[place][0] for place in order]]
+
+
+def _share(*corners: Array) -> float:
+    """Return the solid angle of a triangle with three corners (3,) seen from the origin as a share of 4π.
+
+    The formula is L'Huilier's theorem.
+    """
+    a, b, c = (corner / np.linalg.norm(corner) for corner in corners)
+    arcs = [np.arccos(np.clip(np.dot(*pair), -1.0, 1.0)) for pair in ((a, b), (b, c), (c, a))]
+    half = sum(arcs) / 2.0
+    excess = math.prod([np.tan(half / 2), *(np.tan((half - arc) / 2) for arc in arcs)])
+    return float(1.0 / np.pi * np.arctan(np.sqrt(max(excess, 0.0))))
+
+
+def _least_turn(down: Array) -> Array:
+    """Return the smallest rotation after which a direction (3,) of the object points up."""
     axis = np.cross(down, [0, 0, 1])
     angle = float(np.arccos(np.clip(down[2], -1, 1)))
     if np.linalg.norm(axis) < 1e-9:
