@@ -12,7 +12,8 @@ import pytest
 from gensim2.data.close_up import CloseUp
 from gensim2.data.films import DOT, PAPER, dotted, film_index, film_path
 from gensim2.perception import Camera
-from gensim2.perception.raycast.drawing import AMBIENT, SKY, shaded
+from gensim2.perception.raycast.drawing import AMBIENT, SKY, Drawing
+from gensim2.perception.raycast.shapes import Surface
 from gensim2.rollout.recording import Recorder
 from gensim2.sim.headless import HeadlessEnv
 
@@ -21,14 +22,11 @@ CAMERA = Camera.looking("film", (0, 0, 2), (0.001, 0, 0), width=32, height=32, f
 
 @dataclass
 class MadeUpView:
-    """An image of one colour with given depths."""
+    """An image with given depths."""
 
     depth: npt.NDArray[np.float32]
     camera: Camera = CAMERA
     segmentation: npt.NDArray[np.int16] | None = None
-
-    def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
-        return np.full((len(pixels), 3), 200, np.uint8)
 
 
 def test_points_are_drawn_where_the_camera_sees_them_and_near_ones_hide_far_ones() -> None:
@@ -42,14 +40,17 @@ def test_points_are_drawn_where_the_camera_sees_them_and_near_ones_hide_far_ones
 
 
 def test_a_surface_is_darker_the_more_it_turns_away_and_nothing_is_sky() -> None:
-    flat = np.full((32, 32), 2.0, np.float32)  # a plane perpendicular to the view
-    floor = shaded(MadeUpView(flat))  # type: ignore[arg-type]
-    expected = 200 * (AMBIENT + (1 - AMBIENT) * 0.8 / np.linalg.norm((0.3, -0.5, 0.8)))
-    assert np.abs(floor[5:20, 5:20].astype(float) - expected).max() < 3
-    ramp = np.linspace(0, 8, 32, dtype=np.float32)[None]
-    sides = [shaded(MadeUpView(flat + each))[5:20, 5:20].mean() for each in (ramp, ramp[:, ::-1])]  # type: ignore[arg-type]
-    assert min(sides) < floor[5:20, 5:20].mean() < max(sides)
-    assert shaded(MadeUpView(np.zeros((32, 32), np.float32)))[3, 3].tolist() == list(SKY)  # type: ignore[arg-type]
+    cube = Surface.box((0, 0, 0), (0.1, 0.1, 0.1), (200, 200, 200))
+    for flipped in (cube, replace(cube, faces=cube.faces[:, ::-1].copy())):  # whatever side its triangles face
+        above, below = (
+            np.asarray(Drawing([(flipped, np.eye(4))], (-0.5, -0.5, z), (0, 0, 0), 64).picture()) for z in (0.5, -0.5)
+        )
+        top, bottom = above[25, 32].mean(), below[38, 32].mean()
+        assert 195 < top <= 202
+        assert bottom == pytest.approx(200 * AMBIENT, abs=2)
+        assert above[3, 3].tolist() == list(SKY)
+        sides = above[38, 26].mean(), above[38, 38].mean()
+        assert bottom < min(sides) + 5 < max(sides) < top
 
 
 def test_the_close_up_shows_the_fingertips_from_the_side_where_nothing_hides_them(
@@ -72,6 +73,7 @@ def test_the_close_up_shows_the_fingertips_from_the_side_where_nothing_hides_the
     tips = close_up._scene.see(close_up._scene.poses(first)[0], {env.profile.hand_link: np.eye(4)})[0].camera
     assert tips.T_base_camera[:3, 1] @ [0, 0, 1] > 0.8, "the fingers point down in the picture"
 
+    monkeypatch.setattr("gensim2.data.close_up.shaded", lambda view: black[:30, :30])
     wall, free = np.full((30, 30), 0.1, np.float32), np.full((30, 30), 2.0, np.float32)
     for depths, side in (((wall, free), 1), ((wall, wall), 1), ((free, wall), 0), ((free, free), 0)):
         views = tuple(MadeUpView(depth, replace(CAMERA, width=30, height=30)) for depth in depths)

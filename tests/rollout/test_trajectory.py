@@ -283,6 +283,7 @@ def test_without_sapiens_renderer_the_ray_caster_draws_the_states(
     import imageio.v2 as imageio
 
     from gensim2.data import video
+    from gensim2.data.close_up import FRAME, FRAME_WIDTH, SHARE
     from gensim2.data.video import Replay, film
 
     monkeypatch.setattr(video, "can_render", lambda: False)
@@ -290,6 +291,8 @@ def test_without_sapiens_renderer_the_ray_caster_draws_the_states(
     assert replay.states is not None
     made = film(replay, tmp_path / "video.mp4", still=tmp_path / "still.png", stride=20)
     assert made.success is None
+    edge = int(SHARE * 480) + FRAME_WIDTH
+    assert imageio.imread(tmp_path / "still.png")[-edge, -edge].tolist() == list(FRAME)  # of the close-up
     frames = [np.asarray(frame) for frame in imageio.get_reader(tmp_path / "video.mp4")]
     assert len(frames) == made.frames
     assert frames[0].shape == (480, 640, 3)

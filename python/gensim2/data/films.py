@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from gensim2.data.observing import objects_of
 from gensim2.data.video import write_video
 from gensim2.perception import Camera, EmptyCloudError, ObservationSpec
 from gensim2.perception.raycast.drawing import shaded
+from gensim2.perception.raycast.kinematics import state_at
 from gensim2.perception.raycast.observer import Observer
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import OPEN, RobotProfile, robot
@@ -117,7 +118,7 @@ def _frames(
     commands = [OPEN, *map(float, recording.actions[:, -1])]
     last = len(commands) - 1
     for step in sorted({*range(0, last + 1, stride), last}):
-        states = _row(recording.env_states, step)
+        states = state_at(recording.env_states, step)
         picture = close_up.onto(shaded(solid.see(poses[step])[0]), states)
         if observer is None:
             yield _titled(picture, "camera")
@@ -147,10 +148,6 @@ def film_camera(profile: RobotProfile) -> Camera:
     turn, base = profile.T_world_base[:3, :3].T, np.array(profile.base_position)
     place, target = turn @ (EYE - base), turn @ (TARGET - base)
     return Camera.looking("film", place, target, width=SIZE, height=SIZE, fov=FIELD_OF_VIEW)
-
-
-def _row(states: Mapping[str, Any], step: int) -> dict[str, Any]:
-    return {kind: {name: rows[step : step + 1] for name, rows in group.items()} for kind, group in states.items()}
 
 
 def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:

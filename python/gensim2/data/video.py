@@ -267,18 +267,22 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
 
 def _drawn(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     """Draw the recorded states with the ray caster."""
-    from gensim2.data.observing import objects_of  # this import loads the ray caster
-    from gensim2.perception.raycast.state_drawing import StateDrawing
+    from gensim2.data.close_up import CloseUp  # brings the ray caster
+    from gensim2.data.observing import objects_of
+    from gensim2.perception.raycast.kinematics import state_at
+    from gensim2.perception.raycast.state_drawing import VIDEO_HEIGHT, StateDrawing
 
     states = replay.states
     assert states is not None
     objects = objects_of(replay.scene, replay.reset_kwargs["options"]["instance"])
-    drawing = StateDrawing(robot(replay.scene.robot), objects)
+    profile = robot(replay.scene.robot)
+    drawing, close_up = StateDrawing(profile, objects), CloseUp(profile, objects, VIDEO_HEIGHT)
     keypoints = drawing.keypoints(states)
     for number in range(len(replay.actions) + 1):
         if number % stride and number != len(replay.actions):
             continue
-        frame = drawing.at(states, number)
+        state = state_at(states, number)
+        frame = close_up.onto(drawing.of(state), state)
         shown.add(frame, keypoints[number], None)
         yield frame
 

@@ -130,7 +130,7 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
             models = {name: thing.model for name, thing in env.initial_state.objects.items()}
             self._drawing = StateDrawing(env.profile, models)
         rows = {kind: {name: row[None] for name, row in group.items()} for kind, group in env.state().items()}
-        return self._drawing.at(rows, 0)
+        return self._drawing.of(rows)
 
     def close(self) -> None:
         """End the environment."""

@@ -112,6 +112,12 @@ class Caster:
         """Return the segmentation ids of hits, an array of any shape; 0 without a hit."""
         return self._ids[face]
 
+    def normals(self, face: npt.NDArray[np.int32], poses: Array) -> npt.NDArray[np.float32]:
+        """Return the unit normals (..., 3) of hit triangles, for solids with poses (L, 4, 4)."""
+        turns = poses[:, :3, :3].astype(np.float32)
+        turned = [solid.surface.normals @ turn.T for solid, turn in zip(self._solids, turns, strict=True)]
+        return np.asarray(np.concatenate(turned)[face])
+
     def colors(self, face: npt.NDArray[np.int32], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]) -> Color:
         """Return the colours (..., 3) at the hits, from material or texture; black without a hit."""
         found = self._colors[face]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.perception import Camera, View
+from gensim2.perception import Camera
 from gensim2.perception.raycast.caster import Caster, CastSolid
 from gensim2.perception.raycast.scene import RaycastView
 from gensim2.perception.raycast.shapes import Surface
@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 SKY = (235, 238, 242)
-LIGHT = (0.3, -0.5, 0.8)
-AMBIENT = 0.45
+AMBIENT = np.float32(0.42)
+LAMPS = (((0.8, -0.5, -1.3), 0.5), ((-0.4, 0.8, -1.0), 0.25))
+"""Directions in the base frame in which light falls, and its brightness; with the ambient light a table keeps its
+color."""
 
 FIELD_OF_VIEW = float(np.deg2rad(36))
 OVERSAMPLING = 2
@@ -30,17 +32,19 @@ TEXT = 13
 AXES = ("#d33636", "#2f9e44", "#1c6fd4")
 
 
-def shaded(view: View) -> npt.NDArray[np.uint8]:
-    """Return a shaded image (H, W, 3) of a view; surfaces that face away from the light are darker."""
-    camera, depth = view.camera, view.depth.astype(np.float64)
-    points = depth[..., None] * camera.rays
-    right, down = np.diff(points, axis=1, append=points[:, -1:]), np.diff(points, axis=0, append=points[-1:])
-    normal = np.cross(down, right)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True).clip(min=1e-12)
-    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
-    share = AMBIENT + (1.0 - AMBIENT) * np.abs(normal @ light)
-    picture = view.colors_at(np.arange(depth.size)).reshape(*depth.shape, 3) * share[..., None]
-    return np.where(depth[..., None] > 0, picture, SKY).astype(np.uint8)
+def shaded(view: RaycastView) -> npt.NDArray[np.uint8]:
+    """Return an image (H, W, 3) of a view, in which surfaces are darker the more they face away from the lamps."""
+    rays = view.camera.rays.reshape(-1, 3)
+    seen = np.flatnonzero(view.face >= 0)
+    normals = view.normals_at(seen)
+    normals *= -np.sign((normals * rays[seen]).sum(axis=1, keepdims=True))  # the side that faces the camera
+    light = np.full(len(seen), AMBIENT)
+    for direction, brightness in LAMPS:
+        lamp = -np.asarray(direction, np.float32) / np.float32(np.linalg.norm(direction))
+        light += np.float32(brightness) * (normals @ lamp).clip(min=0.0)
+    picture = np.full((len(rays), 3), SKY, dtype=np.uint8)
+    picture[seen] = np.minimum(view.colors_at(seen) * light[:, None], np.float32(255.0))
+    return picture.reshape(*view.face.shape, 3)
 
 
 class Drawing:
@@ -62,7 +66,8 @@ class Drawing:
         self._camera = Camera.looking("drawing", eye, target, width=pixels, height=pixels, fov=FIELD_OF_VIEW)
         self._size = size
         caster = Caster([CastSolid(n, surface, True) for n, (surface, _) in enumerate(solids, 1)], [self._camera])
-        view = RaycastView(caster, caster.cast(np.stack([pose for _, pose in solids])), 0, self._camera)
+        poses = np.stack([pose for _, pose in solids])
+        view = RaycastView(caster, caster.cast(poses), 0, self._camera, poses)
         self._depth = view.depth
         self._image = Image.fromarray(shaded(view))
         self._draw = ImageDraw.Draw(self._image)

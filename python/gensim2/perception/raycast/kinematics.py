@@ -117,6 +117,11 @@ def pose_matrices(rows: npt.NDArray[np.floating]) -> Array:
     return found
 
 
+def state_at(states: Mapping[str, Any], step: int) -> dict[str, Any]:
+    """Return one instant of ManiSkill's ``env_states``: arrays with a single row."""
+    return {kind: {name: rows[step : step + 1] for name, rows in group.items()} for kind, group in states.items()}
+
+
 def state_rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.NDArray[np.float32]:
     """Return the states (T, width) of one actor or articulation in ManiSkill's ``env_states``.
 

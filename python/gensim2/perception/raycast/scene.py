@@ -143,7 +143,7 @@ class RaycastScene:
             hits = caster.cast(poses if T is None else np.linalg.inv(T) @ poses)
             for number, camera in enumerate(caster.cameras):
                 placed = camera if T is None else replace(camera, T_base_camera=T @ camera.T_base_camera)
-                found[camera.name] = RaycastView(caster, hits, number, placed)
+                found[camera.name] = RaycastView(caster, hits, number, placed, poses)
         return tuple(found[camera.name] for camera in self.cameras)
 
     def _links(self, states: Mapping[str, Any], name: str) -> Array:
@@ -178,14 +178,16 @@ class RaycastView:
         hits: hits of all cameras of the caster.
         number: index of the camera in the caster.
         camera: camera of the image.
+        poses: (L, 4, 4) poses of the caster's solids in the base frame.
     """
 
-    def __init__(self, caster: Caster, hits: Hits, number: int, camera: Camera) -> None:
+    def __init__(self, caster: Caster, hits: Hits, number: int, camera: Camera, poses: Array) -> None:
         self._caster, self._hits, self._number, self.camera = caster, hits, number, camera
+        self._poses = poses
 
     def measured(self, camera: Camera, depth: npt.NDArray[np.float32]) -> RaycastView:
         """Return this image with the measured depth (H, W), m, and the assumed pose of ``camera``."""
-        found = RaycastView(self._caster, self._hits, self._number, camera)
+        found = RaycastView(self._caster, self._hits, self._number, camera, self._poses)
         found.depth = depth
         return found
 
@@ -202,6 +204,10 @@ class RaycastView:
     def face(self) -> npt.NDArray[np.int32]:
         """Index (H, W) of the visible triangle among the triangles of all solids; -1 for background."""
         return self._hits.face[self._number]
+
+    def normals_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+        """Return the unit normals (N, 3) of the triangles at pixels, in the base frame."""
+        return self._caster.normals(self.face.reshape(-1)[pixels], self._poses)
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
         number, hits = self._number, self._hits

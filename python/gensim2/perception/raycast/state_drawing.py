@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from gensim2.objects import ObjectModel
 from gensim2.perception.camera import Camera
+from gensim2.perception.raycast.drawing import shaded
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import RobotProfile
 
@@ -20,12 +21,6 @@ VIDEO_EYE, VIDEO_TARGET = (-0.55, -1.3, 0.8), (-0.13, -0.07, 0.23)
 neighbouring objects, and the inside behind most open doors, which have hinges on the left."""
 VIDEO_WIDTH, VIDEO_HEIGHT = 640, 480
 VIDEO_FIELD_OF_VIEW = float(np.deg2rad(50))
-
-AMBIENT = np.float32(0.38)
-LAMPS = (((0.5, -0.8, -1.3), 1.1), ((-0.6, 0.5, -1.0), 0.45))
-"""Directions of the lights in the world, and their brightness."""
-BACKGROUND = 244
-"""Brightness of the background."""
 
 
 class StateDrawing:
@@ -46,39 +41,15 @@ class StateDrawing:
         camera = Camera.looking("video", eye, target, fov=VIDEO_FIELD_OF_VIEW, **size)
         self._objects = objects
         self._scene = RaycastScene(profile, objects, (camera,))
-        directions = np.array([turn @ direction for direction, _ in LAMPS])
-        self._lamps = (-directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
-        self._strength = np.array([strength for _, strength in LAMPS], dtype=np.float32)
 
-    def at(self, states: Mapping[str, Any], row: int) -> npt.NDArray[np.uint8]:
-        """Return the picture (H, W, 3) of one recorded state.
-
-        Args:
-            states: ManiSkill's ``env_states``.
-            row: index of the state in the arrays.
+    def of(self, state: Mapping[str, Any]) -> npt.NDArray[np.uint8]:
+        """Return the picture (H, W, 3) of a state: ManiSkill's ``env_states`` with one row in each array.
 
         Raises:
-            InputError: the states are not of this scene.
+            InputError: the state is not of this scene.
         """
-        one = {kind: {name: values[row : row + 1] for name, values in group.items()} for kind, group in states.items()}
-        poses = self._scene.poses(one)[0]
-        (view,) = self._scene.see(poses)
-        colors = view.colors_at(np.arange(VIDEO_WIDTH * VIDEO_HEIGHT)).reshape(VIDEO_HEIGHT, VIDEO_WIDTH, 3)
-        light = self._brightness(poses, view.camera.position)[view.face]
-        picture: npt.NDArray[np.uint8] = np.minimum(colors * light[:, :, None], np.float32(255.0)).astype(np.uint8)
-        picture[view.face < 0] = BACKGROUND
-        return picture
-
-    def _brightness(self, poses: Array, eye: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Return the brightness (F + 1,) of each triangle's side that faces ``eye``; the last entry is 1."""
-        found = []
-        for solid, pose in zip(self._scene.solids, poses.astype(np.float32), strict=True):
-            turn, place = pose[:3, :3], pose[:3, 3]
-            normals, away = solid.surface.normals, solid.surface.centers - (eye - place) @ turn
-            towards = np.where((normals * away).sum(axis=1) > 0.0, np.float32(-1.0), np.float32(1.0))
-            facing = towards[:, None] * (normals @ (turn.T @ self._lamps.T))
-            found.append(AMBIENT + np.clip(facing, 0.0, None) @ self._strength)
-        return np.concatenate([*found, np.ones(1, np.float32)])
+        (view,) = self._scene.see(self._scene.poses(state)[0])
+        return shaded(view)
 
     def keypoints(self, states: Mapping[str, Any]) -> Array:
         """Return the positions (T, K, 3) of the K keypoints of all objects in the base frame, m.
