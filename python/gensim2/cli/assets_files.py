@@ -119,7 +119,7 @@ def _to_mjcf(library: LibraryObjects, items: list[tuple[str, str]], out: Path, f
 
 @command(name="import", show=_show_imported)
 def import_(
-    source: Annotated[str, Option(metavar="FILE.urdf|DIR")],
+    source: Annotated[str, Option(metavar="FILE|DIR")],
     *,
     asset_class: Annotated[str, Option("--class", "CLASS")],
     name: Annotated[str, Option(metavar="ID")],
@@ -132,10 +132,11 @@ def import_(
     force: bool = False,
     progress: Progress,
 ) -> dict[str, Any] | Ending:
-    """Import an object from a URDF file or a PartNet-Mobility folder.
+    """Import an object from a URDF file, an MJCF file or a PartNet-Mobility folder.
 
-    FILE.urdf has boxes, cylinders, spheres, capsules or meshes. DIR is a folder with mobility.urdf, or the number of a
-    model that ManiSkill has downloaded. The import fixes all joints but one, scales the model, proposes keypoints
+    FILE is a .urdf, .xml or .mjcf file with boxes, cylinders, spheres, capsules or meshes; MJCF needs the extra
+    gensim2[mujoco]. DIR is a folder with mobility.urdf, or the number of a model that ManiSkill has downloaded. The
+    import fixes all joints but one, scales the model, proposes keypoints
     from the geometry of the moving link, checks the result and draws its keypoints. To change the proposed keypoints,
     give --keypoint, or edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`.
     The exit code is 1 if the object fails a check.

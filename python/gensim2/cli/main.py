@@ -21,14 +21,14 @@ from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, Mod
 
 #: Modules that belong to an optional extra.
 EXTRAS = {
-    **dict.fromkeys(("mani_skill", "sapien", "torch"), "sim"),
+    **dict.fromkeys(("mani_skill", "sapien"), "sim"),
     **dict.fromkeys(("httpx2", "json_repair", "openai"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
     "ray": "ray",
     "mujoco": "mujoco",
-    "viser": "viz",
+    **dict.fromkeys(("viser", "yourdfpy"), "viz"),
     **dict.fromkeys(("msgpack", "websockets"), "remote"),
-    "safetensors": "train",
+    **dict.fromkeys(("safetensors", "torch"), "train"),
     "transformers": "clip",
     **dict.fromkeys(("onnxruntime", "onnxscript"), "export"),
     **dict.fromkeys(("matplotlib", "pyarrow", "zarr"), "data"),

@@ -93,7 +93,7 @@ def maniskill_data() -> Path:
 
 
 def find_source(where: str) -> Path:
-    """Return the path of a URDF file, of a PartNet-Mobility folder, or of a model that ManiSkill downloaded.
+    """Return a URDF or MJCF file, or the folder of a PartNet-Mobility model, which ManiSkill may have downloaded.
 
     Args:
         where: path of the file or the folder, or number of the downloaded model.
@@ -103,7 +103,7 @@ def find_source(where: str) -> Path:
     """
     try:
         file = Path(where).expanduser()
-        if file.suffix == ".urdf" and not file.is_dir():
+        if file.suffix in (".urdf", ".xml", ".mjcf") and not file.is_dir():
             return file
     except (OSError, RuntimeError, ValueError):
         pass  # no file is called so, and no folder: said below
@@ -113,5 +113,5 @@ def find_source(where: str) -> Path:
         models = maniskill_data() / "partnet_mobility" / "dataset"
         if re.fullmatch(r"[0-9]{1,12}", where) and (models / where).is_dir():
             return models / where
-        remedy = f"give a URDF file, a PartNet-Mobility folder, or the number of one in {models}"
+        remedy = f"give a URDF or MJCF file, a PartNet-Mobility folder, or the number of one in {models}"
         raise AssetError(error.message, file=error.file, remedy=remedy) from error

@@ -1,4 +1,6 @@
-"""Convert a URDF or a PartNet-Mobility folder to an object of a library: one movable joint, real size, keypoints.
+"""Convert a URDF, an MJCF file or a PartNet-Mobility folder to an object of a library.
+
+The object has one movable joint, its real size and keypoints.
 
 A PartNet-Mobility folder contains ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``. Its model
 may have many joints, has no real size (the bounding box has a diagonal of 2 units) and no keypoints. The import applies
@@ -46,6 +48,7 @@ from gensim2.objects.library.export import MESHES, write_folder
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.info import UNSTATED, closest_axis, derived_head
 from gensim2.objects.library.meshes import MeshReader
+from gensim2.objects.library.mjcf import as_urdf
 from gensim2.objects.library.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, numbers, rpy_from_matrix
 from gensim2.objects.library.urdf import (
     MOVABLE,
@@ -115,10 +118,10 @@ def import_object(
     license: str = UNSTATED,
     replace: bool = False,
 ) -> Imported:
-    """Write ``library/articulated_objs/<asset_class>/<name>`` from a URDF or a PartNet-Mobility folder.
+    """Write ``library/articulated_objs/<asset_class>/<name>`` from a URDF, an MJCF file or a PartNet-Mobility folder.
 
     Args:
-        source: URDF file, or a folder with ``mobility.urdf``.
+        source: URDF or MJCF file, or a folder with ``mobility.urdf``.
         library: folder of objects; created if missing.
         asset_class: class of the object.
         name: id of the object.
@@ -144,17 +147,20 @@ def import_object(
         remedy = f"1 to {LONGEST_TEXT} printable characters, such as CC BY 4.0"
         raise InputError(f"{reprlib.repr(license)} is not a licence text", field="license", remedy=remedy)
     given = {_full_name(key): _checked(key, value) for key, value in (keypoints or {}).items()}
-    model = _Source(source, asset_class, joint, up)
-    size = model.scale() if scale == "auto" else scale
-    info = model.info(size, given) | {"license": license}
+    with as_urdf(source) as file:
+        model = _Source(file, asset_class, joint, up)
+        size = model.scale() if scale == "auto" else scale
+        info = model.info(size, given) | {"license": license}
+        if file != source:
+            info["collision"] = "convex"  # all shapes that collide in MuJoCo are
 
-    def write(folder: Path) -> None:
-        model.copy_files(folder)
-        ET.indent(model.root)
-        ET.ElementTree(model.root).write(folder / URDF, encoding="utf-8", xml_declaration=True)
-        (folder / "info.json").write_text(json.dumps(info, indent=2, allow_nan=False) + "\n")
+        def write(folder: Path) -> None:
+            model.copy_files(folder)
+            ET.indent(model.root)
+            ET.ElementTree(model.root).write(folder / URDF, encoding="utf-8", xml_declaration=True)
+            (folder / "info.json").write_text(json.dumps(info, indent=2, allow_nan=False) + "\n")
 
-    target = write_folder(library / "articulated_objs" / asset_class / name, write, replace)
+        target = write_folder(library / "articulated_objs" / asset_class / name, write, replace)
     return Imported(target, model.joint.name, tuple(model.fixed), size, tuple(model.notes))
 
 
