@@ -10,14 +10,18 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from collections.abc import Callable, Iterator
 from importlib.metadata import distribution
 from pathlib import Path
 
+import click
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 from solver_wheel import readme_lines
+
+from gensim2.cli.main import cli
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -186,11 +190,21 @@ def test_wheel_works_away_from_the_clone(wheels: dict[str, Path], tmp_path: Path
     assert int(result.stdout.split()[0]) >= 8
 
 
-def light_site(wheel: Path, folder: Path) -> Path:
-    """Make a folder of packages: the wheel, and links to what ``gensim2[mujoco]`` depends on, and nothing else."""
+def light_site(folder: Path, wheel: Path | None = None) -> Path:
+    """Make a folder of packages: gensim2, and links to what ``gensim2[mujoco]`` depends on, and nothing else.
+
+    Args:
+        folder: folder that will contain it.
+        wheel: wheel of gensim2; None links the sources.
+    """
     site = folder / "site"
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(site)
+    if wheel is None:
+        site.mkdir()
+        for package in ("gensim2", "gensim2_kpam"):
+            (site / package).symlink_to(ROOT / "python" / package)
+    else:
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(site)
     waiting = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["mujoco"]]
     seen = set()
     while waiting:
@@ -216,29 +230,32 @@ def light_site(wheel: Path, folder: Path) -> Path:
 
 
 def test_the_light_installation_takes_at_most_400_mb(wheels: dict[str, Path], tmp_path: Path) -> None:
-    site = light_site(wheels["gensim2"], tmp_path)
+    site = light_site(tmp_path, wheels["gensim2"])
     folders = (folder for folder, *_ in os.walk(site, followlinks=True))
     files = [file for folder in folders for file in Path(folder).iterdir() if file.suffix != ".pyc"]
     assert sum(file.stat().st_blocks * 512 for file in files) <= 400 * 2**20
 
 
-def test_the_light_installation_makes_a_verified_demonstration(wheels: dict[str, Path], tmp_path: Path) -> None:
-    site = light_site(wheels["gensim2"], tmp_path)
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def light_run(site: Path, folder: Path) -> Run:
+    """Return a function that runs Python in a folder with the packages of a light installation."""
     # -S: without this environment's own packages, in the worker processes as well.
-    home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    home = {"HOME": str(folder), "XDG_CACHE_HOME": str(folder / "cache")}
     environment = {**os.environ, **home, "PYTHONPATH": str(site)}
     environment.pop("GENSIM2_ASSETS", None)
 
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, "-S", *arguments],
-            capture_output=True,
-            text=True,
-            check=False,
-            cwd=tmp_path,
-            env=environment,
+            [sys.executable, "-S", *arguments], capture_output=True, text=True, check=False, cwd=folder, env=environment
         )
 
+    return run
+
+
+def test_the_light_installation_makes_a_verified_demonstration(wheels: dict[str, Path], tmp_path: Path) -> None:
+    run = light_run(light_site(tmp_path, wheels["gensim2"]), tmp_path)
     absent = run("-c", "from importlib.util import find_spec as f\nprint(*map(f, ('torch', 'sapien', 'mani_skill')))")
     assert absent.stdout.split() == ["None"] * 3, absent.stderr
     made = run("-m", "gensim2", "demo", "CloseBox", "--episodes", "1", "--out", "demo", "--workers", "1")
@@ -251,6 +268,76 @@ def test_the_light_installation_makes_a_verified_demonstration(wheels: dict[str,
     refused = run("-m", "gensim2", "demo", "CloseBox", "--engine", "sapien", "--out", "other")
     assert refused.returncode == 2
     assert "pip install 'gensim2[sim]'" in refused.stderr
+
+
+LIGHT = {
+    "solve": "CloseBox --assets builtin",
+    "collect": "CloseBox --episodes 1 --workers 1 --assets builtin --out data",
+    "data card": "data",
+    "render": "data --workers 1 --modalities pointcloud",
+    "tasks list": "",
+    "tasks show": "CloseBox",
+    "tasks export": "CloseBox --to mjcf --out tasks",
+    "assets list": "",
+    "assets show": "drawer/0 --assets builtin",
+    "assets export": "drawer/0 --to mjcf --assets builtin --out mjcf",
+    "assets import": "mjcf/drawer/0.xml --class drawer --name new --scale 1 --out library",
+    "assets prepare": "drawer/0 --assets builtin",
+    "assets validate": "drawer/0 --assets builtin --no-physics",
+    "doctor": "",
+}
+"""Commands that work in a light installation, in an order in which each has its input."""
+
+REFUSED = {
+    "view": ("CloseBox --assets builtin", "viz"),
+    "evaluate": ("CloseBox --assets builtin", "train"),
+    "learn": ("CloseBox --out learned", "train"),
+    "train": ("--data data --out trained", "train"),
+    "experiment scaling": ("--out experiment", "train"),
+    "policy show": ("builtin", "train"),
+    "policy export": ("builtin --out exported", "train"),
+    "policy serve": ("builtin", "train"),
+    "perceive train": ("--out perceived", "train"),
+    "perceive measure": ("builtin", "train"),
+    "bench policy": ("", "train"),
+    "data report": ("data", "data"),
+    "data export": ("data --to zarr --out exported", "data"),
+    "assets render": ("drawer/0 --assets builtin --out picture.png", "sim"),
+    "assets gallery": ("--assets builtin --out gallery", "sim"),
+}
+"""Commands that need an extra, with their arguments and the extra."""
+
+UNTRIED = frozenset(
+    (
+        *("demo", "benchmark", "design", "run-pipeline", "tasks gallery"),  # simulate and film as demo does
+        *("tasks add", "tasks remove", "data import", "bench solver", "bench motion"),  # read files of the user
+        *(f"experiment {name}" for name in ("breadth", "combinations", "designed", "generalization")),
+    )
+)
+
+
+def test_every_command_works_in_a_light_installation_or_names_the_extra(tmp_path: Path) -> None:
+    run = light_run(light_site(tmp_path), tmp_path)
+    assert {*LIGHT, *REFUSED, *UNTRIED} == set(_leaves(cli, click.Context(cli), ""))
+    for name, arguments in LIGHT.items():
+        done = run("-m", "gensim2", *name.split(), *arguments.split())
+        assert (name, done.returncode) == (name, 0), done.stderr
+    for name, (arguments, extra) in REFUSED.items():
+        done = run("-m", "gensim2", *name.split(), *arguments.split())
+        assert (name, done.returncode) == (name, 2), done.stderr
+        assert f"pip install 'gensim2[{extra}]'" in done.stderr.splitlines()[-1], name
+        assert "Traceback" not in done.stderr
+
+
+def _leaves(command: click.Command, context: click.Context, name: str) -> Iterator[str]:
+    """Return the names of all commands that have no subcommands."""
+    if not isinstance(command, click.Group):
+        yield name
+        return
+    for each in command.list_commands(context):
+        inner = command.get_command(context, each)
+        if inner is not None and each != "robot":  # of another distribution
+            yield from _leaves(inner, context, f"{name} {each}".strip())
 
 
 def test_robots_are_a_distribution_of_their_own(wheels: dict[str, Path], tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -45,6 +46,8 @@ def _show_imported(result: dict[str, Any]) -> None:
     fixed = f", fixed {', '.join(result['fixed'])}" if result["fixed"] else ""
     line(f"moves at {result['joint']}{fixed}; scale {result['scale']:g}")
     line(object_line(result["object"]))
+    if not result["simulated"]:
+        line("note: only the geometry was checked, because SAPIEN is not installed (pip install 'gensim2[sim]')")
     if result["picture"] is not None:
         line(f"picture: {result['picture']}")
     line(f"edit {Path(result['folder']) / 'info.json'} to change keypoints, scale or range")
@@ -164,7 +167,8 @@ def import_(
     imported = import_object(folder, out, asset_class, name, replace=force, **model)
     progress.start(f"taking {asset_class}/{name} apart and checking it", 1)
     library = open_library(out)
-    checked = check_object(library, asset_class, name)
+    simulates = importlib.util.find_spec("sapien") is not None
+    checked = check_object(library, asset_class, name, physics=simulates)
     progress.advance()
     picture = (
         out / "pictures" / f"{asset_class}_{name}.png"
@@ -178,6 +182,7 @@ def import_(
     result = {
         "schema_version": 1,
         **imported.to_dict(),
+        "simulated": simulates,
         "object": checked.to_dict(),
         "picture": None if picture is None else str(picture),
     }
