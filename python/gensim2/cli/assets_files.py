@@ -139,10 +139,9 @@ def import_(
 
     FILE is a .urdf, .xml or .mjcf file with boxes, cylinders, spheres, capsules or meshes; MJCF needs the extra
     gensim2[mujoco]. DIR is a folder with mobility.urdf, or the number of a model that ManiSkill has downloaded. The
-    import fixes all joints but one, scales the model, proposes keypoints
-    from the geometry of the moving link, checks the result and draws its keypoints. To change the proposed keypoints,
-    give --keypoint, or edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`.
-    The exit code is 1 if the object fails a check.
+    import fixes all joints but one, scales the model, proposes keypoints from the geometry of the moving link, checks
+    the result and draws its keypoints. To change the proposed keypoints, give --keypoint, or edit info.json in the new
+    folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`. The exit code is 1 if the object fails a check.
 
     Args:
         asset_class: Class of the new object.

@@ -199,6 +199,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
     with replacing(video) as path:
         write_video(path, frames(replay, shown, stride), speed * replay.control_hz / stride)
     if still is not None:
+        assert shown.farthest is not None
         with replacing(still) as path:
             Image.fromarray(shown.farthest).save(path)
     return Film(shown.frames, shown.success)

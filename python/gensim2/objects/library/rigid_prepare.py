@@ -106,7 +106,7 @@ def resting_sides(points: Array, center: Array) -> Array:
             chances[triangle] = 0.0
         moving = falls[moving]
     sides: dict[tuple[float, ...], list[int]] = {}
-    for triangle in np.flatnonzero(chances > 0):
+    for triangle in np.flatnonzero(chances > 0).tolist():
         sides.setdefault(tuple(np.round(normals[triangle], 3)), []).append(triangle)
     order = np.argsort([-sum(chances[each] for each in side) for side in sides.values()])
     return normals[[list(sides.values())[place][0] for place in order]]
