@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import re
 import tempfile
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
@@ -90,7 +91,8 @@ class _Converter:
                 mesh.uservert, mesh.userface = self._mesh(name)
                 mesh.file = ""
         spec.compiler.discardvisual = spec.compiler.fusestatic = False
-        with read_by_library(self._file, "correct the MJCF", "MuJoCo cannot compile it"):
+        with warnings.catch_warnings(), read_by_library(self._file, "correct the MJCF", "MuJoCo cannot compile it"):
+            warnings.simplefilter("ignore")  # about motion, which is not simulated here
             self._model = spec.compile()
         return self._write(mujoco, touching)
 
@@ -127,6 +129,9 @@ class _Converter:
         """Remove what an object does not need, and refuse unknown elements, such as those that repeat bodies."""
         in_default = in_default or element.tag == "default"
         element.attrib.pop("texture", None)
+        for name, value in element.items():
+            if "nan" in value.lower().split():  # MuJoCo's reader only warns
+                raise AssetError("is not a number", file=self._file, field=f"<{element.tag}> {name[:40]}")
         if "builtin" in element.attrib:  # its parameters can ask for any number of triangles
             raise AssetError(
                 "cannot be imported", file=self._file, field=f"<{element.tag} builtin>", remedy="use a file"
