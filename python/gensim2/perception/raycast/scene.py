@@ -69,11 +69,6 @@ class RaycastScene:
         """Owner (object name, name of the robot's agent, or ``table``) and link, by segmentation id."""
         return self._names
 
-    @property
-    def solids(self) -> tuple[CastSolid, ...]:
-        """Solids, in the order of :meth:`poses`."""
-        return tuple(self._solids)
-
     def tree(self, name: str) -> Tree:
         """Return the kinematic tree of an articulated object, or of the robot, which is named by its agent."""
         return self._trees[name][0]

@@ -97,11 +97,6 @@ class Surface:
         found = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True).clip(min=1e-12), dtype=np.float32)
 
-    @cached_property
-    def centers(self) -> npt.NDArray[np.float32]:
-        """(F, 3) centers of the faces, m."""
-        return np.asarray(self.vertices[self.faces].mean(axis=1))
-
     def moved(self, T: Array, scale: float | Array = 1.0) -> Surface:
         """Return the surface scaled and transformed by ``T`` (4, 4)."""
         vertices = (scale * self.vertices.astype(np.float64)) @ T[:3, :3].T + T[:3, 3]
