@@ -218,9 +218,7 @@ KINDS = (
     Kind("vertices of two numbers", swap(LEFT, " 0.4\n", "\n"), None, r"1 mesh files unreadable"),
     Kind("a face that refers to 0", swap(LEFT, "f 1 4", "f 0 4"), None, r"refers to a vertex that does not exist"),
     Kind("a face that refers to 99", swap(LEFT, "f 1 4", "f 99 4"), None, r"refers to a vertex that does not exist"),
-    Kind(
-        "a face that refers to 1e30", swap(LEFT, "f 1 4", f"f {10**30} 4"), None, r"refers to a vertex that is not th"
-    ),
+    Kind("a face that refers to 1e30", swap(LEFT, "f 1 4", f"f {10**30} 4"), None, r"refers to a vertex that does not"),
     Kind("a face that refers to -99", swap(LEFT, "f 1 4", "f -99 4"), None, r"refers to a vertex that does not exist"),
     Kind("a face of two corners", swap(LEFT, "f 1 4 3 2", "f 1 4"), None, r"a face has fewer than three corners"),
     Kind("lines end as in DOS", swap(LEFT, "\n", "\r\n")),
