@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import imageio.v2 as imageio
 import numpy as np
@@ -76,3 +77,32 @@ def test_what_cannot_be_evaluated_is_refused_before_anything_starts(tmp_path: Pa
     assert not (tmp_path / "out").exists()
     with pytest.raises(ControllerError, match="inside a function"):
         gensim2.evaluate(type("Local", (), {"__qualname__": "f.<locals>.Local"}), "CloseBox", assets="builtin")
+
+
+def table(out: Path, *words: str) -> dict[str, Any]:
+    file = out.with_suffix(".json")
+    assert run([*words, "--out", str(out), "--json", str(file)]) == 0
+    found: dict[str, Any] = json.loads(file.read_text())
+    return found
+
+
+def test_both_engines_run_the_same_scenes_and_are_compared(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    words = ["benchmark", "CloseBox", "--assets", "builtin", "--runs", "1", "--episodes", "2", "--engines", "both"]
+    both = table(tmp_path / "both", *words)
+    alone = table(tmp_path / "alone", *words[:-2], "--engine", "mujoco")
+    assert list(both["engines"]) == ["sapien", "mujoco"]
+    assert both["engines"]["mujoco"]["tasks"] == alone["tasks"]
+    one, other = (each["tasks"][0]["records"] for each in both["engines"].values())
+    assert one != other
+    assert [record["seed"] for record in one] == [record["seed"] for record in other]
+    pairs = [(record["seed"], record["held"], again["held"]) for record, again in zip(one, other, strict=True)]
+    (compared,) = both["compared"]
+    assert compared["held"] == [sum(pair[1] for pair in pairs), sum(pair[2] for pair in pairs)]
+    assert compared["lost"] == [seed for seed, held, again in pairs if held and not again]
+    assert compared["won"] == [seed for seed, held, again in pairs if again and not held]
+    assert compared["p_value"] == 1.0
+    assert "held in sapien" in capfd.readouterr().out
+    assert table(tmp_path / "both", *words, "--resume")["compared"] == both["compared"]
+    for engine in ("sapien", "mujoco"):
+        assert (tmp_path / "both" / engine / "run.json").is_file()
+    assert run([*words, "--physics", "original", "--out", str(tmp_path / "refused")]) == 2

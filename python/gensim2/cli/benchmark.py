@@ -2,16 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gensim2.cli.options import EPISODES, PROCESSES, command
 from gensim2.cli.output import line, table
 from gensim2.cli.typed import Count, Option, count
 from gensim2.core.progress import Progress
 
+if TYPE_CHECKING:
+    from gensim2.evaluation.benchmarking import BenchmarkResult, BothEngines
+
 
 def _show(result: dict[str, Any]) -> None:
+    if "engines" not in result:
+        return _show_one(result)
+    for engine, one in result["engines"].items():
+        line(f"engine {engine}:")
+        _show_one(one)
+    rows = [
+        (row["name"], row["episodes"], *row["held"], f"{row['p_value']:.3f}", len(row["lost"]), len(row["won"]))
+        for row in result["compared"]
+    ]
+    one, other = result["engines"]
+    table(("task", "episodes", f"held in {one}", f"in {other}", "p (Fisher)", f"only {one}", f"only {other}"), rows)
+
+
+def _show_one(result: dict[str, Any]) -> None:
     speeds = result["episodes_per_second"]
     rows = [
         (
@@ -80,6 +98,7 @@ def benchmark(
     attempts: Annotated[int, count(100)] = 1,
     disturbance: Annotated[Literal["push", "drop"] | None, Option("--disturb")] = None,
     method: Literal["chain", "one-plan"] = "chain",
+    engines: Literal["one", "both"] = "one",
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
@@ -100,9 +119,12 @@ def benchmark(
             that holds it. Tasks without an object to grasp are skipped.
         method: chain uses several strategies for each step and replans after a deviation. one-plan is the paper's
             method with our solver: every step is planned once, at its start, with its first strategy.
+        engines: both runs the same scenes in the other physics engine, too, and compares the success rates.
     """
-    from gensim2.evaluation import benchmark as function
+    from gensim2.evaluation import benchmark as one
+    from gensim2.evaluation import benchmark_both as both
 
+    function: Callable[..., BenchmarkResult | BothEngines] = one if engines == "one" else both
     return function(
         tasks,
         runs=runs,

@@ -113,6 +113,31 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
     return found
 
 
+def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str, Any]]:
+    """Return the ``held`` episodes of each task in two engines, on the same scenes.
+
+    ``p_value`` is that of Fisher's exact test of equal rates. ``lost`` and ``won`` are the seeds of episodes that hold
+    in the first or in the second engine only.
+    """
+    from scipy.stats import fisher_exact  # imported late because it takes long to import
+
+    found = []
+    for row, again in zip(one, other, strict=True):
+        pairs = list(zip(row.episodes, again.episodes, strict=True))
+        held = [sum(episode.held for episode in each.episodes) for each in (row, again)]
+        found.append(
+            {
+                "name": row.task.name,
+                "episodes": len(pairs),
+                "held": held,
+                "p_value": float(fisher_exact([[count, len(pairs) - count] for count in held]).pvalue),
+                "lost": [first.seed for first, second in pairs if first.held and not second.held],
+                "won": [first.seed for first, second in pairs if second.held and not first.held],
+            }
+        )
+    return found
+
+
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
     """Return the mean success rate by each verdict, its standard deviation between runs, and its 95 % interval.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
@@ -10,9 +10,13 @@ from typing import Any, Unpack
 from gensim2.core.errors import InputError
 from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import SCHEMA_VERSION
+from gensim2.evaluation.benchmark_table import compared
 from gensim2.evaluation.running import Arguments, Table, TableExtent, tabulate
 from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RunArguments
 from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
+from gensim2.scenes.config import SceneOptions, split_arguments
+from gensim2.scenes.physics import Engine
 from gensim2.tasks.spec import Step
 
 NOTHING_TO_DISTURB = "grasps no rigid object, so that nothing can be pushed or dropped"
@@ -120,6 +124,54 @@ def benchmark(
         resume=resume,
         progress=progress,
     )
+
+
+@dataclass(frozen=True)
+class BothEngines:
+    """Benchmarks of the same scenes in both physics engines.
+
+    Attributes:
+        results: result by engine, the engine of the arguments first.
+    """
+
+    results: Mapping[Engine, BenchmarkResult]
+
+    def to_dict(self) -> dict[str, Any]:
+        one, other = self.results.values()
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "engines": {engine: result.to_dict() for engine, result in self.results.items()},
+            "compared": compared(one.rows, other.rows),
+        }
+
+
+def benchmark_both(
+    tasks: Sequence[str] = (), *, out: Path | None = None, resume: bool = False, **given: Any
+) -> BothEngines:
+    """Run :func:`benchmark` in one engine and then in the other.
+
+    Args:
+        tasks, given: as for :func:`benchmark`.
+        out: folder of both runs, ``out/sapien`` and ``out/mujoco``; default ``runs/<date>-<time>``.
+        resume: continue the runs in ``out``.
+
+    Raises:
+        InputError: an argument is invalid, or an engine cannot simulate the physics.
+        MissingExtraError: an engine is not installed.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` continues.
+    """
+    from gensim2.data.runfolder import RUN_JSON, default_run_dir
+
+    options = SceneOptions.of(**split_arguments(given)[0])
+    second = options.second_engine("both")
+    assert second is not None
+    folder = Path(out) if out is not None else default_run_dir()
+    engines, results = (options.engine, second), dict[Engine, BenchmarkResult]()
+    for engine in engines:
+        place = folder / engine
+        goes_on = resume and (engine == options.engine or (place / RUN_JSON).exists())
+        results[engine] = benchmark(tasks, **{**given, "engine": engine}, out=place, resume=goes_on)
+    return BothEngines(results)
 
 
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
