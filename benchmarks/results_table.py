@@ -8,9 +8,9 @@
 Rows of switches are on scenes of their own and stand in `switches.json` beside this file, where new ones take the place
 of those of the same scenes and physics.
 `--into` rewrites the text between `<!-- figures: NAME -->` and `<!-- /figures -->` in a file. NAME is `all`, `claims`,
-`short`, `means`, `switches`, `overview`, `objects`, or `section` with the title of a section. A cell holds the success
-rates paper / held (with its 95 % interval) / strict. The tables `short` and `means` hold one rate: held, or paper under
-the original's physics.
+`short`, `means`, `switches`, `overview`, `objects`, `engines`, `designed`, `policy`, or `section` with the title of a
+section. A cell holds the success rates paper / held (with its 95 % interval) / strict. The tables `short` and `means`
+hold one rate: held, or paper under the original's physics.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from functools import partial
 from pathlib import Path
 from statistics import mean, stdev
 
+import engines_table
 from figures import rows_of
 from markdown_tables import line
 from results_claims import TYPES, claims
@@ -141,6 +142,7 @@ def _points(pairs: Sequence[tuple[Figure, Figure]], verdict: str) -> str:
 def what_differs(condition: Condition) -> str:
     """In what a condition is not the paper's protocol, physics and objects apart."""
     named = (
+        (condition.engine != "sapien", f"engine {condition.engine}"),
         (condition.robot != "panda", f"robot {condition.robot}"),
         (condition.instances != "all", f"instances {condition.instances}"),
         (condition.randomization != "paper", f"randomization {condition.randomization}"),
@@ -320,6 +322,9 @@ def renewed(text: str, rows: Sequence[Figure]) -> str:
         "switches": lambda _: switches(measured_switches()),
         "overview": overview,
         "objects": objects,
+        "engines": engines_table.suite,
+        "designed": engines_table.designed,
+        "policy": engines_table.policy,
     }
     makers |= {f"section {title}": partial(section, title) for title in sections(rows)}
     for _, name, _ in MARKED.findall(text):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -200,3 +201,46 @@ def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:
         "2. **Without parts of the method** (same conditions): one plan per step by the first strategy, no "
         "replanning: single-step 0.900 (1 tasks, 250 episodes)."
     )
+
+
+def test_the_engines_are_compared_task_by_task(made: Any) -> None:
+    rows = [
+        _row("OpenBox", 250),
+        _row("OpenBox", 225, engine="mujoco"),
+        _row("OpenBox", 1, engine="mujoco", randomization="wide"),
+        _row("OpenBox", 2, physics="original"),
+        _row("PlaceGolfBallIntoDrawer", 200, engine="mujoco", objects="generated"),
+    ]
+    lines = made.renewed("<!-- figures: engines -->\n<!-- /figures -->", rows).splitlines()
+    assert "| OpenBox |  |  |  | 250/250 | 225/250 | **0.000** |" in lines
+    assert "| mean |  |  |  | 1.000 (0.985–1.000) | 0.900 (0.857–0.931) |  |" in lines
+    assert "| PlaceGolfBallIntoDrawer |  | 200/250 |  |  |  |  |" in lines
+    assert "| OpenBox | 24/25 |" not in made.short(rows[:2])
+    assert "| Engine mujoco | single-step |" in made.overview(rows)
+
+
+def test_designed_tasks_and_policies_are_taken_in_from_the_json_of_runs(
+    made: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    import engines_table
+
+    monkeypatch.setattr(engines_table, "FILE", tmp_path / "engines.json")
+    for controller, engine, held in (
+        ({}, "mujoco", 5),
+        ({"controller": {}}, "mujoco", 18),
+        ({"controller": {}}, "sapien", 20),
+    ):
+        records = [{"held": number < held} for number in range(20)]
+        task = {"name": "OpenOven" if not controller else "OpenBox", "episodes": 20, "records": records, "causes": {}}
+        file = tmp_path / "run.json"
+        arguments = {"engine": engine, "instances": "all", "seed": 1}
+        file.write_text(json.dumps({**controller, "arguments": arguments, "tasks": [task]}))
+        monkeypatch.setattr(sys, "argv", ["engines_table", str(file), "--commit", "abc"])
+        assert engines_table.main() == 0
+    text = made.renewed(
+        "<!-- figures: designed -->\n<!-- /figures -->\n<!-- figures: policy -->\n<!-- /figures -->", ROWS
+    )
+    assert "1 of 1 measured tasks hold in at least 80% of the episodes in SAPIEN, 0 in MuJoCo" in text
+    assert "| OpenOven | 49/50 | 5/20 | **0.000** |" in text
+    assert "| OpenBox | 20/20 | 18/20 | 0.49 |" in text
+    assert "-10.0 points (± 13.1)" in text
