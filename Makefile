@@ -65,7 +65,7 @@ audit: ## known faults, licences and sources of all dependencies; skips, with on
 
 figures: setup ## run anew what made the figures (FIGURES_OUT, days of one core), with real objects in ASSETS; then the tables
 	@.venv/bin/python benchmarks/figures.py --remake $(FIGURES_OUT) --assets $(ASSETS) --page $(FIGURES_OUT)/by_instance.html
-	@.venv/bin/python benchmarks/results_table.py --into README.md docs/results/physics.md docs/results/tasks*.md
+	@.venv/bin/python benchmarks/results_table.py --into README.md docs/results/engines.md docs/results/physics.md docs/results/tasks*.md
 
 clean: ## remove what was built; keeps .venv/ and runs/
 	@rm -rf target dist python/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis python/gensim2_kpam/_native*.so .venv/.gensim2-extension
