@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,7 @@ import pytest
 from pydantic import Field
 
 from gensim2.core.errors import InputError
-from gensim2.core.resumable import ResumableFolder, RunSettings
+from gensim2.core.resumable import FolderLock, ResumableFolder, RunSettings
 
 
 class Asked(RunSettings):
@@ -61,3 +63,10 @@ def test_a_folder_has_one_owner_and_holds_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "other" / "file").touch()
     with pytest.raises(InputError, match="is not empty and holds no run"):
         opened(tmp_path / "other")
+
+
+@pytest.mark.parametrize(("make", "said"), [(os.mkfifo, "is a pipe"), (os.mkdir, "is a folder")])
+def test_a_lock_is_a_file(tmp_path: Path, make: Callable[[Path], None], said: str) -> None:
+    make(tmp_path / FolderLock.NAME)
+    with pytest.raises(InputError, match=rf"\.lock: {said}, not a file \(remove it\)"):
+        FolderLock(tmp_path)

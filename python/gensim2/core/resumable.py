@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 from gensim2.core.errors import InputError, WriteError
 from gensim2.core.files import remove_temporaries, write_json
-from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.foreign.tree import ForeignTree, NotRegularError, refuse_special
 from gensim2.core.record_files import read_record
 
 REMEDY = "give the same settings, or choose another --out"
@@ -40,6 +40,8 @@ class FolderLock:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             ForeignTree(folder).refuse_links_out()
+            if path.exists():  # a pipe would keep the reader of the process id waiting
+                refuse_special(path.stat())
             self._lock.acquire()
         except Timeout as error:
             owner = path.read_text(encoding="ascii", errors="replace").strip()[:32]
@@ -47,6 +49,8 @@ class FolderLock:
             raise InputError(
                 f"another run is using this folder{by}", file=folder, remedy="wait for it, or choose another folder"
             ) from error
+        except NotRegularError as error:
+            raise InputError(str(error), file=path, remedy="remove it") from error
         except OSError as error:
             self._lock.release()
             remedy = "choose another folder with --out, on a local disk"
