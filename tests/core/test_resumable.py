@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from gensim2.core.errors import InputError
+from gensim2.core.errors import InputError, WriteError
 from gensim2.core.resumable import FolderLock, ResumableFolder, RunSettings
 
 
@@ -70,3 +71,17 @@ def test_a_lock_is_a_file(tmp_path: Path, make: Callable[[Path], None], said: st
     make(tmp_path / FolderLock.NAME)
     with pytest.raises(InputError, match=rf"\.lock: {said}, not a file \(remove it\)"):
         FolderLock(tmp_path)
+
+
+@pytest.mark.parametrize("is_back", [False, True])
+def test_a_run_does_not_end_well_if_its_folder_was_removed(tmp_path: Path, is_back: bool) -> None:
+    for kind in (opened, FolderLock):
+        out = tmp_path / kind.__name__
+        with pytest.raises(WriteError, match=r"was removed or replaced during the run \(run it again\)"), kind(out):
+            shutil.rmtree(out)
+            if is_back:
+                out.mkdir()
+                (out / FolderLock.NAME).touch()
+    with pytest.raises(KeyboardInterrupt), opened(tmp_path / "out"):  # the first reason stays
+        shutil.rmtree(tmp_path / "out")
+        raise KeyboardInterrupt

@@ -55,8 +55,10 @@ class FolderLock:
             self._lock.release()
             remedy = "choose another folder with --out, on a local disk"
             raise InputError(f"cannot write: {error.strerror}", file=folder, remedy=remedy) from error
+        self._path = path
         try:
             path.write_text(f"{os.getpid()}\n", encoding="ascii")
+            self._status = path.stat()
         except OSError as error:
             self._lock.release()
             remedy = "free disk space, or choose another folder"
@@ -65,11 +67,29 @@ class FolderLock:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.release()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self._require_kept()
+        finally:
+            self.release()
 
     def release(self) -> None:
         self._lock.release()
+
+    def _require_kept(self) -> None:
+        """Refuse to call a run finished whose folder was removed: later files alone do not make a whole folder.
+
+        Raises:
+            WriteError: the lock file is not the one that this process holds.
+        """
+        try:
+            is_kept = os.path.samestat(self._path.stat(), self._status)
+        except OSError:
+            is_kept = False
+        if not is_kept:
+            message = "was removed or replaced during the run"
+            raise WriteError(message, file=self._path.parent, remedy="run it again")
 
 
 class RunSettings(BaseModel):
@@ -179,11 +199,12 @@ class ResumableFolder(Generic[Settings]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *error: Any) -> None:
         try:
             self._remove_temporaries()  # remove files that workers left when they were killed
         finally:
-            self.release()
+            if self._lock is not None:
+                self._lock.__exit__(*error)
 
     def release(self) -> None:
         if self._lock is not None:
