@@ -12,6 +12,7 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 
+from gensim2.core.errors import InputError
 from gensim2.data.card import Described, card, write_card
 from gensim2.data.collection import CollectionResult
 from gensim2.data.dataset import DataSet
@@ -129,3 +130,11 @@ def test_a_card_of_frames_tells_units_frames_and_what_an_action_is(
     assert re.search(r"\| action \| absolute target positions of the arm.*, rad .*-1 \(closed\) to 1 \(open\)", text)
     assert "1/20 s apart" in text
     assert "x ahead, y to its left, z up" in text
+
+
+def test_episodes_of_other_objects_than_the_task_are_refused(gather: Gather) -> None:
+    folder = gather("CloseBox").folder
+    rows = folder / "CloseBox" / "episodes.jsonl"
+    rows.write_text(rows.read_text().replace('"objects": {"box":', '"objects": {"other":'))
+    with pytest.raises(InputError, match="line 1: objects: episode 0 has other objects than the task"):
+        report(folder)

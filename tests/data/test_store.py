@@ -14,6 +14,7 @@ from gensim2.core.errors import InputError, WriteError
 from gensim2.core.sealed_file import HEADER_SIZE
 from gensim2.data import TaskStore, episode_file
 from gensim2.data.episode_file import DamagedEpisodeError, read_episode, read_row, write_episode
+from gensim2.data.runfolder import TaskFolder
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task
@@ -88,6 +89,7 @@ def test_another_version_is_named_and_is_no_damage(tmp_path: Path, monkeypatch: 
 
 
 def test_a_row_and_another_episodes_file_do_not_go_together(tmp_path: Path) -> None:
+    TaskFolder(tmp_path).write_task(load_task("OpenDrawer"))
     store = TaskStore(tmp_path)
     for index in range(2):
         store.add(index, *made(seed=index))

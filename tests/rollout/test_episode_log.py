@@ -12,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "kill"))
 import fake_world
 
 from gensim2.core.errors import InputError
+from gensim2.data.runfolder import TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.rollout import episode_log
 from gensim2.rollout.episode_log import EpisodeLog, episodes_in, read_log
@@ -45,6 +46,7 @@ def test_a_cut_off_line_is_dropped_by_a_log_and_refused_in_a_data_set(path: Path
     assert [None if each is None else each.index for each in episodes_in(path)] == [1, None]
     assert list(EpisodeLog(path, SEEDS).done) == [1]
     assert path.read_bytes() == whole.splitlines(keepends=True)[0]
+    TaskFolder(tmp_path).write_task(TASK)
     rows = tmp_path / "episodes.jsonl"
     rows.write_bytes(b"".join(reversed(whole.splitlines(keepends=True)))[:-1])
     with pytest.raises(InputError, match=r"line 2: is incomplete"):

@@ -86,10 +86,11 @@ class TaskStore:
         """Yield the records of all episodes by index from ``episodes.jsonl``; one is in memory at a time.
 
         Raises:
-            InputError: the file is missing because the collection is incomplete, or it cannot be read.
+            InputError: the file is missing because the collection is incomplete, it cannot be read, or an episode has
+                other objects than the task.
         """
         path = self.rows_path
-        last = -1
+        last, objects = -1, self.spec().objects.keys()
         rows = episodes_in(self._inside(path), _ROWS_REMEDY, unreadable="finish the collection with --resume")
         for number, row in enumerate(rows, 1):
             if row is None:
@@ -97,6 +98,9 @@ class TaskStore:
             if not last < row.index <= LAST_INDEX:
                 wrong = f"is {brief(row.index)}, must increase from line to line up to {LAST_INDEX}"
                 raise InputError(wrong, file=path, field=f"line {number}: index", remedy=_ROWS_REMEDY)
+            if row.objects.keys() != objects:
+                wrong = f"episode {row.index} has other objects than the task"
+                raise InputError(wrong, file=path, field=f"line {number}: objects", remedy=_ROWS_REMEDY)
             last = row.index
             yield row
 

@@ -72,8 +72,5 @@ def read_back(dataset: DataSet, progress: Progress) -> Iterator[Read]:
             if not row.held:
                 wrong = f"has episode {row.index}, which failed"
                 raise InputError(wrong, file=store.folder / ROWS, remedy=REMEDY)
-            if set(row.objects) != set(spec.objects):
-                wrong = f"episode {row.index} has other objects than the task"
-                raise InputError(wrong, file=store.folder / ROWS, field="objects", remedy=REMEDY)
             yield store, row, store.read(row)
             progress.advance()
