@@ -27,3 +27,8 @@ HOSTILE_WORDS = (
     "# heading",
     "**bold** _thin_ `code` $x$ a|b ~~gone~~ <b>bold</b> &amp; &#60;",
 )
+
+CONTROLS = "\u202e\u2066\u200f\x1b\x85"
+"""Bidirectional and control characters, which reorder or hide the text around them."""
+OUT_OF_ALL = f"-->]]>'\"></script></title></style></svg><script>{RUNS}</script><img src=x onerror={RUNS}>"
+"""Text that leaves every place of a page in which text can stand, and then runs a script."""

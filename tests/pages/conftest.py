@@ -12,7 +12,7 @@ import browser as opened
 import numpy as np
 import pytest
 import run_folders
-from hostile_names import HOSTILE, HOSTILE_WORDS
+from hostile_names import CONTROLS, HOSTILE, HOSTILE_WORDS, OUT_OF_ALL
 from PIL import Image
 from playwright.sync_api import Browser
 from run_folders import fake_world
@@ -103,7 +103,7 @@ class HostileShelf(Shelf):
 
     kind: Kind = "articulated"
     source: Source = "real"
-    license = HOSTILE[0]
+    license = OUT_OF_ALL + CONTROLS
 
     def __init__(self, model: ArticulatedObject) -> None:
         self._model = model
@@ -115,7 +115,8 @@ class HostileShelf(Shelf):
         return HOSTILE
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
-        return dataclasses.replace(self._model, asset_class=asset_class, id=instance_id, warnings=HOSTILE)
+        warnings = (*HOSTILE, *HOSTILE_WORDS, OUT_OF_ALL + CONTROLS)
+        return dataclasses.replace(self._model, asset_class=asset_class, id=instance_id, warnings=warnings)
 
     def describe(self, asset_class: str) -> str:
         return HOSTILE[1]
@@ -138,6 +139,20 @@ def hostile_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.fixture
 def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The gallery of two tasks, of one and of four steps."""
+    return gallery_of(["OpenDrawer", LONG], tmp_path / "tasks", monkeypatch)
+
+
+@pytest.fixture
+def hostile_tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The gallery of an untrusted task."""
+    files = TaskFolder(tmp_path / "OpenDrawer")
+    files.write_task(load_task("OpenDrawer").model_copy(update={"description": OUT_OF_ALL}))
+    files.write_strategies(load_strategies("OpenDrawer"))
+    return gallery_of([str(files.path)], tmp_path / "tasks", monkeypatch)
+
+
+def gallery_of(tasks: list[str], out: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the gallery of tasks in a fake world."""
 
     def filmed(replay: Any, path: Path, *, still: Path, **_: Any) -> Film:
         draw_film(path, still)
@@ -149,7 +164,7 @@ def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
     monkeypatch.setattr(gallery, "film", filmed)
     monkeypatch.setattr(rendering, "can_render", lambda: True)
-    return tasks_gallery(["OpenDrawer", LONG], out=tmp_path / "tasks", assets="builtin", workers=0).index
+    return tasks_gallery(tasks, out=out, assets="builtin", workers=0).index
 
 
 @pytest.fixture

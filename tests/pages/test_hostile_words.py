@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import run_folders
+import yaml
+from hostile_files import made_hostile
+from hostile_names import CONTROLS, OUT_OF_ALL
 from hostile_names import HOSTILE_WORDS as HOSTILE
 from playwright.sync_api import Browser
 
@@ -16,10 +22,16 @@ pytest.importorskip("viser")
 import viser
 
 import gensim2_kpam as kpam
+from gensim2.data import report as quality_report
+from gensim2.data.dataset import DataSet
+from gensim2.data.queue import write_page
+from gensim2.data.status import Status, TaskStatus
+from gensim2.design.report import write_report
 from gensim2.robots import robot
 from gensim2_kpam.show import add_text, plain_markdown, show
 
 PYTHON = Path(__file__).parents[2] / "python"
+TEXTS = (OUT_OF_ALL + CONTROLS, OUT_OF_ALL)  # some readers refuse control characters
 
 
 @pytest.fixture
@@ -122,6 +134,98 @@ def test_a_learned_page_of_hostile_words_is_text(hostile_learned_page: Path, bro
     page.close()
 
 
+def shown_as_text(browser: Browser, file: Path) -> str:
+    """Return the text of a page, which runs nothing, asks for nothing elsewhere and is in its own order."""
+    page = browser.new_page()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(file.as_uri())
+    page.wait_for_timeout(200)
+    assert page.evaluate("window.ran") is None
+    assert page.locator("iframe, style + style, img[onerror], a[href^=javascript]").count() == 0
+    page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
+    shown = str(page.evaluate("document.body.textContent")) + page.title()
+    page.close()
+    assert all(url.startswith(("file:", "data:")) for url in asked), asked
+    assert not set(CONTROLS) & set(shown), "a control character hides or reorders the text around it"
+    assert "onerror=top.ran = true" in shown
+    return shown
+
+
+def test_every_text_of_a_run_folder_is_text_in_its_report(tmp_path: Path, browser: Browser) -> None:
+    folder = run_folders.run_folder(tmp_path / "run")
+    found = made_hostile(folder, TEXTS, lambda: write_report(folder))
+    assert {"run.json: command_line.0", "tasks/OpenDemo/task.yaml: description"} <= set(found), found
+    (folder / "rejected" / OUT_OF_ALL.replace("/", "\u2044")).mkdir()
+    shown_as_text(browser, write_report(folder))
+
+
+def test_every_text_of_a_data_set_is_text_on_its_page(collected: Path, browser: Browser) -> None:
+    run = collected / "run.json"
+
+    def written() -> Path:
+        dataset = DataSet.open(collected)
+        tasks = (
+            TaskStatus(name, task.tried, task.tried, task.held, task.strict, {**task.causes, TEXTS[0]: 1})
+            for name, task in dataset.record.tasks.items()
+        )
+        return write_page(dataset, Status(tuple(tasks), 1, 1.0, 1, 1, 0), json.loads(run.read_text()))
+
+    found = made_hostile(collected, TEXTS, written)
+    assert {"run.json: host", "dataset.json: versions.python"} <= set(found), found
+    shown_as_text(browser, written())
+
+
+def test_the_sentence_of_a_task_is_text_on_the_page_of_its_quality(collected: Path, browser: Browser) -> None:
+    for path in collected.glob("*/task.yaml"):
+        task = yaml.safe_load(path.read_text())
+        path.write_text(yaml.safe_dump({**task, "description": OUT_OF_ALL}))
+    quality_report.report(collected, videos=0)
+    shown_as_text(browser, collected / quality_report.HTML)
+
+
+@pytest.mark.parametrize("kind", ["hostile_page", "hostile_tasks_page"])
+def test_a_gallery_of_untrusted_objects_or_tasks_is_text(
+    kind: str, request: pytest.FixtureRequest, browser: Browser
+) -> None:
+    shown_as_text(browser, request.getfixturevalue(kind))
+
+
+def test_the_page_of_an_arm_shows_titles_reasons_and_cameras_as_text(browser: Browser) -> None:
+    from gensim2_robot.live import LivePage
+
+    with LivePage("panda", HOSTILE[0], port=18320) as shown:
+        shown.change(0.0, HOSTILE[1], f"{OUT_OF_ALL} THE END")
+        shown.clocks(0.0, 0.0, {HOSTILE[2]: 0.1})
+        shown.draw()
+        page = opened(browser, shown.server)
+        assert page.evaluate("window.ran") is None
+        assert page.locator("iframe, img[onerror]").count() == 0
+        words = page.evaluate("document.body.innerText")
+        page.close()
+    assert all(each in words for each in (HOSTILE[0], HOSTILE[1], OUT_OF_ALL, HOSTILE[2]))
+
+
+def test_a_policy_server_answers_a_browser_in_plain_text(browser: Browser) -> None:
+    from gensim2.policy.remote.server import PolicyServer
+    from gensim2.rollout.controller_spec import ControllerSpec
+
+    server = PolicyServer(ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7}), "panda", 16 * "x", port=0)
+    thread = threading.Thread(target=server.serve)
+    thread.start()
+    try:
+        page = browser.new_page(extra_http_headers={"Sec-WebSocket-Protocol": HOSTILE[1]})
+        for path in (OUT_OF_ALL, "favicon.ico"):
+            answer = page.goto(f"http://{server.host}:{server.port}/{path}")
+            assert answer is not None
+            assert answer.headers["content-type"].startswith("text/plain")
+            assert page.evaluate("window.ran") is None
+        page.close()
+    finally:
+        server.close()
+        thread.join()
+
+
 def test_templates_escape_all_but_drawings_of_our_own() -> None:
     safe = {
         (file.name, line.strip()[line.strip().find("{{") :][:60])
@@ -129,4 +233,4 @@ def test_templates_escape_all_but_drawings_of_our_own() -> None:
         for line in file.read_text().splitlines()
         if "| safe" in line or "|safe" in line or "autoescape" in line
     }
-    assert {name for name, _ in safe} == {"quality.html.j2", "report.html.j2"}, safe
+    assert {name for name, _ in safe} == {"quality.html.j2"}, safe

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from hostile_names import OUT_OF_ALL
 from PIL import Image
 from playwright.sync_api import Browser, Page
 
@@ -32,7 +33,7 @@ def address() -> Iterator[str]:
         recorder.add(env.profile.rest_action, env.measure())
     scene = SceneOptions("builtin").with_task(load_task("OpenDrawer"))
     spec = ObservationSpec(cloud=CloudSettings(points=512, candidates=2048))
-    server = serve(Shown("OpenDrawer", scene, recorder.finish()), spec, port=18200)
+    server = serve(Shown(OUT_OF_ALL, scene, recorder.finish()), spec, port=18200)
     yield f"http://{server.get_host()}:{server.get_port()}"
     server.stop()
 
@@ -58,6 +59,8 @@ def test_the_cloud_is_there_and_the_console_has_no_error(address: str, browser: 
     page.on("pageerror", lambda error: said.append(f"error: {error}"))
     page.goto(address)
     page.get_by_text("time [s]").first.wait_for(timeout=60_000)
+    assert page.evaluate("window.ran") is None
+    assert OUT_OF_ALL in page.evaluate("document.body.innerText")
     boxes = page.get_by_role("checkbox")
     everything = _picture(page)
     boxes.nth(0).evaluate("box => box.click()")  # hides the scene's meshes

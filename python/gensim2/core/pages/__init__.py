@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from gensim2.core.errors import printable
+
 if TYPE_CHECKING:
     from jinja2 import Template
 
@@ -20,6 +22,7 @@ def template(package: str, name: str) -> Template:
     templates = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package), jinja2.PackageLoader("gensim2.core.pages")]),
         autoescape=True,
+        finalize=_visible,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -27,6 +30,11 @@ def template(package: str, name: str) -> Template:
     templates.filters["openness"] = _openness
     templates.filters["share"] = _share
     return templates.get_template(name)
+
+
+def _visible(value: Any) -> Any:
+    """Show control characters of a text as escapes; in a page they would hide or reorder the text around them."""
+    return printable(value) if type(value) is str else value  # markup of a macro has been through this already
 
 
 def _openness(value: float | None) -> str:
