@@ -66,7 +66,7 @@ def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
             with read_by_library(path, _REMEDY, "is damaged"), open_zip(stream, MAX_MEMBERS) as archive:
                 return _arrays_in(archive, max_bytes)
     except OSError as error:
-        raise InputError(why(error), file=path) from error
+        raise InputError(why(error), file=path, remedy=_REMEDY) from error
 
 
 def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:

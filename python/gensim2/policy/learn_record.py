@@ -163,6 +163,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     with new_folder(folder / DATA) as made:
         both = [f"{name}{end}" for name in record.tasks for end in ("", BESIDE)]
         for name in both if record.is_of_plans else ["."]:
-            if (found / name).is_dir():
+            part = ForeignTree(other).inside(f"{key}/{DATA}/{name}")
+            if part.is_dir():
                 (made / name).mkdir(exist_ok=True)
-                ForeignTree(found / name).copy_all(made / name, leave_out)
+                ForeignTree(part).copy_all(made / name, leave_out)

@@ -32,9 +32,24 @@ def _pipe(folder: Path, name: str) -> None:
     os.mkfifo(folder / name)
 
 
+def _huge(folder: Path) -> None:
+    with (folder / "shard_00001.npz").open("wb") as stream:
+        stream.truncate(2**31)
+
+
+def _elsewhere(folder: Path) -> None:
+    outside = folder.parents[2] / "outside"
+    outside.mkdir()
+    (outside / "secret").touch()
+    folder.rename(outside / "plans")
+    folder.symlink_to(outside)
+
+
 HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a link out of it": (lambda f: (f / "secret").symlink_to(f.parents[2] / "secret"), "is a link"),
     "a link to a folder": (lambda f: (f / "more").symlink_to("/etc"), "is a link"),
+    "a folder elsewhere": (_elsewhere, "lies outside the folder"),
+    "plans of 2 GiB": (_huge, "shard_00001.npz: is larger than 1024 MiB"),
     "a pipe for plans": (lambda f: _pipe(f, SHARD), "is a pipe"),
     "a pipe for the record": (lambda f: _pipe(f, RECORD), "is a pipe"),
     "a strategy of no step": (lambda f: _shard(f, way=np.full(32, 7, np.int16)), "strategy 7"),
@@ -58,6 +73,7 @@ def test_plans_of_a_stranger_are_refused_in_one_line(name: str, tmp_path: Path) 
     assert said in str(told.value)
     assert "\n" not in str(told.value)
     assert not any("secret" in path.name or "passwd" in path.name for path in out.rglob("*"))
+    assert not any(path.stat().st_size > 2**30 for path in out.rglob("*")), "it was copied first"
 
 
 def test_plans_come_along_as_they_are(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ MAX_FILES = 1_000_000  # files of an export; 10,000 episodes with images have ab
 MAX_DEPTH = 12  # levels of nested folders; exports of gensim2 have 5
 MAX_FILE_BYTES = 64 * 2**30  # bytes of a file; ManiSkill stores all episodes of a task in one
 MAX_RECORD = 512 * 2**20  # bytes of one JSON file
+MAX_COPIED = 2**30  # bytes of one file of demonstrations, as large as their readers accept
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -170,8 +171,15 @@ class ForeignTree:
         Args:
             to: an existing folder.
             leave_out: subfolders with this name are not copied.
+
+        Raises:
+            InputError: as for :meth:`sizes`, or a file is larger than ``MAX_COPIED``.
         """
-        for name in self.sizes():
+        sizes = self.sizes()
+        for name, size in sizes.items():
+            if size > MAX_COPIED:
+                raise self._error(f"is larger than {megabytes(MAX_COPIED)}", name, None, "remove it")
+        for name in sizes:
             if leave_out not in Path(name).parts:
                 (to / name).parent.mkdir(parents=True, exist_ok=True)
                 with open_regular(self.inside(name)) as source, (to / name).open("wb") as target:

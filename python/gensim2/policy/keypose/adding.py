@@ -207,9 +207,12 @@ def generated_input(task: str, count: int, *, seed: int, **scene: Unpack[SceneAr
 
 
 def _plans(start: Path, name: str) -> list[Path]:
-    """Return the folders of a task's plans; the folder for generated objects comes last."""
-    folder = start / DATA / name
+    """Return the folders of a task's plans; the folder for generated objects comes last.
+
+    Raises:
+        InputError: the folder has no plans, or a link leads out of it.
+    """
+    folder, beside = (ForeignTree(start).inside(f"{DATA}/{name}{end}") for end in ("", BESIDE))
     if not folder.is_dir():
         raise InputError("the folder lacks the plans that the policy was trained on", file=folder, remedy=REMEDY)
-    beside = start / DATA / f"{name}{BESIDE}"
     return [folder, *([beside] if beside.is_dir() else [])]
