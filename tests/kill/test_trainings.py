@@ -8,7 +8,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
+
+from disks import can_mount, on_disk
 
 SCRIPT = Path(__file__).with_name("trainings.py")
 STEPS = 40
@@ -28,14 +31,14 @@ LEARN = ["learn", "CloseBox", "--assets", "builtin", "--minutes", "0.001", "--wo
 LEARN += ["--controls", "none", "--videos", "0", "--objects", "2"]
 
 
-def start(words: list[str], out: Path, log: Path) -> subprocess.Popen[bytes]:
+def start(words: list[str], out: Path, log: Path, prefix: Sequence[str] = ()) -> subprocess.Popen[bytes]:
     with log.open("ab") as stream:
-        command = [sys.executable, str(SCRIPT), *words, "--out", str(out)]
+        command = [*prefix, sys.executable, str(SCRIPT), *words, "--out", str(out)]
         return subprocess.Popen(command, stdout=stream, stderr=stream, start_new_session=True)
 
 
-def finished(words: list[str], out: Path, log: Path) -> None:
-    assert start(words, out, log).wait(timeout=900) == 0, log.read_text()
+def finished(words: list[str], out: Path, log: Path, prefix: Sequence[str] = ()) -> None:
+    assert start(words, out, log, prefix).wait(timeout=900) == 0, log.read_text()
 
 
 def contents(out: Path, policy: Path) -> dict[str, object]:
@@ -57,7 +60,8 @@ def reached(state: Path, step: int, process: subprocess.Popen[bytes], log: Path)
 
 def killed_and_resumed(words: list[str], policy: str, folder: Path) -> None:
     whole, parts, log = folder / "whole", folder / "parts", folder / "log"
-    finished(words, whole, log)
+    # The undisturbed run has no shared memory, which changes nothing.
+    finished(words, whole, log, on_disk("ro", Path("/dev/shm")) if can_mount() else ())
     process = start(words, parts, log)
     state = parts / policy / "training" / "state.json"
     reached(state, 6, process, log)
