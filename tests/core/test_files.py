@@ -10,7 +10,7 @@ import pytest
 
 from gensim2.core import files
 from gensim2.core.errors import InputError
-from gensim2.core.files import append, remove_temporaries, replacing, write_atomic, write_json
+from gensim2.core.files import append, remove_temporaries, replacing, write_atomic, write_changed, write_json
 
 
 def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
@@ -20,6 +20,22 @@ def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
     assert path.read_text() == "new"
     assert stat.S_IMODE(path.stat().st_mode) == 0o644
     assert [entry.name for entry in path.parent.iterdir()] == ["data.json"]
+
+
+def test_only_a_file_with_another_content_is_replaced_and_none_of_another_size_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "task.yaml"
+    write_changed(path, "name: ö\n")
+    before = path.stat()
+    write_changed(path, "name: ö\n")
+    assert os.path.samestat(path.stat(), before)
+    for content in (b"name: o.\n", b"\xff" * before.st_size, b""):
+        path.write_bytes(content)
+        write_changed(path, "name: ö\n")
+        assert path.read_text() == "name: ö\n"
+    with path.open("r+b") as stream:
+        stream.truncate(2**42)  # more than fits into any memory
+    write_changed(path, "name: ö\n")
+    assert path.read_text() == "name: ö\n"
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])

@@ -73,15 +73,22 @@ def test_a_lock_is_a_file(tmp_path: Path, make: Callable[[Path], None], said: st
         FolderLock(tmp_path)
 
 
+def removed(out: Path, is_back: bool) -> None:
+    shutil.rmtree(out)
+    if is_back:
+        out.mkdir()
+        (out / FolderLock.NAME).touch()
+
+
 @pytest.mark.parametrize("is_back", [False, True])
 def test_a_run_does_not_end_well_if_its_folder_was_removed(tmp_path: Path, is_back: bool) -> None:
     for kind in (opened, FolderLock):
         out = tmp_path / kind.__name__
         with pytest.raises(WriteError, match=r"was removed or replaced during the run \(run it again\)"), kind(out):
-            shutil.rmtree(out)
-            if is_back:
-                out.mkdir()
-                (out / FolderLock.NAME).touch()
-    with pytest.raises(KeyboardInterrupt), opened(tmp_path / "out"):  # the first reason stays
-        shutil.rmtree(tmp_path / "out")
-        raise KeyboardInterrupt
+            removed(out, is_back)
+
+
+def test_a_run_that_fails_in_a_removed_folder_keeps_its_reason(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(OSError, match="No such file"), opened(out):
+        (out / str(removed(out, False)) / "file").read_bytes()

@@ -134,7 +134,7 @@ def outcomes(words: list[str], copies: Iterator[tuple[Path, str]], capfd: Any, c
     try:
         for copy, what in copies:
             capfd.readouterr()
-            signal.alarm(120)
+            signal.alarm(300)
             try:
                 found[what] = run([each.format(copy=copy) for each in words])
             except Reached:

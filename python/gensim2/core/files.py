@@ -199,6 +199,14 @@ def write_atomic(path: Path, data: str | bytes) -> None:
         temporary.write_bytes(_encoded(data))
 
 
+def write_changed(path: Path, text: str) -> None:
+    """Write a text as :func:`write_atomic`, unless ``path`` is a file with this content."""
+    content = text.encode()
+    # Compare sizes first, because the file may be untrusted and too large to be read.
+    if not path.is_file() or path.stat().st_size != len(content) or path.read_bytes() != content:
+        write_atomic(path, content)
+
+
 def write_output(path: Path, data: str | bytes) -> None:
     """Write to a path that the user chose: atomically to a file or a link's target, directly to a pipe or device.
 

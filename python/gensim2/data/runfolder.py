@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import write_atomic, write_json
+from gensim2.core.files import write_changed, write_json
 from gensim2.core.record_files import read_record
 from gensim2.core.resumable import ResumableFolder
 from gensim2.core.yaml_files import dump_yaml
@@ -152,13 +152,13 @@ class TaskFolder:
         self.path = path
 
     def write_task(self, task: TaskSpec) -> None:
-        """Write ``task.yaml`` unless it exists."""
-        self._write("task.yaml", dump_yaml(task.model_dump(mode="json", exclude_none=True)))
+        """Write ``task.yaml``."""
+        write_changed(self.path / "task.yaml", dump_yaml(task.model_dump(mode="json", exclude_none=True)))
 
     def write_strategies(self, strategies: Strategies) -> None:
-        """Write ``strategies/<name>.yaml`` for each strategy unless it exists."""
+        """Write ``strategies/<name>.yaml`` for each strategy."""
         for name, data in strategies.items():
-            self._write(f"strategies/{name}.yaml", dump_yaml(data))
+            write_changed(self.path / f"strategies/{name}.yaml", dump_yaml(data))
 
     @property
     def verification_path(self) -> Path:
@@ -177,11 +177,6 @@ class TaskFolder:
         if not path.exists():
             return None
         return read_record(path, VerificationRecord, "delete the file and resume").verification
-
-    def _write(self, name: str, text: str) -> None:
-        path = self.path / name
-        if not path.is_file() or path.read_bytes() != text.encode():
-            write_atomic(path, text)
 
 
 def _now() -> str:

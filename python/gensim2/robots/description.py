@@ -10,7 +10,7 @@ from pathlib import Path
 
 import gensim2_kpam
 from gensim2.core.errors import InputError
-from gensim2.core.files import cache_dir, write_atomic
+from gensim2.core.files import cache_dir, write_changed
 from gensim2.core.foreign.geometry import MAX_URDF, read_xml
 from gensim2.core.foreign.tree import read_input
 from gensim2.robots.profile import RobotFiles
@@ -125,8 +125,7 @@ def stored(name: str, urdf: ET.Element | str, srdf: str) -> RobotFiles:
     folder = cache_dir() / "robots" / hashlib.sha256((text + srdf).encode()).hexdigest()[:16]
     files = RobotFiles(folder / f"{name}.urdf", folder / f"{name}.srdf")
     for path, content in ((files.urdf, text), (files.srdf, srdf)):
-        if not path.is_file() or path.read_text() != content:
-            write_atomic(path, content)
+        write_changed(path, content)
     return files
 
 
