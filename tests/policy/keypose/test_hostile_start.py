@@ -55,7 +55,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a strategy of no step": (lambda f: _shard(f, way=np.full(32, 7, np.int16)), "strategy 7"),
     "arrays of other lengths": (lambda f: _shard(f, step=np.zeros(3, np.int16)), "step has the shape (3,)"),
     "pickled": (lambda f: _shard(f, joints=np.array([{}] * 32, dtype=object)), "is damaged"),
-    "not finite": (lambda f: _shard(f, joints=np.full((32, 9), np.nan, np.float32)), "not finite"),
+    "not finite": (lambda f: _shard(f, joints=np.full((32, 9), np.nan, np.float32)), "NaN or infinity"),
     "no counts": (lambda f: _shard(f, about=np.array("[]")), "about"),
     "a negative time": (lambda f: _shard(f, about=np.array('{"scenes": 1, "failed": {}, "cpu_s": -1}')), "cpu_s"),
 }
