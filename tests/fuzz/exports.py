@@ -26,12 +26,12 @@ import h5py
 import numpy as np
 import pyarrow
 import pyarrow.parquet
-from mutate import LONGEST_MESSAGE, damaged
-from runner import Ended, Round, Say, Tally, main, tried
+from mutate import check_line, damaged
+from runner import Cost, Ended, Round, Say, Tally, main, measured, tried
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.process import FRUGAL, Bounds, isolated
-from gensim2.core.progress import NULL_PROGRESS
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.sealed_file import HEADER_SIZE, Seal
 from gensim2.data import collect
 from gensim2.data.dataset import DataSet
@@ -333,22 +333,10 @@ class Verdict:
     memory: int = 0
 
 
-def measured(path: Path, out: Path, kind: Format, spent: Path, progress: Any) -> int:
-    """Call :func:`~gensim2.data.formats.importing.read_export` and measure its time and memory."""
-    import resource
-
-    begun = time.process_time()
-    Path("/proc/self/clear_refs").write_text("5")  # resets the counter of the highest memory
-    try:
-        return read_export(path, out, kind, progress)
-    finally:
-        peak = next(
-            int(line.split()[1]) * 1024
-            for line in Path("/proc/self/status").read_text().splitlines()
-            if line.startswith("VmHWM")
-        )
-        resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
-        spent.write_text(f"{time.process_time() - begun} {peak}")
+def reading(path: Path, out: Path, kind: Format, progress: Progress) -> int:
+    """Call :func:`~gensim2.data.formats.importing.read_export` and report its time and memory."""
+    with measured(progress):
+        return read_export(path, out, kind, NULL_PROGRESS)
 
 
 def attempt(good: Path, kind: Format, scratch: Path, generator: np.random.Generator) -> tuple[str, Verdict]:
@@ -358,7 +346,7 @@ def attempt(good: Path, kind: Format, scratch: Path, generator: np.random.Genera
         AssertionError: the import is neither correct nor refused in one line, or took too much time or memory.
         Exception: any other exception that it raised.
     """
-    folder, out, spent = scratch / "export", scratch / "out", scratch / "spent"
+    folder, out, cost = scratch / "export", scratch / "out", Cost()
     shutil.copytree(good, folder)
     (scratch / "count").write_text((good.parent / f"{kind}.count").read_text())
     told = damage(folder, kind, generator)
@@ -366,27 +354,20 @@ def attempt(good: Path, kind: Format, scratch: Path, generator: np.random.Genera
     began = time.monotonic()
     try:
         size = sum(path.lstat().st_size for path in good.rglob("*"))
-        count = isolated(measured, (folder, out, kind, spent), folder, Bounds.of(size), NULL_PROGRESS, MODULES)
+        count = isolated(reading, (folder, out, kind), folder, Bounds.of(size), cost, MODULES)
         verdict = Verdict("accepted")
     except InputError as error:
         verdict = Verdict("refused", str(error))
     assert time.monotonic() - began < HANGS, f"{told}: took {time.monotonic() - began:.0f} s by the clock"
-    if spent.is_file():
-        verdict.cpu_s, verdict.memory = float(spent.read_text().split()[0]), int(spent.read_text().split()[1])
-    check_message(verdict.message, told)
+    verdict.cpu_s, verdict.memory = cost.seconds, cost.memory
+    if verdict.outcome == "refused":
+        check_line(verdict.message)
     assert verdict.cpu_s < SLOWEST, f"{told}: took {verdict.cpu_s:.1f} s"
     assert verdict.memory < MEMORY, f"{told}: took {verdict.memory / 2**20:.0f} MiB"
     assert "library that reads it died" not in verdict.message or "manifest kept" not in told, told
     if verdict.outcome == "accepted":
         check_accepted(out, good, kind, count, "manifest kept" in told, told)
     return told, verdict
-
-
-def check_message(message: str, told: str) -> None:
-    """Check that a message is one short line."""
-    assert len(message.splitlines()) <= 1, f"{told}: more than one line: {message!r}"
-    assert len(message) <= LONGEST_MESSAGE, f"{told}: {len(message)} characters"
-    assert message.isprintable(), f"{told}: {message!r}"
 
 
 def check_accepted(out: Path, good: Path, kind: Format, count: int, same: bool, told: str) -> None:
@@ -415,7 +396,7 @@ def attempt_command(good: Path, kind: Format, scratch: Path, generator: np.rando
         check_accepted(out, good, kind, int(done.stdout.split()[0]), "manifest kept" in told, told)
         return told, Verdict("accepted")
     assert not out.exists(), told
-    check_message(said[0], told)
+    check_line(said[0])
     return told, Verdict("refused", said[0])
 
 

@@ -15,7 +15,6 @@ import shutil
 import socket
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -25,12 +24,10 @@ from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
-from mutate import LONGEST_MESSAGE, Kind, damaged, damaged_value
-from runner import Ended, Round, Say, Tally, main, tried
+from mutate import Kind, check_line, damaged, damaged_value
+from runner import Ended, Round, Say, Tally, in_process, main, tried
 
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.process import Bounds, isolated
-from gensim2.core.progress import NULL_PROGRESS
 from gensim2.core.record_files import read_record
 from gensim2.core.yaml_files import dump_yaml, read_yaml
 from gensim2.perception import D435, Camera, ObservationSpec
@@ -50,15 +47,10 @@ from gensim2_robot.mind import ControllerAnswer, Question
 from gensim2_robot.simulated import simulated_cameras
 from gensim2_robot.trial.record import Trial, TrialFolder, TrialSettings, read_protocol, read_trials, row_of
 
-MEMORY = 2**30
-SLOWEST = 5  # s of CPU
-HANGS = 300.0  # s in total
-
 FILE = "log_000000.mcap"
 CANARIES = ("notes.py", "panda.py", "mcap.py", "sitecustomize.py")
 """Names of modules beside each input, which damaged data may contain."""
 NAMES = ("notes.py", "notes:robot", "./panda.py", "os:system", "../notes.py", "mcap")
-MODULES = ("logs", "gensim2.perception.raycast.caster", "scipy.spatial.transform", "mcap.writer")
 
 
 @cache
@@ -180,7 +172,7 @@ def _refusing(read: Callable[[], object]) -> None:
     try:
         read()
     except InputError as error:
-        check_message(str(error))
+        check_line(str(error))
 
 
 def read_log(folder: Path) -> list[str]:
@@ -355,54 +347,33 @@ def _array(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
 # --------------------------------------------------------------------- verdict
 
 
-def check_message(message: str) -> None:
-    """Check that a message is one short line."""
-    assert len(message.splitlines()) == 1, f"not one line: {message!r}"
-    assert len(message) <= LONGEST_MESSAGE, f"{len(message)} characters"
-    assert message.isprintable(), repr(message)
+def verdict(good: Path, subject: Subject, folder: Path, told: str) -> str:
+    """Return how reading a damaged file ended."""
+    try:
+        found = subject.read(folder)
+    except InputError as error:
+        check_line(str(error))
+        return "refused"
+    check_accepted(found, good, folder, subject, told)
+    return "accepted"
 
 
-def _reading(subject: Subject, folder: Path, _: object) -> Any:
-    return subject.read(folder)
-
-
-def _state(folder: Path) -> dict[str, tuple[int, int]]:
-    """Return names, sizes and times of everything in a folder."""
-    return {
-        str(path.relative_to(folder)): (path.lstat().st_size, path.lstat().st_mtime_ns)
-        for path in folder.rglob("*")
-        if not path.is_dir()
-    }
-
-
-def attempt(good: Path, subject: Subject, scratch: Path, generator: np.random.Generator) -> tuple[str, bool]:
-    """Damage a copy of a file and read it; return the kind of damage, and whether it was accepted.
+def attempt(good: Path, subject: Subject, scratch: Path, generator: np.random.Generator) -> Ended:
+    """Damage a copy of a file and read it; return how it ended.
 
     Raises:
         AssertionError: it was neither read correctly nor refused in one line, took too much time or memory, or had
             effects.
-        RuntimeError: the reader raised another exception.
     """
     folder = scratch / "input"
     shutil.copytree(good, folder)
     told = damage(folder / subject.file, subject.kind, generator)
-    before, began = _state(folder), time.monotonic()
-    bounds = Bounds(MEMORY, SLOWEST, (2**30, 2**30))
     try:
-        found = isolated(_reading, (subject, folder), folder, bounds, NULL_PROGRESS, MODULES)
-        said = None
-    except InputError as error:
-        said = str(error)
-    if said is not None:
-        check_message(said)
-        ended = [each for each in ("MiB of memory", "library that reads it died", "of CPU to read") if each in said]
-        assert not ended, f"{told}: {said}"
-    assert time.monotonic() - began < HANGS, f"{told}: took {time.monotonic() - began:.0f} s"
-    assert _state(folder) == before, f"{told}: {set(_state(folder).items()) ^ set(before.items())}"
+        outcome, *cost = in_process(partial(verdict, good, subject, folder, told), folder, 2**30)
+    except AssertionError as error:
+        raise AssertionError(f"{subject.name}, {told}: {error}") from error
     assert not (good.parent / "code-ran").exists(), f"{told}: code ran"
-    if said is None:
-        check_accepted(found, good, folder, subject, told)
-    return told, said is None
+    return Ended(f"{subject.name}, {told if told in ('bytes', 'rewritten') else 'replaced'}: {outcome}", *cost)
 
 
 def check_accepted(found: Any, good: Path, folder: Path, subject: Subject, told: str) -> None:
@@ -435,25 +406,19 @@ def run(good: Path, subjects: Sequence[Subject], numbers: range, seed: int, scra
         subject, place = subjects[number % len(subjects)], scratch / f"try{number}"
         place.mkdir(parents=True)
         try:
-            told, accepted = attempt(good, subject, place, np.random.default_rng([seed, number]))
+            return attempt(good, subject, place, np.random.default_rng([seed, number]))
         finally:
             shutil.rmtree(place, ignore_errors=True)
             (good.parent / "code-ran").unlink(missing_ok=True)
-        how = told if told in ("bytes", "rewritten") else "replaced"
-        return Ended(f"{subject.name}, {how}: {'accepted' if accepted else 'refused'}")
 
     return tried(numbers, one, say)
 
 
 def prepare(folder: Path) -> dict[str, list[Round]]:
     """Write the good files."""
-    # The fork server gets its path from here: it imports this module once for all processes.
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     good_folder(folder / "good")
     return {"inputs": [partial(run, folder / "good", (LOG,))], "files": [partial(run, folder / "good", FILES)]}
 
 
 if __name__ == "__main__":
-    import logs  # by its name, as in the fork server
-
-    sys.exit(main(str(__doc__), {"inputs": 5000, "files": 2000}, logs.prepare))
+    sys.exit(main(str(__doc__), {"inputs": 5000, "files": 2000}, prepare))

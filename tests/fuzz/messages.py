@@ -21,7 +21,7 @@ from typing import Any
 
 import msgpack
 import numpy as np
-from mutate import LONGEST_MESSAGE, damaged, damaged_value
+from mutate import check_line, damaged, damaged_value
 from runner import CANARY, Ended, Say, Tally, in_process, main, tried
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
@@ -371,14 +371,6 @@ def _until(done: Callable[[], bool]) -> None:
         time.sleep(0.002)
 
 
-def check_line(text: str) -> None:
-    """Check that a message is one printable line."""
-    assert text.strip(), "refused without a word"
-    assert len(text.splitlines()) == 1, f"more than one line: {text!r}"
-    assert len(text) <= LONGEST_MESSAGE, f"{len(text)} characters"
-    assert text.isprintable(), repr(text)
-
-
 # ---------------------------------------------------------------------------------------------------- processes
 
 
@@ -412,8 +404,8 @@ def run(what: str, numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
 
     def one(number: int) -> Ended:
         kind, message = drawn(number, seed, what)
-        outcome, seconds, peak = in_process(partial(TRIED[what], message, kind), folder)
-        return Ended(f"{kind}: {outcome}", seconds, peak)
+        outcome, *cost = in_process(partial(TRIED[what], message, kind), folder)
+        return Ended(f"{kind}: {outcome}", *cost)
 
     return tried(numbers, one, say)
 

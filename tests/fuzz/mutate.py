@@ -182,6 +182,10 @@ class Verdict:
     message: str
     seconds: float
 
+    @property
+    def outcome(self) -> str:
+        return "accepted" if self.accepted else "refused"
+
 
 #: CPU limit (s) of a reader or a command, which does not depend on other load of the machine.
 LIMIT = 5.0
@@ -225,10 +229,17 @@ def judged(read: Callable[[], object], limit: float = LIMIT) -> Verdict:
             signal.setitimer(timer, 0)
         for number, handler in before.items():
             signal.signal(number, handler)
-    assert len(message.splitlines()) <= 1, f"more than one line: {message!r}"
-    assert len(message) <= LONGEST_MESSAGE, f"{len(message)} characters: {message[:200]!r}..."
-    assert accepted or message.strip(), "refused without a word"
+    if not accepted:
+        check_line(message)
     return Verdict(accepted, message, time.process_time() - started)
+
+
+def check_line(text: str) -> None:
+    """Check that a message is one printable line of bounded length."""
+    assert text.strip(), "refused without a word"
+    assert len(text.splitlines()) == 1, f"more than one line: {text!r}"
+    assert len(text) <= LONGEST_MESSAGE, f"{len(text)} characters: {text[:200]!r}..."
+    assert text.isprintable(), repr(text)
 
 
 def _pick(values: Any, generator: np.random.Generator) -> Any:

@@ -1,7 +1,8 @@
 """Damage tasks, configs, run folders, episodes and problems, and check what the readers and the command line do.
 
 ``python tests/fuzz/readers.py --inputs 10000 --commands 300`` tries this many in process and through the command line,
-and prints how they ended. Object folders are tested by ``objects.py``.
+and prints how they ended. Readers run in forked processes with 1 GiB of memory and 5 s of CPU. Object folders are
+tested by ``objects.py``.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ sys.path += [str(Path(__file__).parents[1] / name) for name in ("kill", "common"
 
 import fake_world
 from constraints import point_to_point
-from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
-from runner import Ended, Round, Say, Tally, main, tried
+from mutate import LIMIT, LONGEST_MESSAGE, Kind, damaged, judged
+from runner import CANARY, Ended, Round, Say, Tally, in_process, main, tried
 
 from gensim2.bench import read_problems
 from gensim2.core.record_files import read_record
@@ -143,20 +144,26 @@ def subjects() -> list[Subject]:
     return found
 
 
-def attempt(folder: Path, subject: Subject, generator: np.random.Generator) -> Verdict:
-    """Run a reader on a damaged file and return how it ended; then restore the good file.
+def attempt(folder: Path, beside: Path, subject: Subject, generator: np.random.Generator) -> Ended:
+    """Run a reader on a damaged file in a process; then restore the good file.
+
+    Args:
+        folder: folder of the good files.
+        beside: working directory of the process, from which it could import modules.
+        subject: file to damage.
+        generator: source of the damage.
 
     Raises:
         AssertionError: it hangs, or refuses in more than one line.
-        Exception: any exception except :class:`~gensim2.core.errors.InputError`.
     """
     path = folder / subject.file
     good = path.read_bytes()
     path.write_bytes(damaged(good, subject.kind, generator))
     try:
-        return judged(lambda: subject.read(folder))
+        outcome, *cost = in_process(lambda: judged(lambda: subject.read(folder)).outcome, beside, 2**30)
     finally:
         path.write_bytes(good)
+    return Ended(f"{subject.name}: {outcome}", *cost)
 
 
 def attempt_command(folder: Path, subject: Subject, generator: np.random.Generator) -> tuple[int, float]:
@@ -279,13 +286,16 @@ def problem_line() -> str:
     )
 
 
-def run(commands: bool, folder: Path, numbers: range, seed: int, _: Path, say: Say) -> Tally:
+def run(commands: bool, folder: Path, numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
     """Try damaged inputs, kinds in turn and each kind's files in turn; report and count failures."""
     kinds: dict[str, list[Subject]] = {}
     for subject in subjects():
         if subject.command is not None or not commands:
             kinds.setdefault(subject.name, []).append(subject)
     chosen = list(kinds.values())
+    beside = scratch / "readers"
+    beside.mkdir(parents=True, exist_ok=True)
+    (beside / "canary.py").write_text(CANARY)
 
     def one(number: int) -> Ended:
         files = chosen[number % len(chosen)]
@@ -294,8 +304,7 @@ def run(commands: bool, folder: Path, numbers: range, seed: int, _: Path, say: S
         if commands:
             code, seconds = attempt_command(folder, subject, generator)
             return Ended(f"{subject.name}: exit code {code}", seconds)
-        verdict = attempt(folder, subject, generator)
-        return Ended(f"{subject.name}: {'accepted' if verdict.accepted else 'refused'}", verdict.seconds)
+        return attempt(folder, beside, subject, generator)
 
     return tried(numbers, one, say)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import os
+import select
 import signal
 import sys
 import tempfile
@@ -11,11 +13,13 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gensim2.core.foreign.process import Bounds
+from gensim2.core.progress import NullProgress, Progress
 
 SAID = 1000
 """Inputs after which the count of faults is said."""
@@ -39,9 +43,10 @@ class Ended:
 
 @dataclass
 class Tally:
-    """Number of inputs by outcome, and the largest CPU time and memory, if measured."""
+    """Number of inputs by outcome, and the total and largest CPU time and memory."""
 
     ended: Counter[str] = field(default_factory=Counter)
+    seconds: float = 0.0
     slowest: float = 0.0
     largest: int = 0
     faults: int = 0
@@ -52,30 +57,78 @@ Round = Callable[[range, int, Path, Say], Tally]
 
 
 def tried(numbers: Iterable[int], attempt: Callable[[int], Ended], say: Say) -> Tally:
-    """Try each input; report and count failures."""
+    """Try each input until Ctrl-C or SIGTERM; report and count failures."""
     tally = Tally()
+    gc.collect()
+    gc.freeze()  # a collection in a forked process would copy all of its memory
     for count, number in enumerate(numbers, 1):
         try:
             found = attempt(number)
+        except KeyboardInterrupt:
+            break
         except Exception as error:  # noqa: BLE001 - other exceptions are the bugs to be found
             tally.faults += 1
             say(f"{number}: {type(error).__name__}: {str(error)[-1500:]}")
         else:
             tally.ended[found.outcome] += 1
+            tally.seconds += found.seconds
             tally.slowest, tally.largest = max(tally.slowest, found.seconds), max(tally.largest, found.memory)
         if count % SAID == 0:
             say(f"{count} tried, {tally.faults} faults")
     return tally
 
 
-def in_process(attempt: Callable[[], str], folder: Path) -> tuple[str, float, int]:
+class Cost(NullProgress):
+    """CPU time (s) and highest memory (bytes) of a reader in another process, which :func:`measured` reports."""
+
+    seconds, memory = 0.0, 0
+
+    def message(self, text: str) -> None:
+        """Read a report."""
+        seconds, memory = text.split()
+        self.seconds, self.memory = float(seconds), int(memory)
+
+
+@contextmanager
+def measured(progress: Progress) -> Iterator[None]:
+    """Report the CPU time and the highest memory of the block to a :class:`Cost`."""
+    begun = time.process_time()
+    Path("/proc/self/clear_refs").write_text("5")  # reset the highest memory
+    try:
+        yield
+    finally:
+        progress.message(f"{time.process_time() - begun} {peak()}")
+
+
+def peak() -> int:
+    """Return the highest memory of this process, bytes."""
+    report = Path("/proc/self/status").read_text()
+    return 1024 * next(int(line.split()[1]) for line in report.splitlines() if line.startswith("VmHWM"))
+
+
+def listing(folder: Path) -> set[tuple[str, int, int]]:
+    """Return the paths in a folder, with sizes and times of files."""
+    found = ((path, path.lstat()) for path in folder.rglob("*"))
+    return {
+        (str(path.relative_to(folder)), about.st_size * (not path.is_dir()), about.st_mtime_ns * (not path.is_dir()))
+        for path, about in found
+    }
+
+
+def in_process(attempt: Callable[[], str], folder: Path, written: int = 0) -> tuple[str, float, int]:
     """Return how an attempt ended in a forked process of bounded means, its CPU seconds and its highest memory.
+
+    Args:
+        attempt: returns a word.
+        folder: working directory, from which the process could import modules.
+        written: size of the largest file that it may write elsewhere, bytes.
 
     Raises:
         AssertionError: it failed, hung, printed, wrote a file or ran what lies in the folder.
     """
     read, write = os.pipe()
-    printed = folder.with_suffix(".err")
+    heard, printed = os.pipe2(os.O_NONBLOCK)
+    before = listing(folder)
     pid = os.fork()
     if pid == 0:
         code = 1
@@ -83,43 +136,38 @@ def in_process(attempt: Callable[[], str], folder: Path) -> tuple[str, float, in
             os.close(read)
             os.chdir(folder)
             sys.path.insert(0, str(folder))
-            descriptor = os.open(printed, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
-            os.dup2(descriptor, 1)
-            os.dup2(descriptor, 2)
+            os.dup2(printed, 1)
+            os.dup2(printed, 2)
             sys.stdout = sys.stderr = os.fdopen(2, "w", buffering=1, closefd=False)
             sys.excepthook = sys.__excepthook__
             threading.excepthook = threading.__excepthook__
-            Bounds(MEMORY, CPU_S, (2**20, 2**20)).apply()
+            Bounds(MEMORY, CPU_S, (written, written)).apply()
             Path("/proc/self/clear_refs").write_text("5")
             outcome = attempt()
-            report = Path("/proc/self/status").read_text()
-            peak = next(int(line.split()[1]) for line in report.splitlines() if line.startswith("VmHWM"))
-            os.write(write, f"{outcome} {time.process_time()} {1024 * peak}".encode())
+            os.write(write, f"{outcome} {time.process_time()} {peak()}".encode())
             code = 0
         except BaseException:  # noqa: BLE001 - told, and the process ends
             os.write(write, traceback.format_exc()[-3000:].encode("utf-8", "replace"))
         finally:
             os._exit(code)
     os.close(write)
-    end, ended = time.monotonic() + HANGS, 0
+    os.close(printed)
+    process = os.pidfd_open(pid)
     try:
-        while not ended and time.monotonic() < end:
-            ended, status = os.waitpid(pid, os.WNOHANG)
-            time.sleep(0.0 if ended else 0.002)
-        assert ended, f"hung for {HANGS:.0f} s"
+        assert select.select([process], [], [], HANGS)[0], f"hung for {HANGS:.0f} s"
     finally:
-        if not ended:
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
-        told = os.read(read, 4096).decode()
+        os.close(process)
+        os.kill(pid, signal.SIGKILL)
+        _, status = os.waitpid(pid, 0)
+        told, text = (os.read(descriptor, 2**16).decode(errors="replace") for descriptor in (read, heard))
         os.close(read)
+        os.close(heard)
     assert status == 0, f"status {status}: {told}"
-    text = printed.read_text(errors="replace")
     assert not text, f"printed: {text[-1500:]}"
-    left = sorted(path.name for path in folder.iterdir())
-    assert left == ["canary.py"], f"wrote {left}"
-    outcome, seconds, peak = told.split()
-    return outcome, float(seconds), int(peak)
+    changed = listing(folder) ^ before
+    assert not changed, f"wrote {sorted(changed)}"
+    outcome, seconds, memory = told.split()
+    return outcome, float(seconds), int(memory)
 
 
 def main(
@@ -142,18 +190,20 @@ def main(
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     options = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     faults = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name).resolve()
         for option, rounds in prepare(folder).items():
-            count, began = getattr(options, option), time.monotonic()
+            began = time.monotonic()
             for each in rounds:
-                numbers = range(options.first, options.first + count)
+                numbers = range(options.first, options.first + getattr(options, option))
                 tally = each(numbers, options.seed, folder / "tries", lambda text: print(text, file=sys.stderr))
                 faults += tally.faults
-                print(f"{count} {option}, {tally.faults} faults, {time.monotonic() - began:.0f} s in all")
-                if tally.slowest:
-                    print(f"  slowest {tally.slowest:.2f} s of CPU, largest {tally.largest / 2**20:.0f} MiB")
+                done = tally.ended.total() + tally.faults
+                print(f"{done} {option}, {tally.faults} faults, {time.monotonic() - began:.0f} s in all")
+                print(f"  {tally.seconds:.0f} s of CPU, slowest {tally.slowest:.2f} s", end="")
+                print(f", largest {tally.largest / 2**20:.0f} MiB")
                 for outcome, number in sorted(tally.ended.items()):
                     print(f"  {outcome}: {number}", flush=True)
     return 1 if faults else 0

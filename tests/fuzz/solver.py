@@ -475,11 +475,11 @@ def run(known: Mapping[str, Call], numbers: range, seed: int, scratch: Path, say
         name = names[number % len(names)]
         arguments, is_same = drawn(known[name], np.random.default_rng([seed, number]))
         try:
-            outcome, seconds, peak = in_process(partial(attempt, known[name], arguments, is_same), folder)
+            outcome, *cost = in_process(partial(attempt, known[name], arguments, is_same), folder)
         except Exception as error:
             changed = {key: repr(value)[:60] for key, value in arguments.items() if value is not known[name].good[key]}
             raise RuntimeError(f"{name} {changed}: {error}") from error
-        return Ended(f"{name}: {outcome}", seconds, peak)
+        return Ended(f"{name}: {outcome}", *cost)
 
     return tried(numbers, one, say)
 

@@ -13,7 +13,6 @@ COUNT = 20
 
 @pytest.fixture(scope="module")
 def goods(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    checkpoints.MODULES = ("checkpoints", *checkpoints.MODULES[1:])
     return checkpoints.good_checkpoints(tmp_path_factory.mktemp("good").resolve())
 
 
@@ -28,7 +27,8 @@ def test_the_good_ones_are_accepted_and_damage_is_refused_in_one_line(
     for good in goods:
         assert tally.ended[f"{good.name}: refused"] > 0, good.name
         (tmp_path / good.name).mkdir()
-        assert checkpoints.attempt(good, tmp_path / good.name, np.random.default_rng(0)) == ("nothing", "")
+        told, ended = checkpoints.attempt(good, tmp_path / good.name, np.random.default_rng(0))
+        assert (told, ended.outcome) == ("nothing", f"{good.name}: accepted")
 
 
 def test_code_that_runs_is_a_fault(goods: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
