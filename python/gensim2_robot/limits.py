@@ -172,7 +172,7 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
     """
     try:
         given = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise RefusedError(f"an action must consist of numbers: {error}") from error
     if given.shape != (limits.size + 1,):
         raise RefusedError(f"an action must have the shape ({limits.size + 1},), has {given.shape}")

@@ -153,6 +153,7 @@ def test_margins_are_kept_and_told(slow: ArmLimits) -> None:
         (np.append(HOME, np.inf), "NaN or infinity"),
         (HOME, r"must have the shape \(8,\)"),
         (np.array(["a"] * 8), "must consist of numbers"),
+        ([10**400] * 8, "must consist of numbers"),
         (np.append(HOME + 5.0, 1.0), "cannot reach"),
         (np.append(HOME + 0.3, 1.0), "jumps"),
     ],

@@ -16,7 +16,8 @@ pytest.importorskip("mani_skill")
 
 import gensim2
 from gensim2.cli.main import run
-from gensim2.core.errors import InputError
+from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.data import video
 from gensim2.data.record import DatasetRecord
 from gensim2.data.video import Replay
 from gensim2.perception import ObservationSpec
@@ -209,6 +210,10 @@ def test_a_name_in_a_stored_trajectory_that_is_no_text_is_one_error(trap: Path, 
         {"seed": [], "options": {}},
         {"seed": 0},
         {"seed": 0, "options": {"reset_to_env_states": {"env_states": []}}},
+        {"seed": 0, "options": {"openness": 10**400}},
+        {"seed": 0, "options": {"offset": [10**400, 0, 0]}},
+        {"seed": 0, "options": {"instance": {"shelf": "0"}}},
+        {"seed": 0, "options": {"instance": [["0"]]}},
     ],
 )
 def test_a_reset_of_a_stored_trajectory_is_a_seed_and_options_of_ours(trap: Path, reset: dict[str, Any]) -> None:
@@ -217,6 +222,25 @@ def test_a_reset_of_a_stored_trajectory_is_a_seed_and_options_of_ours(trap: Path
     (trap / "trajectory.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"reset_kwargs|reset_to_env_states"):
         Replay.stored(trap / "trajectory.h5")
+
+
+@pytest.mark.parametrize("options", [{}, {"instance": {}}, {"instance": "no"}])
+def test_a_stored_trajectory_that_names_no_object_is_one_error(
+    trap: Path, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The ray caster draws recorded states, and needs the objects."""
+    import h5py
+    import numpy as np
+
+    document = trajectory(trap)
+    document["env_info"]["env_kwargs"]["engine"] = "mujoco"
+    document["episodes"][0]["reset_kwargs"]["options"] = options
+    (trap / "trajectory.json").write_text(json.dumps(document))
+    with h5py.File(trap / "trajectory.h5", "a") as file:
+        file["traj_0/env_states/articulations/panda"] = np.zeros((3, 13), np.float32)
+    monkeypatch.setattr(video, "can_render", lambda: False)
+    with pytest.raises(GenSim2Error, match=r"instance of drawer|no instance"):
+        video.film(Replay.stored(trap / "trajectory.h5"), trap / "film.mp4")
 
 
 @pytest.mark.parametrize(("name", "rows"), [("actors/drawer", 2), ("actors/drawer", 4), ("actors", 3)])

@@ -196,6 +196,7 @@ def test_reset_options_replace_what_would_be_drawn(crates: Callable[..., Any], c
         ({"openness": 1.5}, "openness: must lie in 0..1"),
         ({"openness": float("nan")}, "openness: must be a finite number"),
         ({"openness": "wide"}, "openness: must be numbers"),
+        ({"openness": 10**400}, "openness: must be numbers"),
         ({"offset": [0.0, 0.0]}, "offset: must be 3 finite numbers"),
         ({"pose": [0, 0, 0, 2, 0, 0, 0]}, "pose: the quaternion"),
         ({"pose": [0, 0, 0, 1, 0, 0, 0], "offset": [0, 0, 0]}, "offset: give either"),

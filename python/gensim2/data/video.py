@@ -32,7 +32,7 @@ from gensim2.robots import robot
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
 from gensim2.scenes.config import SceneConfig, SceneOptions
-from gensim2.scenes.reset_options import RESET_OPTIONS
+from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.sim.driver import can_render
 from gensim2.tasks.parse import parse_task
 
@@ -132,6 +132,10 @@ class Replay:
         if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's options can set arbitrary states
             raise InputError(f"has the unknown option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
+        try:
+            read_options(reset.options, tuple(task.objects))
+        except InputError as error:
+            raise InputError(str(error), file=path, field="reset_kwargs") from error
         options = SceneOptions.from_record(told.model_dump())
         kwargs = env_kwargs(task, told.assets, told.instances, options.environment)
         with (
@@ -275,7 +279,8 @@ def _drawn(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
 
     states = replay.states
     assert states is not None
-    objects = objects_of(replay.scene, replay.reset_kwargs["options"]["instance"])
+    given = read_options(replay.reset_kwargs["options"], tuple(replay.scene.task.objects))
+    objects = objects_of(replay.scene, {name: own["instance"] for name, own in given.items() if "instance" in own})
     profile = robot(replay.scene.robot)
     drawing, close_up = StateDrawing(profile, objects), CloseUp(profile, objects, VIDEO_HEIGHT)
     keypoints = drawing.keypoints(states)

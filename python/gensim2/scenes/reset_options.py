@@ -82,7 +82,7 @@ def _check(option: str, given: Any, field: str) -> None:
     size, what = _NUMBERS[option]
     try:
         value = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError("must be numbers", field=field) from error
     if value.shape != ((size,) if size else ()) or not np.isfinite(value).all():
         raise InputError(f"must be {size} finite numbers ({what})" if size else "must be a finite number", field=field)

@@ -176,7 +176,7 @@ def _checked(name: str, values: Sequence[float]) -> Array:
         raise InputError("is not a valid name of a keypoint", field=field, remedy=RULE)
     try:
         found = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.shape != (3,) or not (np.abs(found) <= LARGEST_VALUE).all():
         raise InputError(f"{reprlib.repr(values)} are not three numbers", field=field, remedy="give x, y and z")
