@@ -213,6 +213,16 @@ def test_standard_output_that_is_closed_is_one_line(words: str, tmp_path: Path) 
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("text", ["9" * 5000, "[" * 100_000])
+def test_controller_arguments_that_python_cannot_read_are_one_line(
+    text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["evaluate", "CloseBox", "--assets", "builtin", "--controller", "mine.py:Mine", "--controller-args", text]
+    assert cli.run(words) == cli.BAD_INPUT
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "--controller-args: is not valid JSON" in said
+
+
 def test_nobody_to_tell_leaves_the_exit_code() -> None:
     assert _shell("gensim2 tasks list >&- 2>&-").returncode == cli.BAD_INPUT
     assert _shell("gensim2 demo Nope 2>&-").returncode == cli.BAD_INPUT

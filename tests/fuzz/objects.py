@@ -148,7 +148,9 @@ def ready(folder: Path) -> dict[str, list[Round]]:
     """Write the good objects, and replace the convex decomposition, which takes longer than the limit."""
     os.environ["GENSIM2_CACHE"] = str(folder / "cache")
     released.decompose_pair = rough_hulls
-    return {"inputs": [partial(run, bases(folder / "good", os.environ.get("GENSIM2_ASSETS")))]}
+    good = bases(folder / "good", os.environ.get("GENSIM2_ASSETS"))
+    import_object(good[0], folder / "library", good[0].parent.name, "1")  # imports what the forked processes need
+    return {"inputs": [partial(run, good)]}
 
 
 if __name__ == "__main__":

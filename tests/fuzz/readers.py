@@ -312,6 +312,8 @@ def run(commands: bool, folder: Path, numbers: range, seed: int, scratch: Path, 
 def prepare(folder: Path) -> dict[str, list[Round]]:
     """Write the good files."""
     good_folder(folder, problem_line())
+    for subject in subjects():
+        subject.read(folder)  # imports what the forked processes need
     return {"inputs": [partial(run, False, folder)], "commands": [partial(run, True, folder)]}
 
 

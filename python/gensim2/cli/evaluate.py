@@ -19,8 +19,8 @@ from gensim2.core.progress import Progress
 def _arguments(text: str) -> dict[str, Any]:
     try:
         found = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"is not valid JSON: {error.msg}", field="--controller-args") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}", field="--controller-args") from error
     if not isinstance(found, dict):
         raise InputError("must be a JSON object: keywords and their values", field="--controller-args")
     return found

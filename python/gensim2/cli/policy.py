@@ -45,7 +45,7 @@ def _argument(text: str) -> tuple[str, Any]:
     name, _, value = text.partition("=")
     try:
         return name, json.loads(value)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         remedy = "write it as checkpoint='\"runs/a\"'"
         raise InputError(f"{text!r} is not NAME=JSON", field="--argument", remedy=remedy) from error
 

@@ -44,7 +44,8 @@ class FolderLock:
                 refuse_special(path.stat())
             self._lock.acquire()
         except Timeout as error:
-            owner = path.read_text(encoding="ascii", errors="replace").strip()[:32]
+            with path.open(encoding="ascii", errors="replace") as stream:
+                owner = stream.read(32).strip()
             by = f" (process {owner})" if owner else ""
             raise InputError(
                 f"another run is using this folder{by}", file=folder, remedy="wait for it, or choose another folder"

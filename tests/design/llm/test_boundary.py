@@ -595,7 +595,14 @@ def test_prompts_of_ones_own_that_cannot_be_filled_in_are_one_error(tmp_path: Pa
 
 def test_a_pipe_among_prompts_is_never_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "system.md.j2")
-    with pytest.raises(InputError, match="is not a regular file"):
+    with pytest.raises(InputError, match="is a pipe"):
+        Prompts(tmp_path)
+
+
+def test_a_prompt_of_a_terabyte_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "system.md.j2").touch()
+    os.truncate(tmp_path / "system.md.j2", 2**40)
+    with pytest.raises(InputError, match=r"system\.md\.j2: is larger than 1 MiB"):
         Prompts(tmp_path)
 
 

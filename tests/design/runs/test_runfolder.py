@@ -35,6 +35,16 @@ Record = Callable[..., Any]
 SEEDS = (7, 8, 9)
 
 
+def test_a_task_file_of_a_terabyte_is_replaced_unread(tmp_path: Path) -> None:
+    """A resumed folder may come from anybody."""
+    folder, task = TaskFolder(tmp_path), load_task("OpenDrawer")
+    folder.write_task(task)
+    good = (tmp_path / "task.yaml").read_bytes()
+    os.truncate(tmp_path / "task.yaml", 2**40)
+    folder.write_task(task)
+    assert (tmp_path / "task.yaml").read_bytes() == good
+
+
 def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path, record: Record) -> None:
     record()
     lock = FolderLock(tmp_path / "run")

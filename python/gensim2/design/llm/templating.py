@@ -18,7 +18,7 @@ import yaml
 from jinja2 import Template
 
 from gensim2.core.errors import InputError, near
-from gensim2.core.special_files import is_special
+from gensim2.core.foreign.tree import read_input
 from gensim2.core.yaml_files import parse_yaml
 
 if TYPE_CHECKING:
@@ -99,6 +99,9 @@ _OF_ITS_OWN = (ArithmeticError, AttributeError, LookupError, MemoryError, Recurs
 
 #: Maximum number of characters quoted from an object's files in a prompt.
 LONGEST_QUOTE = 300
+
+#: Bytes of the largest prompt file.
+MAX_PROMPT = 2**20
 
 
 class Prompts:
@@ -202,9 +205,7 @@ def _own(folder: Path, known: set[str]) -> dict[str, str]:
         if path.name not in known:
             raise InputError("is not the name of a prompt", file=path, remedy=near(path.name, sorted(known)))
         try:
-            if is_special(path):
-                raise InputError("is not a regular file", file=path)
-            found[path.name] = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+            found[path.name] = read_input(path, MAX_PROMPT).decode()
+        except UnicodeDecodeError as error:
             raise InputError(f"cannot read: {error}", file=path) from error
     return found
