@@ -6,11 +6,13 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gensim2.bench import motion_summary, read_motion_problems, read_problems, solve_motions
+from gensim2.bench.motion import obstacle_body
 from gensim2.core.errors import InputError
 
 START = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
@@ -49,12 +51,21 @@ def test_a_line_without_a_field_is_refused_by_number(tmp_path: Path, field: str)
         read_motion_problems(written(tmp_path / "p.jsonl", problem(), broken))
 
 
-def test_an_unknown_obstacle_is_refused(tmp_path: Path) -> None:
-    pytest.importorskip("mani_skill")
-    cone = {"type": "cone", "position": [0, 0, 1]}
-    problems = read_motion_problems(written(tmp_path / "p.jsonl", problem(obstacles=[cone])))
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"type": "cone"},
+        {"type": "sphere", "radius": None},
+        {"type": "sphere", "radius": 10**400},
+        {"type": "box", "half_extents": {}},
+        {"type": "sphere", "radius": 0.1, "position": None},
+        {"type": "sphere", "radius": 0.1, "quaternion_wxyz": [0, 0, 0, 0]},
+        {"type": "sphere", "radius": 0.1, "quaternion_wxyz": [1e200, 0, 0, 1e200]},
+    ],
+)
+def test_an_unknown_obstacle_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="box, cylinder or sphere"):
-        solve_motions(problems)
+        obstacle_body({"position": [0, 0, 1], **fields}, "obstacle 0")
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,14 @@ def spoil_quaternion(problem: dict[str, Any]) -> None:
     problem["objects"]["articulated"]["root_q"] = [1.0, 1.0, 0.0, 0.0]
 
 
+def enlarge_pose(problem: dict[str, Any]) -> None:
+    problem["T_base_object"][0][0] = 1e200
+
+
+def enlarge_quaternion(problem: dict[str, Any]) -> None:
+    problem["objects"]["articulated"]["root_q"] = [1e200, 0.0, 0.0, 0.0]
+
+
 def spoil_joints(problem: dict[str, Any]) -> None:
     problem["q_current"] = problem["q_current"][:8]
 
@@ -70,6 +78,8 @@ def spoil_axis(problem: dict[str, Any]) -> None:
     [
         (spoil_pose, "T_base_object"),
         (spoil_quaternion, "objects.articulated.root_q"),
+        (enlarge_pose, "T_base_object"),
+        (enlarge_quaternion, "objects.articulated.root_q"),
         (spoil_joints, "q_current"),
         (spoil_scale, "objects.articulated.scale"),
         (spoil_clock, "actuation_time"),

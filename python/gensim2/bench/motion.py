@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -90,7 +91,10 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
         pose[:3, 3] = obstacle["position"]
         if "quaternion_wxyz" in obstacle:
             quaternion = np.asarray(obstacle["quaternion_wxyz"], dtype=np.float64)
-            pose[:3, :3] = rotation_matrix(quaternion / np.linalg.norm(quaternion))
+            length = math.hypot(*quaternion)
+            if not 1e-6 < length < 1e6:
+                raise ValueError("quaternion_wxyz has no direction")
+            pose[:3, :3] = rotation_matrix(quaternion / length)
         match obstacle["type"]:
             case "box":
                 shape = kpam.Shape.box(obstacle["half_extents"])
@@ -101,7 +105,7 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
             case other:
                 raise ValueError(f"type {other!r}")
         return kpam.Body(name, "rigid", [shape], pose)
-    except (KeyError, ValueError, kpam.KpamError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, kpam.KpamError) as error:
         raise InputError(
             f"is not an obstacle ({type(error).__name__}: {error})",
             field=name,

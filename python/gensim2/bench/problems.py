@@ -7,6 +7,7 @@ start of time. Fields that are not named here (such as ``reference``) are ignore
 from __future__ import annotations
 
 import json
+import math
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn, Self
@@ -34,7 +35,12 @@ def _is_pose(rows: list[list[float]]) -> list[list[float]]:
         raise ValueError("a pose has 4 rows of 4 numbers")
     pose = np.asarray(rows)
     rotation = pose[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+    small = np.abs(rotation).max() <= 2.0  # products of other numbers could overflow
+    if (
+        not small
+        or np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE
+        or np.linalg.det(rotation) < 0.0
+    ):
         raise ValueError("the upper left 3x3 block is not a rotation")
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
         raise ValueError("the last row is not 0 0 0 1")
@@ -42,7 +48,7 @@ def _is_pose(rows: list[list[float]]) -> list[list[float]]:
 
 
 def _is_quaternion(values: list[float]) -> list[float]:
-    if abs(float(np.linalg.norm(values)) - 1.0) > ROTATION_TOLERANCE:
+    if abs(math.hypot(*values) - 1.0) > ROTATION_TOLERANCE:
         raise ValueError("not a unit quaternion")
     return values
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -92,5 +93,5 @@ def _check(option: str, given: Any, field: str) -> None:
         return
     if np.abs(value[:2] if option == "offset" else value[:3]).max() > FARTHEST:
         raise InputError(f"must lie within {FARTHEST:g} m", field=field)
-    if option == "pose" and abs(np.linalg.norm(value[3:]) - 1.0) > 1e-3:
+    if option == "pose" and abs(math.hypot(*value[3:]) - 1.0) > 1e-3:
         raise InputError("the quaternion (w, x, y, z) must have length 1", field=field)
