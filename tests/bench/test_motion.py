@@ -51,6 +51,7 @@ def test_a_line_without_a_field_is_refused_by_number(tmp_path: Path, field: str)
         read_motion_problems(written(tmp_path / "p.jsonl", problem(), broken))
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize(
     "fields",
     [

@@ -73,6 +73,7 @@ def spoil_axis(problem: dict[str, Any]) -> None:
     problem["object_axis"] = "w"
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize(
     ("spoil", "field"),
     [
