@@ -7,9 +7,9 @@ use crate::model::{Model, Row};
 use crate::timing::{Spline, rounded};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
 
-/// Extra clearance (m) of the search for free motions, which the smooth curve may lose at corners.
+/// Additional clearance (m) in the search for free motions, because rounding the corners may reduce it.
 const CURVED: f64 = 1e-3;
-/// Waypoint spacings (rad or m) on the free approach, and near its ends.
+/// Distances (rad or m) between waypoints of the smooth free motion, tried in this order, and near its ends.
 const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
 pub(super) const WIDE: f64 = 0.5;
 pub(super) const NEAR: f64 = 0.04;
@@ -19,11 +19,11 @@ const BOXED_IN: usize = 3;
 
 /// A free motion to the first keyframe.
 pub(super) struct Approach {
-    /// Waypoints of each segment. Segments end at rest, and begin at rest except the first one after a moving start.
+    /// Waypoints of each segment. Segments end at rest, and begin at rest unless the robot moves at the start.
     pub pieces: Vec<Vec<Row>>,
-    /// Waypoints of the motion with a stop at every corner.
+    /// Waypoints of an alternative motion that stops at every corner.
     pub corners: Vec<Vec<Row>>,
-    /// Margins that the motion keeps.
+    /// Minimum distances between bodies that the motion keeps.
     pub kept: Margins,
     /// A collision of the motion, if the options permit collisions.
     pub hit: Option<Hit>,
@@ -55,13 +55,13 @@ impl Planner<'_> {
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
         let mut wide = self.margins(&start, goal, segment, self.margin + CURVED, out.is_some());
         if out.is_some() {
-            // A separated pair keeps its current distance; other pairs keep their distance at the start, not that on
-            // the way out.
+            // A pair of bodies that has been separated keeps the distance at the separated pose; every other pair keeps
+            // its distance at the start.
             let there = self.margins(&begin, &begin, segment, self.margin + CURVED, true);
             self.world.keep_apart(&mut wide, there);
         }
         let curved = wide.with_clearance(self.margin + PAD);
-        // While the motion leaves an overlap at the start, the overlap is permitted.
+        // An overlap at the start is permitted until the motion has left it.
         let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
         if let Some(way) = self.warm_start_way(&begin, goal, segment, &curved) {
             let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
@@ -86,7 +86,7 @@ impl Planner<'_> {
         Ok(Approach { pieces, corners: stops, kept, hit: None })
     }
 
-    /// Returns a collision-free smooth curve near the corners, trying increasingly dense knots.
+    /// Returns a collision-free smooth curve near the corners, trying smaller and smaller waypoint spacings.
     fn rounded(&mut self, corners: &[Row], segment: MotionSegment, margins: &Margins) -> Option<Vec<Row>> {
         let n = self.model.n();
         SPACINGS.into_iter().map(|spacing| rounded(n, corners, spacing, NEAR)).find(|curve| {
@@ -94,20 +94,20 @@ impl Planner<'_> {
         })
     }
 
-    /// Returns the margins of the free motion between two poses; `parted` is set if bodies that overlapped at the start
-    /// are separated.
+    /// Returns the minimum distances between bodies for the free motion between two poses. `parted` tells whether
+    /// bodies that overlapped at the start have been separated.
     fn margins(&mut self, from: &Row, to: &Row, segment: MotionSegment, clearance: f64, parted: bool) -> Margins {
         let margins = self.world.margins_between([State::still(from), State::still(to)], segment, clearance);
         if parted { margins.parted() } else { margins }
     }
 
-    /// Returns the obstacle of the stop from the start, if known and relevant; if there is one, only the current motion
-    /// can be free.
+    /// Returns the obstacle that blocks braking to rest from the start, if one is known and collisions are avoided.
+    /// With such an obstacle, only the motion that the robot executes now can be collision-free.
     pub(super) fn blocked_stop(&self) -> Option<&Hit> {
         self.stop_checked.as_ref().and_then(Option::as_ref).filter(|_| self.problem.options.avoid_collisions)
     }
 
-    /// Finds the obstacle that blocks the stop from the start, unless it was searched before.
+    /// Finds the obstacle that blocks braking to rest from the start. The result of an earlier call is reused.
     fn stop_hit(&mut self, segment: MotionSegment) -> Option<Hit> {
         if self.stop_checked.is_none() {
             let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
@@ -121,7 +121,7 @@ impl Planner<'_> {
         self.stop_checked.clone().flatten()
     }
 
-    /// Returns samples of the stop, or only the start if it is at rest.
+    /// Returns samples of the motion that brakes to rest from the start, or only the start if the robot is at rest.
     pub(super) fn stop_way(&self) -> Samples {
         let mut builder = self.builder.clone();
         builder.append_nodes(&self.stop);
@@ -129,7 +129,7 @@ impl Planner<'_> {
         Samples::of(&stop, self.model.n(), [stop.start(), stop.end()], OFF)
     }
 
-    /// Searches a collision-free path between two joint vectors that keeps the margins, and returns its vertices.
+    /// Searches a collision-free path between two joint vectors that keeps `margins`, and returns its vertices.
     fn connect(
         &mut self,
         from: &Row,
@@ -138,7 +138,7 @@ impl Planner<'_> {
         margins: &Margins,
         samples: usize,
     ) -> Result<Vec<Row>, NoWay> {
-        // If no sample could be connected to the start for several poses, none can for the others.
+        // After several poses without any sample connected to the start, searches for other poses would fail too.
         let max_samples = if self.boxed_in < BOXED_IN { samples } else { 0 };
         let sampling = Sampling { max_samples, seed: self.problem.options.seed };
         let found = free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling);
@@ -150,7 +150,7 @@ impl Planner<'_> {
         found
     }
 
-    /// Returns a free pose near a start that overlaps a body, if one can be reached.
+    /// Returns a nearby collision-free pose for a start at which the robot overlaps a body; `None` if no pose is found.
     fn way_out(&mut self, start: &Row, segment: MotionSegment) -> Option<Row> {
         if self.world.start_overlap <= TOUCH {
             return None;

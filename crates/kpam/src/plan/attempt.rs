@@ -9,59 +9,58 @@ use crate::model::Row;
 use crate::motion::Motions;
 use crate::world::{Hit, Margins, Way};
 
-/// How far a motion has been checked.
+/// Degree to which a motion has been checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stage {
     /// The arm can follow the hand paths; obstacles have not been considered.
     Followed,
-    /// All waypoints are collision-free.
+    /// All waypoints are collision-free; the motion between them has not been checked.
     Seen,
-    /// The motion between waypoints is collision-free as well, with its margin.
+    /// The motion between the waypoints is collision-free as well and keeps its clearance.
     Swept,
 }
 
-/// The motion of a candidate up to its first failure: joint waypoints of each path, and the reason of the failure.
+/// The motion for one candidate up to its first failure: joint waypoints of each path, and the reason of the failure.
 #[derive(Clone)]
 pub(super) struct Attempt {
     pub x: Row,
-    /// The actuation pose before whole turns of unlimited joints were removed.
+    /// The actuation pose before whole turns of unlimited joints were subtracted.
     pub origin: Row,
-    /// Index of its pose in the order in which poses are tried.
+    /// Index of the pose in the order in which the poses are tried.
     pub rank: usize,
     pub stage: Stage,
     pub motions: Motions,
-    /// Free motions to the first keyframe, each from rest to rest; empty if none was found.
+    /// Waypoints of the free motions to the first keyframe, each from rest to rest; empty if none was found.
     pub approach: Vec<Vec<Row>>,
-    /// Joint waypoints of each hand path: entry `i` leads to keyframe `i + 1`. Paths after a failure are missing, and
-    /// the failed path ends at its last valid waypoint.
+    /// Joint waypoints of each hand path; path `i` leads to keyframe `i + 1`. Paths after a failure are missing, and
+    /// the path that failed ends at its last valid waypoint.
     pub paths: Vec<Vec<Row>>,
     /// Travel of the object's joint at the waypoints of each path; empty before the actuation.
     pub travel: Vec<Vec<f64>>,
-    /// Free motions with a stop at every corner, as a fallback if those of `approach` collide once they are timed.
+    /// Free motions that stop at every corner. They are used if the motions in `approach` collide once they are timed.
     pub corners: Vec<Vec<Row>>,
-    /// Margins of the free motion and of each path.
+    /// Minimum distances between bodies on the free motion and on each path.
     pub kept: Margins,
     pub margins: Vec<Margins>,
-    /// Number of complete paths after the actuation, and the followed fraction of the next path.
+    /// Number of paths after the actuation that were followed completely, and fraction of the next one.
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
     pub failure: Option<Failure>,
-    /// How far the hand paths can be followed, without regard to obstacles, and the reason of the end.
+    /// The same numbers without regard to obstacles, and the reason why the hand cannot go further.
     pub reach: ((usize, f64), Option<Failure>),
-    /// Path and waypoint up to which the motion may be free, if an obstacle beyond is known.
+    /// Path and waypoint beyond which the motion is blocked, if an obstacle is known.
     seen: Option<(usize, usize)>,
-    /// Whether the pose itself overlaps a body, so that no motion was searched.
+    /// Whether the robot overlaps a body at the pose itself; no motion is searched then.
     pub overlaps: bool,
-    /// The timed motion, once approach and pre-actuation motions are complete; after a failure, the part before it.
+    /// The timed motion, if the motion up to the actuation pose is complete. It ends before the failure.
     pub timed: Option<Timed>,
-    /// Index of the first path to plan; earlier paths have already been executed.
+    /// Index of the first path to plan; the robot has already executed the earlier paths.
     pub first: usize,
 }
 
 impl Attempt {
     pub fn new(x: &Row, motions: Motions, first: usize) -> Self {
         let count = motions.paths.len();
-        // Paths before the first one have already been executed.
         let done = first.saturating_sub(motions.actuation);
         Self {
             x: *x,
@@ -86,18 +85,18 @@ impl Attempt {
         }
     }
 
-    /// Score of the timed motion, which is its extent; zero if no motion was timed.
+    /// Returns the extent of the timed motion, by which attempts are compared; zero if no motion was timed.
     pub fn score(&self) -> f64 {
         if self.timed.is_some() { self.extent() } else { 0.0 }
     }
 
-    /// Whether the whole motion was found.
+    /// Whether the motion reaches the last keyframe.
     pub fn is_whole(&self) -> bool {
         self.timed.is_some() && self.failure.is_none()
     }
 
-    /// Extent of the motion, provided that its approach is free; zero if it ends at or before the actuation pose. It is
-    /// an upper bound until the motion is swept.
+    /// Returns the extent of the motion, as if its approach were collision-free; zero if the motion ends at or before
+    /// the actuation pose. The extent is an upper bound until the motion has been swept.
     pub fn extent(&self) -> f64 {
         let short = self.failure.as_ref().is_some_and(|f| f.keyframe() <= self.motions.actuation);
         if short { 0.0 } else { 1.0 + self.after.0 as f64 + self.after.1 }
@@ -109,24 +108,24 @@ impl Attempt {
         if path - self.motions.actuation < whole { 1.0 } else { part }
     }
 
-    /// Yields the paths in the order of examination: from the actuation pose back to the start, then to the end.
+    /// Yields the paths in the order of checks: from the actuation pose back to the start, then onwards to the end.
     fn outwards(&self) -> impl Iterator<Item = usize> + use<> {
         let act = self.motions.actuation;
         (self.first..act).rev().chain(act.max(self.first)..self.paths.len())
     }
 
-    /// Returns the end of the free motion to keyframe `entry`, where the hand paths begin.
+    /// Returns the joint vector at which the free motion to keyframe `entry` ends and the hand paths begin.
     pub fn arrival(&self, entry: usize) -> Row {
         self.paths[entry..self.motions.actuation].first().map_or(self.x, |path| path[0])
     }
 
-    /// Returns a path with the travel of the object's joint along it.
+    /// Returns the waypoints of a path with the travel of the object's joint along it.
     pub fn way(&self, path: usize) -> Way<'_> {
         Way { waypoints: &self.paths[path], travel: &self.travel[path], off: &[] }
     }
 
-    /// Records an obstacle on a path. An obstacle before the actuation leaves only the motion between the obstacle and
-    /// the actuation.
+    /// Records an obstacle on a path. If the obstacle lies before the actuation pose, only the paths between the
+    /// obstacle and the actuation pose are kept.
     pub fn block(&mut self, path: usize, hit: Hit) {
         let act = self.motions.actuation;
         if path < act {
@@ -140,8 +139,8 @@ impl Attempt {
 }
 
 impl Planner<'_> {
-    /// Checks single waypoints after the actuation. An obstacle at a waypoint bounds the extent of the motion at much
-    /// lower cost than a sweep.
+    /// Checks individual waypoints after the actuation. An obstacle at a waypoint limits the extent of the motion, and
+    /// costs much less to find than by a sweep.
     pub(super) fn see(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         if self.problem.options.avoid_collisions {
@@ -183,7 +182,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Searches the free motion to the first keyframe; returns whether one was found.
+    /// Searches the free motion to the first keyframe; returns whether the search succeeded.
     fn approach_first(&mut self, out: &mut Attempt, samples: usize) -> bool {
         let goal = out.arrival(self.entry);
         let keyframe = self.entry;
@@ -205,8 +204,8 @@ impl Planner<'_> {
         false
     }
 
-    /// Sweeps the paths, and ends the motion at a collision. Each path keeps the margin, or the distance at its ends if
-    /// it is smaller.
+    /// Sweeps the paths, and ends the motion at the first collision. Each pair of bodies keeps the clearance, or its
+    /// distance at the ends of the path if that is smaller.
     pub(super) fn sweep_all(&mut self, out: &mut Attempt, bar: Option<f64>) {
         out.stage = Stage::Swept;
         self.act(out);
@@ -234,8 +233,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Sweeps a path; returns the last free waypoint and the obstacle. A shortened path has another end with other
-    /// distances, so it is swept again if it still extends beyond `bar`.
+    /// Sweeps a path; returns the last collision-free waypoint and the obstacle. A shortened path has a new end with
+    /// other distances between bodies, so it is swept again if its extent still exceeds `bar`.
     fn sweep_path(&mut self, out: &mut Attempt, path: usize, bar: Option<f64>) -> Option<(usize, Hit)> {
         let segment = self.world.schedule.along(path);
         let act = out.motions.actuation;

@@ -8,18 +8,18 @@ use crate::Trajectory;
 use crate::model::Row;
 use crate::world::{Hit, Margins, State, TOUCH, Way};
 
-/// Maximum deviation of a joint from the straight segment between swept samples (rad or m).
+/// Maximum deviation (rad or m) of a joint from the straight segment between two neighbouring samples.
 pub(super) const OFF: f64 = 2e-5;
-/// Coarser deviation for parts far from obstacles, which suffices to prove most of a motion collision-free.
+/// Larger deviation (rad or m) for a first check, which suffices for parts of a motion far from obstacles.
 const ROUGH: f64 = 2e-4;
-/// Minimum time between samples (s), and the numbers of samples of a segment at the smallest and the largest step; a
-/// longer motion is slower and needs no more.
+/// Minimum and maximum time (s) between samples. Both are larger in a long motion: the minimum gives at most
+/// `MAX_SAMPLES` samples, the maximum at most `ENOUGH`.
 const SHORTEST: f64 = 2e-3;
 const LONGEST: f64 = 2e-2;
 const MAX_SAMPLES: f64 = 2e4;
 const ENOUGH: f64 = 1e3;
 
-/// Samples of a motion, with the maximum deviation of each joint from the straight segment after each sample.
+/// Samples of a motion, with the maximum deviation of each joint from the straight line to the next sample.
 pub(super) struct Samples {
     times: Vec<f64>,
     pub waypoints: Vec<Row>,
@@ -27,8 +27,8 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Samples a motion of `joints` variables between two times (s). Within a step `h` with acceleration at most `a`, a
-    /// joint deviates by at most `a h^2 / 8` from its chord.
+    /// Samples a motion of `joints` variables between two times (s). Between samples `h` apart, a joint with an
+    /// acceleration of at most `a` deviates by at most `a h^2 / 8` from the straight line.
     pub fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2], most: f64) -> Self {
         let mut time = begin;
         let wider = (most / OFF).sqrt();
@@ -58,8 +58,8 @@ impl Samples {
         out
     }
 
-    /// Returns the travel of the object's joint at each sample of a segment, in which the motion passes its waypoints
-    /// in order.
+    /// Returns the travel of the object's joint at each sample of a segment. The motion passes the segment's waypoints
+    /// one after another.
     fn travel(&self, joints: usize, segment: &Stretch<'_>) -> Vec<f64> {
         let (waypoints, travel) = (&segment.waypoints, &segment.travel);
         if travel.len() < 2 || travel.len() != waypoints.len() {
@@ -89,8 +89,8 @@ impl Samples {
 }
 
 impl Planner<'_> {
-    /// Times an attempt's motion and sweeps the result. After a collision, it retries with a stop between segments,
-    /// then also with a stop at every corner of the free motion.
+    /// Times an attempt's motion and sweeps the result. After a collision, it first retries with a stop between
+    /// segments, and then with a stop at every corner of the free motion as well.
     pub(super) fn emit(&mut self, attempt: &mut Attempt) -> Result<Timed, Failure> {
         let clock = self.clock.clone();
         let mut manner = TakeUp::GoesOn;
@@ -127,7 +127,7 @@ impl Planner<'_> {
     }
 
     /// Finds the first segment of the approach in which separated bodies overlap again, and the pair. Needed only if no
-    /// straight way out of these overlaps was found, since the margins then permit them.
+    /// straight motion out of the overlap was found, since the margins then permit the overlap.
     fn comes_back(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
         if self.world.start_overlap <= TOUCH || self.exit != Some(None) || segments[0].toward != self.entry {
             return None;
@@ -151,12 +151,12 @@ impl Planner<'_> {
         None
     }
 
-    /// Returns the first segment of a timed motion that violates a margin, with the pair.
+    /// Returns the first segment of a timed motion in which two bodies come closer than permitted, and the pair.
     fn first_hit(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
         let joints = self.model.n();
         segments.iter().zip(&timed.spans).enumerate().find_map(|(k, (segment, span))| {
             let mut rest = *span;
-            // If the object's joint moves, only closely spaced samples determine its travel between them.
+            // If the object's joint moves on the segment, only closely spaced samples determine its travel.
             if segment.travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits()) {
                 let rough = Samples::of(&timed.trajectory, joints, *span, ROUGH);
                 let travel: Vec<f64> = segment.travel.first().copied().into_iter().collect();
@@ -188,7 +188,7 @@ mod tests {
         let samples = Samples::of(&motion, 2, [motion.start(), motion.end()], OFF);
         assert_eq!(samples.off.len() + 1, samples.waypoints.len());
         assert!(samples.off.iter().all(|off| off[..2].iter().all(|o| *o <= 2.5 * OFF)));
-        // At some position on the segment, every joint is this close.
+        // Check whether all joints are close to `x` at one common position on the segment.
         let beside = |x: &Row, k: usize| {
             let (a, b) = (&samples.waypoints[k], &samples.waypoints[k + 1]);
             let (mut from, mut to) = (0.0_f64, 1.0_f64);

@@ -8,9 +8,9 @@ use crate::world::Hit;
 /// Reason why the hand cannot follow its path any further.
 #[derive(Debug, Clone)]
 pub(super) struct PathEnd {
-    /// Remaining translation of the hand's origin (m, base frame).
+    /// Translation (m, base frame) by which the hand's origin still misses its goal.
     pub left: Vector3<f64>,
-    /// Joint at a limit, if any: name, "lower" or "upper", limit, and unit.
+    /// The joint that is at a limit, if any: name, "lower" or "upper", value of the limit, and unit.
     pub limit: Option<(String, &'static str, f64, &'static str)>,
 }
 
@@ -28,7 +28,7 @@ impl PathEnd {
 /// Reason why a candidate's motion ends early. Keyframes are numbered in time order.
 #[derive(Debug, Clone)]
 pub(super) enum Failure {
-    /// The hand cannot follow the path to this keyframe beyond this fraction, for the reason in `end`.
+    /// The hand can follow only this fraction of the path to this keyframe; `end` holds the reason.
     Unreachable { keyframe: usize, fraction: f64, end: PathEnd },
     /// At the start, the robot overlaps a body by more than the problem allows.
     Inside { keyframe: usize, hit: Hit },
@@ -36,14 +36,14 @@ pub(super) enum Failure {
     Blocked { keyframe: usize, hit: Hit },
     /// No collision-free motion to this keyframe was found; this obstacle blocks the straight segment.
     NotFound { keyframe: usize, hit: Hit },
-    /// The config's times allow less time than needed.
+    /// The times in the config leave less time (s) for the motion to this keyframe than the motion needs.
     TooFast { keyframe: usize, allowed: f64, needed: f64 },
-    /// From the state at the start of the path to this keyframe, no motion along the path keeps the joint limits.
+    /// No motion along the path to this keyframe keeps the joint limits from the state at the path's start.
     Untimed { keyframe: usize },
 }
 
 impl Failure {
-    /// The keyframe that is not reached.
+    /// Index of the first keyframe that the motion does not reach.
     pub fn keyframe(&self) -> usize {
         match self {
             Self::Unreachable { keyframe, .. }
@@ -55,7 +55,7 @@ impl Failure {
         }
     }
 
-    /// Status of planning with this failure.
+    /// Returns the kind of the failure.
     pub fn lack(&self) -> Lack {
         match self {
             Self::Unreachable { .. } => Lack::Unreachable,
@@ -67,7 +67,7 @@ impl Failure {
         }
     }
 
-    /// Explains the failure in one sentence; `label` returns the names of keyframes.
+    /// Explains the failure in one sentence; `label` returns the name of a keyframe for its index.
     pub fn reason(&self, label: impl Fn(usize) -> String) -> String {
         match self {
             Self::Unreachable { keyframe, fraction, end } => {
@@ -98,7 +98,7 @@ impl Failure {
     }
 }
 
-/// Describes a start from which planning is impossible.
+/// Describes an overlap at the start that is too deep for planning.
 pub(super) fn inside(hit: &Hit) -> String {
     format!("{} is {:.4} m inside {} at the start, {}", hit.first, -hit.distance, hit.second, place(hit))
 }

@@ -1,4 +1,4 @@
-//! Follows the hand paths before and after one actuation pose.
+//! Follows the hand paths before and after one candidate for the actuation pose.
 
 use gensim2_geometry::{JointKind, Pose};
 
@@ -10,13 +10,13 @@ use crate::model::Row;
 use crate::motion::motions;
 use crate::world::{Margins, State, Way, World, even, travel_along, travel_over};
 
-/// A joint this close to a limit (rad or m) is reported as the reason for a path's end; one step of the hand moves a
-/// joint about as far.
+/// If the hand cannot follow its path any further, a joint closer to its limit than this (rad or m) is reported as the
+/// reason. One step of the hand moves a joint by about this distance.
 const AT_LIMIT: f64 = 10.0 * LIMIT_MARGIN;
 
 impl Planner<'_> {
-    /// Returns the motion from one actuation pose as far as the arm can follow the hand paths. With `one_of_many`, the
-    /// attempt ends at the first reason to reject it.
+    /// Follows the hand paths from one actuation pose as far as the arm can. If `one_of_many` is set, stops at the
+    /// first reason to reject the pose.
     pub(super) fn followed(&mut self, x: &Row, one_of_many: bool) -> Attempt {
         let hand = self.follower.hand(x);
         let motions = motions(self.problem, &hand);
@@ -49,7 +49,7 @@ impl Planner<'_> {
             }
         }
         self.follow_before(out);
-        // If the approach is impossible, the paths after the actuation are not followed.
+        // A pose that the robot cannot approach is rejected, so the paths after the actuation need not be followed.
         if one_of_many {
             self.see_before(out);
         }
@@ -65,15 +65,15 @@ impl Planner<'_> {
         }
     }
 
-    /// Returns margins that only overlaps violate. If there is an approach, bodies that overlapped at the start have
-    /// been separated.
+    /// Returns margins of zero, so that only overlaps violate them. If the motion has an approach, bodies that
+    /// overlapped at the start count as separated.
     pub(super) fn overlaps_only(&self) -> Margins {
         let plain = Margins::plain(0.0);
         if self.entry > self.world.schedule.actuation() { plain } else { plain.parted() }
     }
 
-    /// Changes the scene to the state at the actuation pose of an attempt: picked bodies are attached to the hand, and
-    /// released bodies are placed.
+    /// Applies the gripper's action at the actuation pose to the scene: picked bodies are attached to the hand, and
+    /// released bodies are left in place.
     pub(super) fn act(&mut self, attempt: &Attempt) {
         if self.acting != Some(attempt.origin) {
             self.world.act_at(&attempt.origin, attempt.motions.letting_go());
@@ -81,7 +81,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Returns a collision that rejects an attempt. With `one_of_many`, any collision is returned.
+    /// Returns a collision that rejects an attempt. If `one_of_many` is set, every collision does.
     pub(super) fn judge<T>(&mut self, one_of_many: bool, look: impl FnOnce(&mut World<'_>) -> Option<T>) -> Option<T> {
         self.world.set_early_exit(one_of_many && !self.explain && self.problem.options.avoid_collisions);
         let hit = look(&mut self.world);
@@ -89,8 +89,8 @@ impl Planner<'_> {
         hit
     }
 
-    /// Checks for reasons to reject a motion before the actuation: an obstacle at a waypoint or at the end of the free
-    /// approach, where hand and fingers may not touch bodies that they may touch on the path from there.
+    /// Looks for reasons to reject the motion before the actuation: an obstacle at a waypoint or at the free approach's
+    /// end. On the approach, hand and fingers may not touch the bodies that they may touch on the next path.
     fn see_before(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         if out.failure.is_some() || self.entry > act || !self.problem.options.avoid_collisions {
@@ -100,7 +100,7 @@ impl Planner<'_> {
         let toward = self.world.schedule.toward(self.entry);
         let mut plain = Margins::plain(0.0);
         if self.problem.options.reach_clearance.is_some() {
-            // A pair that is already closer may keep its distance.
+            // A pair of bodies that is already closer than the margin keeps its distance.
             plain = self.world.margins_between([State::still(&goal); 2], toward, 0.0);
         }
         if let Some(hit) = self.judge(true, |world| world.hit_at(State::still(&goal), toward, &plain)) {
@@ -118,8 +118,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Resumes a motion after the actuation pose: overlaps there may persist, and the stop is swept. If the stop is
-    /// blocked, the paths are followed from the start itself, since the current motion may still be free.
+    /// Resumes a motion after the actuation pose: overlaps at the current pose may persist, and the stop is swept. If
+    /// it is blocked, the paths are followed from the current pose, since the current motion may still be free.
     fn take_up(&mut self, out: &mut Attempt) {
         let path = self.entry - 1;
         let segment = self.world.schedule.along(path);
@@ -149,7 +149,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Follows the paths before the actuation; all must be complete.
+    /// Follows the paths before the actuation. The attempt fails unless all of them can be followed to their ends.
     fn follow_before(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         let mut at = out.x;
@@ -173,7 +173,7 @@ impl Planner<'_> {
         let mut travel = 0.0;
         for i in act..out.paths.len() {
             let path = &out.motions.paths[i];
-            // Paths before the entry are executed; the path to the entry is followed from the current state.
+            // Paths before keyframe `entry` are executed; the path to it is followed from the current state.
             if i + 1 < self.entry {
                 travel = travel_over(self.problem, i - act, path, travel, 0.0..1.0);
                 continue;
@@ -218,8 +218,8 @@ impl Planner<'_> {
         PathEnd { left, limit }
     }
 
-    /// Removes whole turns of unlimited joints that begin more than half a turn from the start, so that the approach
-    /// takes the shorter direction.
+    /// Subtracts whole turns of an unlimited joint if the motion would begin more than half a turn from the start, so
+    /// that the approach turns the joint in the shorter direction.
     fn unwind(&self, out: &mut Attempt) {
         let before = out.paths.get(self.entry..out.motions.actuation);
         let Some(first) = before.and_then(<[_]>::first).and_then(|path| path.first()) else { return };

@@ -33,11 +33,11 @@ use resume::warm_start_pose;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Residual {
-    /// Type of the constraint and the names that it refers to.
+    /// Type of the constraint, followed by the keypoint names in it.
     pub name: String,
-    /// Largest coordinate difference (m) or angle from the target angle (rad).
+    /// Largest coordinate difference (m) between the keypoints, or difference (rad) from the target angle.
     pub residual: f64,
-    /// Tolerance of the config.
+    /// Tolerance of the constraint in the config (m or rad).
     pub tolerance: f64,
     /// Whether the residual is within the tolerance.
     pub satisfied: bool,
@@ -50,40 +50,40 @@ pub struct KeyframeReport {
     /// Label: ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ..., `let_go` in time order; numbers are indices in the
     /// config's lists.
     pub label: String,
-    /// Time (s), if reached.
+    /// Time (s) at which the motion reaches the keyframe; `None` if it does not.
     pub time: Option<f64>,
-    /// Hand in the base frame, by rows.
+    /// Pose of the hand in the base frame as a 4 x 4 matrix, row by row.
     pub hand: [[f64; 4]; 4],
     /// Whether the motion reaches the keyframe.
     pub reached: bool,
 }
 
-/// Two bodies that are too close to each other.
+/// Two bodies that come too close to each other during the motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Collision {
-    /// Link and body, or two links.
+    /// Names of a link and a body, or of two links.
     pub bodies: [String; 2],
-    /// Time (s), if the motion has one.
+    /// Time (s) of the collision, if the motion is timed.
     pub time: Option<f64>,
-    /// Keyframe at the end of the segment.
+    /// Label of the keyframe at the end of the segment in which the bodies collide.
     pub toward: String,
-    /// Signed distance (m).
+    /// Signed distance between the two bodies (m).
     pub distance: f64,
-    /// Place in the base frame (m).
+    /// Position of the collision in the base frame (m).
     pub point: [f64; 3],
 }
 
-/// Two bodies closer than the margin at a keyframe that may not touch before or after it. The motion keeps this
-/// distance instead of the margin.
+/// Two bodies that are closer than the margin at a keyframe. In the segment before or after the keyframe they may not
+/// touch, and the motion keeps this distance instead of the margin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Tight {
-    /// Link and body, or two links.
+    /// Names of a link and a body, or of two links.
     pub bodies: [String; 2],
-    /// `start`, or the label of a keyframe.
+    /// `start`, or the label of the keyframe.
     pub at: String,
-    /// Signed distance (m).
+    /// Signed distance between the two bodies (m).
     pub distance: f64,
 }
 
@@ -91,37 +91,37 @@ pub struct Tight {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Touch {
-    /// Link and body, or two links.
+    /// Names of a link and a body, or of two links.
     pub bodies: [String; 2],
     /// Label of the keyframe.
     pub at: String,
-    /// Depth (m).
+    /// Depth of the overlap (m).
     pub depth: f64,
 }
 
-/// Estimated travel of the object's joint during a motion whose travel the config does not define.
+/// Estimated travel of the object's joint during a motion for which the config does not define the travel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Guess {
-    /// Keyframe at the end of the motion.
+    /// Label of the keyframe at the end of the motion.
     pub toward: String,
     /// Estimated travel of the joint (rad or m).
     pub travel: f64,
-    /// Overlap (m) with the moving link that is tolerated because of the estimate.
+    /// Overlap (m) with the object's moving link that is tolerated because the travel is only an estimate.
     pub depth: f64,
 }
 
-/// Outcome of an actuation pose.
+/// Result of planning with one candidate for the actuation pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct TriedPose {
     /// Joint vector (rad or m), one entry for each joint.
     pub q: Vec<f64>,
-    /// Index of the pose in the order of trial.
+    /// Position of the pose in the order in which poses are tried; 0 is the first.
     pub rank: usize,
-    /// Status of its motion.
+    /// Status of the motion through the pose.
     pub status: Status,
-    /// Explanation of the outcome in one sentence.
+    /// Explanation of the status in one sentence.
     pub reason: String,
 }
 
@@ -131,81 +131,83 @@ pub struct TriedPose {
 pub struct Plan {
     /// Version of this type's layout.
     pub schema_version: u32,
-    /// Outcome of planning, including the motion.
+    /// Status of planning, with the motion if there is one.
     pub outcome: Outcome,
-    /// Explanation of the outcome in one sentence.
+    /// Explanation of the status in one sentence.
     pub reason: String,
     /// Clearance (m) that the motion keeps from bodies that it may not touch, except the pairs in `tight`.
     pub margin: f64,
-    /// Pairs that are closer than `margin` at the start or at a keyframe.
+    /// Pairs of bodies that are closer than `margin` at the start or at a keyframe.
     pub tight: Vec<Tight>,
-    /// Permitted overlaps at keyframes.
+    /// Permitted contacts of two bodies at keyframes.
     pub touches: Vec<Touch>,
-    /// Motions that move the object's joint by an estimated amount.
+    /// Motions for which the travel of the object's joint is an estimate.
     pub guesses: Vec<Guess>,
-    /// Limits (`acceleration`, `jerk`) for which defaults are assumed because none were given.
+    /// Names of the limits (`acceleration`, `jerk`) that neither options nor URDF give; defaults apply.
     pub assumed_limits: Vec<String>,
-    /// Warnings to the caller.
+    /// Warnings about the plan in whole sentences.
     pub warnings: Vec<String>,
-    /// The cheapest pose that meets the constraints, ignoring obstacles.
+    /// The cheapest joint vector that meets the constraints, ignoring obstacles.
     pub q_actuation: Option<Vec<f64>>,
-    /// Cost of the pose.
+    /// Cost of `q_actuation`.
     pub cost: Option<f64>,
-    /// The pose with the smallest constraint error, if no pose meets the constraints.
+    /// The joint vector with the smallest constraint error, if no joint vector meets the constraints.
     pub q_best_effort: Option<Vec<f64>>,
-    /// The actuation pose of the trajectory, or of the failed attempt that came furthest.
+    /// The actuation pose of the motion, or of the failed attempt whose motion extends furthest.
     pub q_plan: Option<Vec<f64>>,
-    /// Index of that pose in the order of trial; 0 is the cheapest.
+    /// Position of `q_plan` in the order in which poses are tried; 0 is the cheapest.
     pub rank: Option<usize>,
     /// Number of actuation poses for which planning a motion was attempted.
     pub tried: usize,
-    /// Outcome of each tried pose, if [`Request::explain`] is set.
+    /// Result for each tried pose, if [`Request::explain`] is set.
     pub tried_poses: Vec<TriedPose>,
-    /// Residuals of the constraints at `q_plan`, otherwise at `q_actuation` or `q_best_effort`.
+    /// Residuals of the constraints at `q_plan`; without it, at `q_actuation` or `q_best_effort`.
     pub residuals: Vec<Residual>,
-    /// Keyframes that follow from `q_plan`.
+    /// Keyframes of the motion through `q_plan`.
     pub keyframes: Vec<KeyframeReport>,
     /// Fraction of the motion after the actuation pose that is reachable and collision-free, 0..1.
     pub reached_fraction: f64,
     /// Collisions that block the motion.
     pub collisions: Vec<Collision>,
-    /// Largest checked overlap at the start (m).
+    /// Depth (m) of the deepest overlap at the start among the pairs of bodies that are checked.
     pub start_overlap: f64,
 }
 
 impl Plan {
-    /// Status as an enumeration.
+    /// Returns the status without the motion.
     #[must_use]
     pub fn status(&self) -> Status {
         self.outcome.status()
     }
 
-    /// The motion, if any.
+    /// Returns the motion, if there is one.
     #[must_use]
     pub fn trajectory(&self) -> Option<&Trajectory> {
         self.outcome.trajectory()
     }
 }
 
-/// CPU time of the planning thread by stages (s). The times are kept outside the plan, because plans are reproducible.
+/// CPU time (s) of the planning thread in each stage. The plan does not hold these times, because plans are
+/// reproducible.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[non_exhaustive]
 pub struct StageTimes {
-    /// Building the world and checking the start.
+    /// Preparing the collision checks and checking the start.
     pub setup: f64,
-    /// Search of the actuation pose.
+    /// Searching the actuation pose.
     pub actuation: f64,
     /// All later stages: following paths, collision checks and timing.
     pub trajectory: f64,
 }
 
-/// Plans one problem.
+/// Plans the motion for one problem.
 #[must_use]
 pub fn plan(problem: &KeypointProblem) -> Plan {
     plan_timed(problem, &Cancel::new()).0
 }
 
-/// Like [`plan`], with the time of each stage; ends early with [`Status::Cancelled`] if `cancel` is set.
+/// Plans the motion for one problem, and returns the plan with the time of each stage. Planning ends early with
+/// [`Status::Cancelled`] if `cancel` is set.
 #[must_use]
 pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTimes) {
     let request = Request { cancel: Some(cancel.clone()), ..Request::default() };
@@ -213,11 +215,11 @@ pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTim
         .unwrap_or_else(|e| (refused(Lack::ActuationInfeasible, e.to_string()), StageTimes::default()))
 }
 
-/// Like [`plan_timed`], with a request.
+/// Plans the motion for one problem with the options in `request`, and returns the plan with the time of each stage.
 ///
 /// # Errors
-/// The motion does not have the requested keyframe, or the keyframe lies after the actuation pose and `warm_start` has
-/// no actuation pose.
+/// The motion has no keyframe with the requested label; or the keyframe lies after the actuation pose and `warm_start`
+/// has no actuation pose.
 pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Plan, StageTimes), ProblemError> {
     let begun = std::time::Instant::now();
     let mut times = StageTimes::default();
@@ -267,8 +269,8 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     Ok((plan, times))
 }
 
-/// Returns the distance (m) of the hand outside the workspace box at a pose that meets the other constraints; `None` if
-/// there is no such pose or no box.
+/// Returns how far (m) the hand lies outside the workspace box at the best pose that meets the other constraints.
+/// `None` if there is no such pose or no box.
 fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved) -> Option<f64> {
     let [low, high] = problem.options.workspace?;
     let mut open = problem.clone();
@@ -282,7 +284,7 @@ fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved
     found.candidates.iter().map(|c| outside(&c.x)).reduce(f64::min)
 }
 
-/// Returns the index in time order of the first keyframe to reach.
+/// Returns the index of the first keyframe that the motion must reach. Keyframes are numbered in time order.
 fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, ProblemError> {
     let Some(label) = request.resume else { return Ok(0) };
     let schedule = Schedule::of(&problem.config);
@@ -299,11 +301,11 @@ fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, Prob
     Ok(entry)
 }
 
-/// Returns the cheapest distinct poses that meet the constraints, ignoring obstacles, cheapest first and at most
-/// `max_solutions`.
+/// Returns distinct joint vectors that meet the constraints, ignoring obstacles: at most `max_solutions`, the cheapest
+/// first.
 ///
 /// # Errors
-/// Never for a problem from [`KeypointProblem::builder`].
+/// A problem from [`KeypointProblem::builder`] never causes an error.
 pub fn ik(problem: &KeypointProblem, max_solutions: usize) -> Result<Vec<IkSolution>, ProblemError> {
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
@@ -318,21 +320,21 @@ pub fn ik(problem: &KeypointProblem, max_solutions: usize) -> Result<Vec<IkSolut
     Ok(found.candidates.iter().take(max_solutions).map(|c| IkSolution { q: full(&c.x), cost: c.cost }).collect())
 }
 
-/// A pose that meets the constraints.
+/// A joint vector that meets the constraints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct IkSolution {
-    /// Joint values, one entry for each joint.
+    /// Joint values (rad or m), one entry for each joint.
     pub q: Vec<f64>,
-    /// Cost of the pose.
+    /// Cost of the joint vector.
     pub cost: f64,
 }
 
 /// Maximum number of threads of [`plan_batch`].
 pub const MAX_THREADS: usize = 256;
 
-/// Plans many problems on `threads` threads, 1 to [`MAX_THREADS`] (the number of cores if `None`). Each result equals
-/// that of [`plan_timed`].
+/// Plans many problems on `threads` threads, 1 to [`MAX_THREADS`]; `None` uses one thread for each processor core. Each
+/// result equals that of [`plan_timed`].
 ///
 /// # Errors
 /// The number of threads is out of range, or threads cannot be started.

@@ -1,33 +1,33 @@
-//! Outcome of planning, including its motion.
+//! Status of a plan, with its motion.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Trajectory;
 
-/// Status of planning; [`Outcome`] also holds the motion.
+/// Status of a plan. [`Outcome`] also holds the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Status {
     /// The whole motion is reachable and collision-free.
     Solved,
-    /// Only part of the motion was found, as the caller permitted.
+    /// Only part of the motion was found, and the options permit a partial motion.
     Partial,
     /// No joint values meet all constraints.
     ActuationInfeasible,
-    /// A keyframe is out of reach from every tried actuation pose.
+    /// The hand cannot reach one of the keyframes from any tried actuation pose.
     Unreachable,
     /// An obstacle blocks the motion from every tried actuation pose.
     Collision,
     /// At the start, the robot overlaps a body by more than the problem allows.
     StartInCollision,
-    /// The config's times require more than the joints' limits allow.
+    /// The times in the config require a motion faster than the joint limits allow.
     TooFast,
-    /// No motion from the start state stays within the joints' limits.
+    /// From the state at the start, no motion stays within the joint limits.
     CannotStop,
-    /// A collision-free path was found, but no motion along it keeps the limits from the start state on.
+    /// A collision-free path was found, but no motion along it keeps the joint limits from the state at the start.
     Untimed,
-    /// The search used up its samples without a free motion; one may exist.
+    /// No collision-free motion was found with the permitted number of samples; one may exist.
     NotFound,
     /// The caller cancelled planning.
     Cancelled,
@@ -53,28 +53,28 @@ impl Status {
     }
 }
 
-/// Reason why there is no complete motion.
+/// Reason why a plan has no complete motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Lack {
-    /// [`Status::ActuationInfeasible`].
+    /// See [`Status::ActuationInfeasible`].
     ActuationInfeasible,
-    /// [`Status::Unreachable`].
+    /// See [`Status::Unreachable`].
     Unreachable,
-    /// [`Status::Collision`].
+    /// See [`Status::Collision`].
     Collision,
-    /// [`Status::StartInCollision`].
+    /// See [`Status::StartInCollision`].
     StartInCollision,
-    /// [`Status::TooFast`].
+    /// See [`Status::TooFast`].
     TooFast,
-    /// [`Status::CannotStop`].
+    /// See [`Status::CannotStop`].
     CannotStop,
-    /// [`Status::Untimed`].
+    /// See [`Status::Untimed`].
     Untimed,
-    /// [`Status::NotFound`].
+    /// See [`Status::NotFound`].
     NotFound,
-    /// [`Status::Cancelled`].
+    /// See [`Status::Cancelled`].
     Cancelled,
 }
 
@@ -94,20 +94,20 @@ impl From<Lack> for Status {
     }
 }
 
-/// Outcome of planning; a complete or partial solution includes its motion.
+/// Status of a plan; a complete or partial solution includes its motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// The whole motion.
+    /// The complete motion.
     Solved(Trajectory),
-    /// The longest part of the motion, as the caller permitted, and the reason why it is not complete.
+    /// The longest part of the motion that was found, and the reason why it is not complete.
     Partial(Trajectory, Lack),
-    /// No motion, and the reason.
+    /// Planning found no motion, for this reason.
     Failed(Lack),
 }
 
 impl Outcome {
-    /// Status as an enumeration.
+    /// Returns the status without the motion.
     #[must_use]
     pub fn status(&self) -> Status {
         match self {
@@ -117,7 +117,7 @@ impl Outcome {
         }
     }
 
-    /// The motion, if any.
+    /// Returns the motion, if there is one.
     #[must_use]
     pub fn trajectory(&self) -> Option<&Trajectory> {
         match self {

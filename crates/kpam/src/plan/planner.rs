@@ -22,32 +22,32 @@ pub(super) struct Planner<'p> {
     pub resolved: &'p Resolved,
     pub follower: Follower<'p>,
     pub world: World<'p>,
-    /// State at the start: position, velocity and acceleration.
+    /// Joint positions, velocities and accelerations at the start.
     pub start: [Row; 3],
-    /// Nodes of the stop from a moving start, after which planning begins; empty at rest.
+    /// Nodes of the motion that brakes to rest from a moving start; planning begins where it ends. Empty at rest.
     pub stop: Vec<Node>,
-    /// Clearance (m) to keep from bodies that may not be touched.
+    /// Clearance (m) that the motion keeps from bodies that it may not touch.
     pub margin: f64,
-    /// Obstacle that blocks the stop; `None` until checked.
+    /// Obstacle that blocks braking to rest; the outer `None` means that it was not checked yet.
     pub stop_checked: Option<Option<Hit>>,
-    /// Inputs of a trajectory of this problem.
+    /// Builder that every trajectory of this problem starts from.
     pub builder: Builder,
     pub clock: Option<Vec<f64>>,
-    /// Configuration in which the robot has left its overlaps at the start; `None` until searched.
+    /// Pose at which the robot has left its overlaps at the start; the outer `None` means not searched yet.
     pub exit: Option<Option<Row>>,
-    /// Number of searches since one last connected a sample to the start.
+    /// Number of searches since a sample was last connected to the start.
     pub boxed_in: usize,
-    /// Index in time order of the first keyframe to reach; earlier keyframes have been passed.
+    /// Index of the first keyframe to reach; the robot has passed the earlier ones.
     pub entry: usize,
     pub warm_start: Option<&'p Plan>,
     pub explain: bool,
-    /// Whether a part of the motion after the actuation is acceptable.
+    /// Whether a motion that ends between the actuation pose and the last keyframe is acceptable.
     pub partial: bool,
-    /// Actuation pose for which the world is prepared.
+    /// Actuation pose at which bodies were picked or released in the present state of the world.
     pub acting: Option<Row>,
 }
 
-/// Extra margin (m) in the sweep of paths, for the deviation introduced by timing.
+/// Additional clearance (m) when paths are swept, because the timed motion deviates from its path.
 pub(super) const PAD: f64 = 2e-4;
 
 impl<'p> Planner<'p> {
@@ -108,8 +108,8 @@ impl<'p> Planner<'p> {
         })
     }
 
-    /// Returns the joint positions at which planning begins: those at the end of the stop, or the current ones if the
-    /// stop is blocked.
+    /// Returns the joint positions at which planning begins: the end of the braking motion, or the current positions if
+    /// an obstacle blocks braking.
     pub(super) fn rest(&self) -> Row {
         self.stop.last().filter(|_| self.blocked_stop().is_none()).map_or(self.start[0], |node| node.position)
     }
@@ -120,7 +120,7 @@ impl<'p> Planner<'p> {
         q
     }
 
-    /// Returns the margins to try in turn.
+    /// Returns the clearances (m) to try, the largest first.
     pub(super) fn margins_in_turn(&self) -> Vec<f64> {
         let options = &self.problem.options;
         let least = options.least_margin.filter(|least| *least < options.margin && options.avoid_collisions);
@@ -133,7 +133,7 @@ impl<'p> Planner<'p> {
         }
     }
 
-    /// Returns the pair whose overlap at the start is deeper than permitted, if any.
+    /// Returns the two bodies that overlap at the start more deeply than permitted, if there are any.
     pub(super) fn too_deep(&self) -> Option<Hit> {
         let options = &self.problem.options;
         let deep = options.avoid_collisions && self.world.start_overlap > options.start_depth;
@@ -142,7 +142,7 @@ impl<'p> Planner<'p> {
 
     /// Returns the failed plan if the robot overlaps a body too deeply at the start.
     pub(super) fn too_deep_at_start(&self) -> Option<Plan> {
-        // After the actuation the positions of bodies are not known yet.
+        // After the actuation, the positions of the picked bodies are not known at this point.
         let hit = self.too_deep().filter(|_| self.entry <= self.world.schedule.actuation())?;
         let depth = self.problem.options.start_depth;
         let mut out = refused(Lack::StartInCollision, format!("{}; start_depth allows {depth} m", inside(&hit)));
@@ -157,7 +157,7 @@ impl<'p> Planner<'p> {
         Some(out)
     }
 
-    /// Returns the plan if planning ended early; `so_far` describes the progress.
+    /// Returns the plan for a planning run that was cancelled or reached a limit; `so_far` describes its progress.
     pub(super) fn ended(&self, so_far: &str) -> Plan {
         if self.world.is_cancelled() {
             return refused(Lack::Cancelled, "planning was cancelled".to_owned());
@@ -166,7 +166,7 @@ impl<'p> Planner<'p> {
         refused(Lack::NotFound, format!("{spent}; so far {so_far}"))
     }
 
-    /// Returns the plan that results from the trials; `cheapest` is the best pose without regard to obstacles.
+    /// Returns the plan that results from the trials; `cheapest` is the cheapest pose that meets the constraints.
     pub(super) fn conclude(&mut self, trials: Trials, cheapest: &Candidate) -> Plan {
         let solved = trials.done();
         let Trials { best, tried, mut poses, .. } = trials;

@@ -1,4 +1,4 @@
-//! Replays a plan's motion: the state at a time, and distances along the motion.
+//! Replays the motion of a plan: the state at a given time, and distances between bodies along the motion.
 
 use super::Plan;
 use super::resume::Rest;
@@ -22,7 +22,7 @@ struct Replay<'p> {
 }
 
 impl<'p> Replay<'p> {
-    /// Returns `None` if the plan has no motion, or a motion of another robot.
+    /// Returns `None` if the plan has no motion, or if its motion is one of another robot.
     fn new(problem: &'p KeypointProblem, plan: &'p Plan) -> Option<Self> {
         let (trajectory, q) = (plan.trajectory()?, plan.q_plan.as_ref()?);
         let motions = motions(problem, &problem.robot.link_pose(q, problem.robot.hand())?);
@@ -34,7 +34,7 @@ impl<'p> Replay<'p> {
         Some(Self { problem, plan, trajectory, motions, before })
     }
 
-    /// Index in time order of the next keyframe, or of the keyframe at this time.
+    /// Returns the index of the keyframe at time `t` (s), or of the next keyframe after it.
     fn toward(&self, t: f64) -> usize {
         let keyframes = &self.plan.keyframes;
         let due = keyframes.iter().position(|k| k.time.is_some_and(|due| due >= t - 1e-9));
@@ -42,7 +42,7 @@ impl<'p> Replay<'p> {
         due.unwrap_or_else(after_last).min(keyframes.len().saturating_sub(1))
     }
 
-    /// Travel of the object's joint (rad or m).
+    /// Returns the travel of the object's joint (rad or m) at time `t` (s).
     fn travel(&self, t: f64) -> f64 {
         let act = self.motions.actuation;
         if self.problem.joint.is_none() {
@@ -57,8 +57,8 @@ impl<'p> Replay<'p> {
     }
 }
 
-/// Returns the travel of the object's joint (rad or m, from its current value) that the planner assumes at times (s) of
-/// a plan's motion. Zeros if the plan has no motion or the problem no joint.
+/// Returns the travel of the object's joint (rad or m, measured from its current value) that the planner assumes at
+/// `times` (s) of a plan's motion. All are zero if the plan has no motion or the problem has no object joint.
 #[must_use]
 pub fn joint_travel(problem: &KeypointProblem, plan: &Plan, times: &[f64]) -> Vec<f64> {
     match Replay::new(problem, plan) {
@@ -67,8 +67,9 @@ pub fn joint_travel(problem: &KeypointProblem, plan: &Plan, times: &[f64]) -> Ve
     }
 }
 
-/// Returns the smallest signed distances (m) of checked pairs along a plan's motion, sampled every `step` seconds.
-/// `None` if the plan has no motion or `cancel` is set; infinite if no checked pair is closer than a metre.
+/// Returns the smallest signed distances (m) between the checked pairs of bodies, sampled every `step` seconds of a
+/// plan's motion. `None` if the plan has no motion or `cancel` is set; infinite if every pair is more than a metre
+/// apart.
 ///
 /// # Errors
 /// The step is not positive, or would give more than [`MAX_CHECKS`] samples.

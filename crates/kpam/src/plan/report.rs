@@ -1,4 +1,4 @@
-//! Report of a plan: residuals, keyframes, reasons.
+//! Report of a plan: residuals, keyframes, and reasons of failures.
 
 use gensim2_geometry::{Pose, pose_to_matrix};
 
@@ -33,8 +33,8 @@ impl Planner<'_> {
             .collect()
     }
 
-    /// Returns the plan if no joint values meet the constraints; `outside` is the distance (m) outside the workspace
-    /// box of the closest pose that meets the other constraints.
+    /// Returns the plan if no joint vector meets the constraints. `outside` is the distance (m) by which the hand
+    /// leaves the workspace box at the best pose that meets the other constraints.
     pub(super) fn infeasible(&mut self, best_effort: Option<Row>, outside: Option<f64>) -> Plan {
         let mut out = refused(Lack::ActuationInfeasible, "no joint values meet the constraints".to_owned());
         out.start_overlap = self.world.start_overlap;
@@ -116,8 +116,8 @@ impl Planner<'_> {
         out
     }
 
-    /// Reports pairs closer than the margin or in contact at the start and at keyframes, and estimates. Each keyframe
-    /// ends one segment and begins another: a pair that may touch in one may have to keep its distance in the other.
+    /// Reports contacts, pairs of bodies closer than the margin, and estimated travels. Every keyframe ends one segment
+    /// and begins the next: a pair that may touch in one of them may have to keep its distance in the other.
     fn tell_of_contacts(&mut self, attempt: &Attempt, out: &mut Plan) {
         let schedule = self.world.schedule;
         let start = self.start[0];
@@ -169,7 +169,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Returns the outcome of planning with one actuation pose.
+    /// Returns the result of planning with one candidate for the actuation pose.
     pub(super) fn explained(&self, attempt: &Attempt) -> TriedPose {
         let label = |k: usize| attempt.motions.keyframes[k].label.clone();
         let (status, reason) = match &attempt.failure {

@@ -1,4 +1,4 @@
-//! Resumes a motion that has been executed in part, and reuses an earlier plan.
+//! Resumes a motion that was executed in part, and reuses the path of an earlier plan.
 
 use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::{Rotation3, Vector3};
@@ -10,23 +10,23 @@ use crate::model::Row;
 use crate::motion::HandPath;
 use crate::world::{Margins, MotionSegment, Way};
 
-/// Number of positions at which a path is compared with the hand pose.
+/// Number of positions on a path among which the one nearest to the hand is searched.
 const PLACES: usize = 32;
-/// Length (m) that counts as much as one radian in this comparison.
+/// Length (m) that counts as much as one radian when hand poses are compared.
 const LEVER: f64 = 0.1;
 /// Time between waypoints taken from an earlier plan (s).
 const STEP: f64 = 0.05;
 /// Maximum number of waypoints taken from an earlier plan; waypoints of longer motions are further apart.
 const MAX_STEPS: f64 = 1e4;
-/// The earlier path is used if its ends are within this distance of the current state and of the goal (rad or m).
+/// An earlier path is used if its ends are this close to the current state and to the goal (rad or m).
 const NEAR_START: f64 = 0.05;
 const AT_GOAL: f64 = 1e-3;
-/// Maximum distance of the hand's end position from the path's end (m).
+/// Maximum distance (m) between the hand's position at the last waypoint and the end of the path.
 const AT_END: f64 = 1e-4;
-/// An earlier path that extends further than this (rad or m) counts as damaged.
+/// A path of an earlier plan with a joint value beyond this (rad or m) counts as damaged.
 const FURTHEST: f64 = 100.0;
 
-/// The remaining part of a hand path from the current hand pose. The deviation from the path decreases along it.
+/// The remaining part of a hand path. It begins at the current hand pose and gradually approaches the path.
 pub(super) struct Rest<'p> {
     path: &'p HandPath,
     /// Fraction of the path that has been executed.
@@ -36,7 +36,7 @@ pub(super) struct Rest<'p> {
 }
 
 impl<'p> Rest<'p> {
-    /// Returns the part of a path that is left for a hand near the path.
+    /// Returns the remaining part of a path for a hand at the pose `hand`, which is close to the path.
     pub fn new(path: &'p HandPath, hand: &Pose) -> Self {
         let apart = |s: f64| {
             let at = path.at(s);
@@ -78,7 +78,8 @@ impl Guide for Rest<'_> {
 
 impl Planner<'_> {
     /// Returns the remaining part of the current hand path: joint waypoints, the fraction of the whole path at each,
-    /// and the followed fraction of this part. Waypoints of the earlier plan are used if the arm is on them.
+    /// and the fraction of the remaining part that the arm can follow. Uses the earlier plan's waypoints if the arm is
+    /// on them.
     pub(super) fn rest_of(&mut self, path: &HandPath) -> (Vec<Row>, Vec<f64>, f64) {
         let start = self.rest();
         let rest = Rest::new(path, &self.follower.hand(&start));
@@ -95,7 +96,7 @@ impl Planner<'_> {
         (waypoints, done, fraction)
     }
 
-    /// Returns whether waypoints start at most `off` (m) beside a path, keep the hand on it, and end at its end.
+    /// Returns whether the hand starts within `off` (m) of a path, stays on the path and ends at its end.
     fn keeps_to(&mut self, path: &HandPath, way: &[Row], off: f64) -> bool {
         let Some(last) = way.last() else { return false };
         let (hand, end) = (self.follower.hand(last), path.at(1.0));
@@ -104,7 +105,7 @@ impl Planner<'_> {
             && way.iter().all(|x| Rest::new(path, &self.follower.hand(x)).off.norm() < OFF_PATH + off)
     }
 
-    /// Returns the waypoints of the earlier plan from `start` to `goal`, if they are collision-free.
+    /// Returns the earlier plan's waypoints between `start` and `goal`, if their path is collision-free.
     pub(super) fn warm_start_way(
         &mut self,
         start: &Row,
@@ -121,8 +122,8 @@ impl Planner<'_> {
         self.world.sweep_along(Way::still(&way), segment, margins).is_none().then_some(way)
     }
 
-    /// Returns the waypoints of the earlier plan from `start`, on the way to the first keyframe, to that keyframe.
-    /// `after` is the last passed keyframe, if any.
+    /// Returns the earlier plan's waypoints from `start` to the first keyframe that is still to be reached. `after` is
+    /// the index of the last passed keyframe, if any.
     fn former_waypoints(&self, start: &Row, after: Option<usize>) -> Option<Vec<Row>> {
         let warm_start = self.warm_start?;
         let (trajectory, end) = (warm_start.trajectory()?, warm_start.keyframes.get(self.entry)?.time?);
@@ -147,13 +148,13 @@ impl Planner<'_> {
         Some(way)
     }
 
-    /// Returns the largest difference of a joint (rad or m).
+    /// Returns the largest difference (rad or m) between two joint vectors in one joint.
     fn apart(&self, a: &Row, b: &Row) -> f64 {
         (0..self.model.n()).map(|v| (a[v] - b[v]).abs()).fold(0.0, f64::max)
     }
 }
 
-/// Returns the actuation pose of an earlier plan as variables.
+/// Returns the actuation pose of an earlier plan, as values of the joints that planning moves.
 pub(super) fn warm_start_pose(warm_start: &Plan, pick: impl Fn(&[f64]) -> Row, joints: usize) -> Option<Row> {
     warm_start.q_plan.as_ref().filter(|q| q.len() == joints).map(|q| pick(q))
 }

@@ -1,4 +1,4 @@
-//! The timed motion of an attempt: segments are joined to one smooth path wherever no stop is needed.
+//! The timed motion of an attempt. Segments are joined to one smooth path wherever the motion needs no stop.
 
 use std::borrow::Cow;
 
@@ -11,31 +11,31 @@ use crate::motion::HandPath;
 use crate::timing::{Blend, Builder, Node, Refusal, Spline, Trajectory, keeps, length, to_rest};
 use crate::world::{Margins, MotionSegment};
 
-/// A timed motion.
+/// The motion of an attempt as a trajectory in time.
 #[derive(Clone)]
 pub(super) struct Timed {
     pub trajectory: Trajectory,
-    /// Time at which each keyframe is reached, if it is.
+    /// Time (s) at which the motion reaches each keyframe; `None` if it does not.
     pub times: Vec<Option<f64>>,
     /// Start and end of each segment (s).
     pub spans: Vec<[f64; 2]>,
 }
 
-/// Number of knots on either side of a bend within which joining two segments changes the curve noticeably.
+/// Number of knots before and after a bend within which joining two segments changes the curve noticeably.
 const BEND: usize = 6;
-/// Number of parts of an interval in which the speed of the contact point is checked.
+/// Number of parts of an interval between waypoints in which the speed of the contact point is checked.
 const LOOKS: u32 = 4;
-/// Maximum number of positions on the approach that a moving start leads to before following the curve.
+/// Maximum number of positions on the approach that are tried as the end of a motion leading from a moving start.
 const PLACES: usize = 4;
-/// The current motion continues unless another one saves at least this much time (s).
+/// A motion replaces the one that the robot executes only if it ends earlier by at least this time (s).
 const SAVES: f64 = 1e-6;
-/// Maximum difference (rad or m, and rates) of two states that count as equal.
+/// Maximum difference of two states that count as equal (rad or m, and their rates per second).
 const SAME: f64 = 1e-6;
 
-/// How a moving start joins a motion, the fastest first.
+/// How the motion continues from a moving start; the fastest kind comes first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum TakeUp {
-    /// The earlier plan's motion continues.
+    /// The robot continues the motion of the earlier plan.
     GoesOn,
     /// The motion begins while the arm still brakes from its start velocity.
     Blended,
@@ -43,31 +43,31 @@ pub(super) enum TakeUp {
     Stopped,
 }
 
-/// Part of a motion from one keyframe or stop to the next, as joint waypoints.
+/// Joint waypoints of the part of a motion between two keyframes or stops.
 #[derive(Clone)]
 pub(super) struct Stretch<'a> {
     pub waypoints: Cow<'a, [Row]>,
     /// Travel of the object's joint at the waypoints.
     pub travel: Cow<'a, [f64]>,
-    /// Segment, which selects the pairs of bodies to check, and the margins of these pairs.
+    /// Identifies which pairs of bodies are checked; `kept` holds the minimum distances of these pairs.
     pub segment: MotionSegment,
     pub kept: &'a Margins,
     /// Keyframe at the end of the part; `None` if the part ends between keyframes.
     keyframe: Option<usize>,
-    /// Keyframe towards which it leads.
+    /// Index of the next keyframe that the part leads to.
     pub toward: usize,
-    /// Whether it comes after the actuation.
+    /// Whether the part lies after the actuation.
     contact: bool,
-    /// Hand path that this part follows, and the fraction that it covers.
+    /// Hand path that the part follows, and the fraction of the path that it covers.
     hand: Option<(&'a HandPath, f64)>,
-    /// Whether the motion stops at its end.
+    /// Whether the motion stops at the end of the part.
     pub stops: bool,
     due: Option<f64>,
 }
 
 impl Planner<'_> {
-    /// Returns the timed motion along segments, joined by a moving start as early as possible, but not faster than with
-    /// `manner`.
+    /// Returns the timed motion along segments. A moving start joins the segments as early as possible; kinds of
+    /// continuation faster than `manner` are excluded.
     pub(super) fn timed(
         &mut self,
         attempt: &Attempt,
@@ -80,7 +80,7 @@ impl Planner<'_> {
             let blocked = Failure::Blocked { keyframe: self.entry, hit: hit.clone() };
             return going_on.map(|rest| (rest, TakeUp::GoesOn)).ok_or(blocked);
         }
-        // If the config sets times, the start of the motion is fixed.
+        // If the config sets times, the start of the motion is fixed by them.
         let other = if self.stop.is_empty() || self.clock.is_some() {
             self.timed_from_rest(segments, keyframes).map(|timed| (timed, TakeUp::Stopped))
         } else {
@@ -93,8 +93,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Returns the rest of the earlier plan's motion, if it passes the start at the start time and leads to the
-    /// attempt's pose.
+    /// Returns the remaining motion of the earlier plan, if it passes the current state at the start time and leads to
+    /// the attempt's actuation pose.
     fn going_on(&self, attempt: &Attempt, segments: &[Stretch<'_>]) -> Option<Timed> {
         let former = self.warm_start?;
         let (motion, pose, start) = (former.trajectory()?, former.q_plan.as_ref()?, self.builder.now());
@@ -122,15 +122,15 @@ impl Planner<'_> {
         (whole && self.builder.bears(&trajectory)).then_some(Timed { trajectory, times, spans })
     }
 
-    /// Returns the earliest motion from a moving start. It goes to a position on the approach and follows the segments
-    /// from that position.
+    /// Returns the earliest motion from a moving start. It first moves to a position on the approach, and follows the
+    /// segments from there.
     fn taken_up(
         &mut self,
         segments: &[Stretch<'_>],
         keyframes: usize,
         manner: TakeUp,
     ) -> Result<(Timed, TakeUp), Failure> {
-        // In contact the hand must keep its path and speed, but a sum of two motions does not.
+        // In contact the hand must keep its path and speed, but the sum of two motions does not keep them.
         let manner = if segments.first().is_none_or(|first| first.contact) { TakeUp::Stopped } else { manner };
         let free = segments.first().filter(|_| manner == TakeUp::Blended);
         let places = free.map_or(0, |first| first.waypoints.len() - 1);
@@ -150,7 +150,8 @@ impl Planner<'_> {
         best.map(|timed| (timed, manner)).ok_or_else(|| failure.unwrap_or(untimed))
     }
 
-    /// Returns the motion to a waypoint of the first segment and onwards, as early as `manner` allows.
+    /// Returns the motion to waypoint `place` of the first segment and on along the segments, as early as `manner`
+    /// allows.
     fn past(
         &mut self,
         segments: &[Stretch<'_>],
@@ -173,7 +174,7 @@ impl Planner<'_> {
         }
         let mut timed = self.timed_from_rest(&rest, keyframes)?;
         let start = timed.trajectory.start();
-        // Keyframes, or the end of the motion, are reached after the lead motion has stopped.
+        // The motion reaches the first keyframe, or its end, only after the leading motion has stopped.
         let first = timed.times.iter().flatten().copied().fold(timed.trajectory.end(), f64::min);
         let earliest = lead.last().map_or(0.0, |node: &Node| node.time) - (first - start);
         let blend = Blend { lead: &lead, limits: self.builder.limits(), room, earliest };
@@ -193,8 +194,8 @@ impl Planner<'_> {
         Ok(self.builder.bears(&timed.trajectory).then_some(timed))
     }
 
-    /// Returns the timed motion along segments from rest at their start; if the config sets times, the time of the stop
-    /// is part of the motion.
+    /// Returns the timed motion along segments from rest at their start. If the config sets times, the time of braking
+    /// to rest is part of the motion.
     fn timed_from_rest(&mut self, segments: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
         let mut times = vec![None; keyframes];
         let mut ends: Vec<f64> = Vec::with_capacity(segments.len());
@@ -229,12 +230,12 @@ impl Planner<'_> {
         Ok(Timed { trajectory, times, spans })
     }
 
-    /// Returns the planned segments of an attempt.
+    /// Returns the segments of an attempt's motion; `clock` holds the keyframe times of the config, if it sets any.
     pub(super) fn segments<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
         let n = self.model.n();
         let act = attempt.motions.actuation;
         let options = &self.problem.options;
-        // The gripper acts at the actuation pose, and where the hand releases the object.
+        // The gripper moves at the actuation pose and where the hand releases the object, so the motion stops there.
         let acts = self.problem.config.gripper.acts() || !options.pick.is_empty() || !options.release.is_empty();
         let lets_go_at = attempt.motions.lets_go_at;
         let rests = |keyframe: usize| clock.is_some() || (keyframe == act && acts) || lets_go_at == Some(keyframe);
@@ -245,7 +246,7 @@ impl Planner<'_> {
         for (k, waypoints) in attempt.approach.iter().enumerate() {
             gone += length(n, waypoints);
             let last = k + 1 == attempt.approach.len();
-            // Parts share the time in proportion to their length.
+            // Each part of the approach gets time in proportion to its length.
             let due = clock.map(|c| {
                 let end = c[self.entry];
                 if last || total == 0.0 { end } else { begin + (end - begin) * gone / total }
@@ -270,9 +271,9 @@ impl Planner<'_> {
             }
             let whole = i < act + attempt.after.0;
             let share = if whole { 1.0 } else { attempt.after.1 };
-            // A part of a path takes its share of the time.
+            // A part of a path gets the corresponding fraction of the path's time.
             let due = clock.map(|c| c[i] + (c[i + 1] - c[i]) * share);
-            // A resumed motion returns to its path gradually.
+            // A resumed motion first returns to its hand path, so it need not stay on the path.
             let kept = i >= act && i + 1 != self.entry;
             segments.push(Stretch {
                 waypoints: Cow::Borrowed(waypoints),
@@ -290,10 +291,10 @@ impl Planner<'_> {
         segments
     }
 
-    /// Returns the number of segments that can be driven without a stop.
+    /// Returns the number of segments that the motion can follow without a stop between them.
     fn joined(&mut self, segments: &[Stretch<'_>]) -> usize {
         let mut count = segments.len();
-        // Without the last segment, only the end of the curve may bend differently.
+        // Dropping the last segment changes the shape of the curve only near its new end.
         while count > 1 {
             let (path, ends) = self.path(&segments[..count]);
             let bad = (0..count - 1).find(|k| !self.bend_stands(&segments[*k], &segments[k + 1], &path, &ends, *k));
@@ -305,7 +306,7 @@ impl Planner<'_> {
         count
     }
 
-    /// Returns the path through segments, with the waypoint at the start of each and at the end.
+    /// Returns the spline through segments, and the indices of the waypoints at the ends of the segments.
     fn path(&self, segments: &[Stretch<'_>]) -> (Spline, Vec<usize>) {
         let mut waypoints: Vec<Row> = Vec::new();
         let mut ends = vec![0];
@@ -317,7 +318,7 @@ impl Planner<'_> {
         (Spline::through(self.model.n(), &waypoints, None), ends)
     }
 
-    /// Returns whether the path keeps joint limits and hand path at the bend between segment `k` and the next.
+    /// Returns whether the path keeps the joint limits and the hand path near the bend after segment `k`.
     fn bend_stands(
         &mut self,
         segment: &Stretch<'_>,
@@ -355,8 +356,8 @@ impl Planner<'_> {
         true
     }
 
-    /// Returns the minimum time (s) of each interval between waypoints at the speed allowed in contact, as if each
-    /// interval were driven at constant speed.
+    /// Returns the minimum time (s) of each interval between waypoints at which the contact point keeps its speed
+    /// limit, assuming constant speed in each interval.
     fn slowest(&mut self, segments: &[Stretch<'_>], path: &Spline, ends: &[usize]) -> Vec<f64> {
         let Some(speed) = self.problem.options.contact_speed else { return Vec::new() };
         let tip = nalgebra::Point3::from(self.problem.contact_point());
@@ -380,7 +381,7 @@ impl Planner<'_> {
         out
     }
 
-    /// Appends a motion that follows several segments without a stop; returns the end time of each segment.
+    /// Appends a motion that follows several segments without a stop; returns the time at the end of each segment.
     fn drive(
         &mut self,
         builder: &mut Builder,
@@ -398,7 +399,7 @@ impl Planner<'_> {
                     let allowed = last.due.map_or(0.0, |d| d - begin);
                     Failure::TooFast { keyframe: last.toward, allowed, needed }
                 }
-                // The plan itself reports a cancellation.
+                // A cancellation is reported by the plan itself.
                 Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
             })?;
         for (segment, time) in segments.iter().zip(&passed) {

@@ -14,25 +14,25 @@ use crate::actuation::{Actuation, ActuationSearch, Candidate, HEEDED};
 use crate::model::Row;
 use crate::world::State;
 
-/// Number of samples in the first round over all candidates; the full number is used only if all fail.
+/// Number of samples per pose in the first round. The full number is used only if all poses fail.
 const FIRST_SAMPLES: usize = 150;
-/// Number of candidates that get the full number of samples.
+/// Number of poses that get the full number of samples.
 const SECOND_CHANCES: usize = 4;
 
-/// Trials so far, and the best of them.
+/// The poses tried so far, and the best motion among them.
 #[derive(Default)]
 pub(super) struct Trials {
     pub best: Option<Attempt>,
     pub tried: usize,
-    /// Outcome of each pose, if requested.
+    /// Result for each pose, if the request asks for it.
     pub poses: Vec<TriedPose>,
-    /// Incomplete motions whose extent is known only as an upper bound.
+    /// Attempts with incomplete motions for which only an upper bound of the extent is known.
     parts: Vec<Attempt>,
-    /// Motions that are complete except for the free approach.
+    /// Attempts whose motions are complete except for the free approach to the first keyframe.
     again: Vec<Attempt>,
-    /// Poses that overlap a body.
+    /// Poses at which the robot overlaps a body.
     overlapping: Vec<Row>,
-    /// Whether the hand gets past the actuation pose with any tried pose.
+    /// Whether the hand can move beyond the actuation pose from at least one tried pose.
     is_passed: bool,
 }
 
@@ -41,12 +41,12 @@ impl Trials {
         self.best.as_ref().is_some_and(Attempt::is_whole)
     }
 
-    /// Returns the score that a pose must beat, if any; the cheapest of several poses with equal scores wins.
+    /// Returns the score that an attempt must exceed; of several equal scores, the cheapest pose wins.
     fn bar(&self, rank: usize) -> Option<f64> {
         self.best.as_ref().map(|b| if rank < b.rank { b.score().next_down() } else { b.score() })
     }
 
-    /// Returns the incomplete motion with the largest bound, the cheapest of equals, if it may beat the best so far.
+    /// Returns the incomplete motion with the largest bound (of several, the cheapest), if it may beat the best one.
     fn furthest(&mut self) -> Option<Attempt> {
         let order = |a: &Attempt, b: &Attempt| a.extent().total_cmp(&b.extent()).then(b.rank.cmp(&a.rank));
         let k = (0..self.parts.len()).max_by(|a, b| order(&self.parts[*a], &self.parts[*b]))?;
@@ -64,8 +64,8 @@ impl Trials {
 }
 
 impl Planner<'_> {
-    /// Returns the motion that continues an earlier plan through its actuation pose, if that pose is still valid. A
-    /// motion that is resumed after the actuation has no other pose.
+    /// Returns the motion that continues an earlier plan through its actuation pose, if that pose still meets the
+    /// constraints. A motion that is resumed after the actuation can only use this pose.
     pub(super) fn warm_start_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
         let past = self.entry > self.world.schedule.actuation();
         let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
@@ -91,10 +91,10 @@ impl Planner<'_> {
         let mut trials = Trials::default();
         // Other poses are searched only if the cheapest one allows no motion.
         let (cheapest, mut others) = (found.candidates[0], None);
-        // The hand paths from a pose do not depend on the margin.
+        // The hand paths from a pose are the same for every margin, so they are computed once.
         let mut followed: Vec<Attempt> = Vec::new();
         let margins = self.margins_in_turn();
-        // Partial motion of an earlier round with a larger margin; used if planning must end.
+        // Partial motion from the round with the previous, larger margin. It is returned if planning reaches a limit.
         let mut kept: Option<(f64, Attempt)> = None;
         for (round, margin) in margins.iter().enumerate() {
             let is_last = round + 1 == margins.len();
@@ -127,7 +127,7 @@ impl Planner<'_> {
                 break;
             }
         }
-        // Try additional poses that meet the constraints if the cheap ones allow no motion.
+        // If no cheap pose allows a complete motion, try additional poses that meet the constraints.
         let mut extra = 0;
         for start in 0..options.extra_seeds {
             if self.is_done(&trials) || extra > most {
@@ -135,7 +135,7 @@ impl Planner<'_> {
             }
             let Some(pose) = search.sample(start) else { continue };
             let attempt = self.followed_and_seen(&pose.x);
-            // Poses that overlap a body are rejected at almost no cost.
+            // Only poses without an overlap count, because rejecting an overlapping pose takes hardly any time.
             extra += usize::from(!attempt.overlaps);
             self.try_followed(attempt, samples, &mut trials);
         }
@@ -164,14 +164,14 @@ impl Planner<'_> {
         trials.keep(attempt);
     }
 
-    /// Drops incomplete motions once their extents can no longer affect the result.
+    /// Removes incomplete motions that can no longer affect the result.
     fn drop_parts(&self, trials: &mut Trials) {
         for attempt in std::mem::take(&mut trials.parts) {
             self.keep(attempt, trials);
         }
     }
 
-    /// Tries the pose that most likely allows the whole motion, and records the outcome.
+    /// Tries the pose that is most likely to allow a complete motion, and records the result.
     fn try_at_once(&mut self, x: &Row, samples: usize, trials: &mut Trials) {
         let bar = trials.bar(trials.tried);
         let mut attempt = self.followed(x, false);
@@ -186,7 +186,7 @@ impl Planner<'_> {
         if worth { self.finish(attempt, samples, trials) } else { self.keep(attempt, trials) }
     }
 
-    /// Follows the hand paths from a pose and checks single waypoints: the part of an attempt that does not depend on
+    /// Follows the hand paths from a pose and checks individual waypoints. This part of an attempt does not depend on
     /// the margin.
     fn followed_and_seen(&mut self, x: &Row) -> Attempt {
         let mut attempt = self.followed(x, true);
@@ -196,7 +196,7 @@ impl Planner<'_> {
         attempt
     }
 
-    /// Tries one pose of many. An incomplete motion is kept for later.
+    /// Tries one pose of many. An incomplete motion is stored and may be examined later.
     fn try_followed(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
         attempt.rank = trials.tried;
         trials.tried += 1;
@@ -217,8 +217,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Tries poses after moving them out of their overlaps, the smallest overlap first, if only overlaps reject all
-    /// others.
+    /// If the hand cannot move beyond the actuation pose from any tried pose, moves overlapping poses out of their
+    /// overlaps and tries them, the smallest overlap first.
     fn try_cleared(&mut self, search: &mut ActuationSearch<'_>, samples: usize, trials: &mut Trials) {
         let most = self.problem.options.clearings;
         if trials.is_passed || most == 0 || self.is_done(trials) {
@@ -244,8 +244,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Finds the longest of the incomplete motions, and searches more thoroughly for the approach of motions that are
-    /// complete otherwise.
+    /// Finds the longest incomplete motion, and repeats the search for the approach with more samples for motions that
+    /// lack only the approach.
     fn try_rest(&mut self, samples: usize, trials: &mut Trials) {
         self.try_parts(samples, trials);
         for attempt in std::mem::take(&mut trials.again) {
@@ -258,7 +258,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Finds the longest of the incomplete motions.
+    /// Finds the longest incomplete motion.
     fn try_parts(&mut self, samples: usize, trials: &mut Trials) {
         while !self.is_done(trials)
             && let Some(mut attempt) = trials.furthest()
@@ -278,8 +278,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Completes a candidate whose hand paths are collision-free: searches the free approach to the first keyframe and
-    /// computes the times of the whole motion.
+    /// Completes a candidate whose hand paths are collision-free: searches the free approach and times the whole
+    /// motion.
     fn finish(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
         let before = (attempt.failure.clone(), attempt.hits.len());
         self.complete(&mut attempt, samples);
