@@ -1,10 +1,10 @@
-//! Log-barrier problem of a time-optimal speed with jerk limits (see `third_order`): its linear forms of the spline
+//! Log-barrier problem of a time-optimal speed with jerk limits (see `third_order`): linear forms of the spline
 //! coefficients, their bounds, and Newton steps with pentadiagonal matrices.
 
 use super::limits::Limits;
 use super::third_order::{PathProblem, Station};
 
-/// A linear form of the three consecutive spline coefficients c that start with that of cell `at`.
+/// A linear form of three consecutive spline coefficients c; the first of them belongs to cell `at`.
 #[derive(Clone, Copy)]
 pub(super) struct Form {
     pub at: usize,
@@ -17,7 +17,7 @@ impl Form {
     }
 }
 
-/// A limit on a linear form: |row| sqrt(x) <= limit if the station of `x` is given, otherwise |row - middle| <= limit.
+/// A limit on a linear form `row`. If `x` names a station: |row| sqrt(x) <= limit; otherwise |row - middle| <= limit.
 pub(super) struct Bound {
     pub row: Form,
     pub middle: f64,
@@ -35,21 +35,21 @@ impl Bound {
 pub(super) struct Problem {
     pub cells: usize,
     pub steps: Vec<f64>,
-    /// x at each station except the first and last.
+    /// x = (ds/dt)² at each station except the first and the last.
     pub x: Vec<Form>,
     /// d²s/dt² at the same stations.
     pub w: Vec<Form>,
-    /// x at stations and in the middle of cells, each with the maximum given by velocity limits.
+    /// Forms of x at the stations and in the middle of the cells, each with the maximum that the velocity limits allow.
     pub ceilings: Vec<(Form, f64)>,
     pub bounds: Vec<Bound>,
-    /// The duration is the sum of steps / sqrt(x) over these pairs of x in the middle of a cell and its step.
+    /// The duration is the sum of step / sqrt(x) over these pairs of x in the middle of a cell and the cell's step.
     pub times: Vec<(Form, f64)>,
-    /// The first and last c are these multiples of their neighbours; `fixed` is added to the first.
+    /// Ratios of the first and the last coefficient c to their neighbours; `fixed` is added to the first coefficient.
     pub ends: [f64; 2],
     pub fixed: f64,
 }
 
-/// Returns the maximum x at a position, which the first joint at its velocity limit determines.
+/// Returns the maximum x at a position, at which the first joint reaches its velocity limit.
 fn greatest(limits: &Limits, slope: impl Fn(usize) -> f64, pace: f64, share: f64) -> f64 {
     let speed = (0..limits.joints()).map(|v| limits.velocity[v] / slope(v).abs()).fold(pace, f64::min);
     share * share * speed * speed
@@ -78,7 +78,7 @@ impl Problem {
             greatest(limits, |v| stations[k].first[v], path.pace[k], share)
         };
         let mut at_stations: Vec<f64> = (0..=cells).map(at_station).collect();
-        // From rest, s = J t^3 / 6: x = (9 J s^2 / 2)^(2/3) at the end of the cell.
+        // With constant jerk J from rest, s = J t^3 / 6, so x = (9 J s^2 / 2)^(2/3) at the end of the cell.
         for (cell, near, at_end) in [(0, 1, false), (last, last, true)] {
             if at_end || !moving {
                 let jerk = (0..n)
@@ -104,7 +104,7 @@ impl Problem {
             fixed: path.begin * path.begin,
         };
         out.collect(path, moving);
-        // The first and last cell take 3 Δs / sqrt(x).
+        // The durations of the first and the last cell are 3 Δs / sqrt(x).
         out.times.push((out.x[last], 3.0 * out.steps[last]));
         if !moving {
             out.times.push((out.x[1], 3.0 * out.steps[0]));
@@ -134,7 +134,7 @@ impl Problem {
                 self.bounds.push(Bound { row: Form { at: k - 1, of }, middle, limit, x: None });
             }
         }
-        // For a moving start, x and w are known at the start: forms in the first coefficient only.
+        // At a moving start, x and w are known, and the forms of the first cell depend on the first coefficient only.
         for cell in usize::from(!moving)..self.cells - 1 {
             let step = self.steps[cell];
             let at = cell.saturating_sub(1);
@@ -159,7 +159,7 @@ impl Problem {
             middle[own] += 0.5;
             let middle = Form { at, of: middle };
             self.times.push((middle, step));
-            // For a moving start, x hardly changes in the first cell.
+            // In the first cell of a moving start, x is nearly constant, so its middle needs no bound.
             if cell > 0 {
                 let (h, Station { first, second, third, .. }) = (0.5 * step, &stations[cell]);
                 let slope = |v: usize| first[v] + h * (second[v] + 0.5 * h * third[v]);
@@ -169,7 +169,7 @@ impl Problem {
                 }
             }
             for (k, x) in [(cell, start), (cell + 1, end)] {
-                // At a moving start w is 0, and the jerk hardly differs from that at the end of the cell.
+                // At a moving start, w is 0 and the jerk nearly equals that at the cell's end, which is bounded.
                 if k == 0 {
                     continue;
                 }
@@ -185,14 +185,14 @@ impl Problem {
         }
     }
 
-    /// Sets the first and the last coefficient, which follow from the boundary conditions and the other coefficients.
+    /// Sets the first and the last coefficient, which the boundary conditions determine from the other coefficients.
     pub(super) fn spread(&self, c: &mut [f64]) {
         let last = self.cells - 1;
         c[0] = self.fixed + self.ends[0] * c[1];
         c[last] = self.ends[1] * c[last - 1];
     }
 
-    /// Returns the maximum fractions of the limits on velocity (of x), acceleration and jerk.
+    /// Returns the largest used fraction of the velocity limits (in terms of x), acceleration limits and jerk limits.
     pub(super) fn usage(&self, c: &[f64]) -> [f64; 3] {
         let mut out = [0.0_f64; 3];
         for (x, most) in &self.ceilings {
@@ -208,11 +208,11 @@ impl Problem {
         out
     }
 
-    /// Returns weighted time plus barrier; `None` outside the feasible set. `slack` widens the limits.
+    /// Returns the duration times `weight`, plus the barrier; `None` if a limit is violated. `slack` widens the limits.
     pub(super) fn merit(&self, c: &[f64], weight: f64, slack: f64) -> Option<f64> {
         let mut out = 0.0;
         let mut product = 1.0_f64;
-        // One logarithm of the product of many rows is faster than a logarithm of each.
+        // One logarithm of a product of many terms is faster than one logarithm of each term.
         let mut log = |value: f64| {
             if value <= 0.0 || value.is_nan() {
                 return false;
@@ -293,7 +293,7 @@ impl Problem {
         Some((step, decrement))
     }
 
-    /// Eliminates the coefficients at the ends, which depend on their neighbours.
+    /// Eliminates the first and the last coefficient, which depend on their neighbours.
     pub(super) fn tie(&self, gradient: &mut [f64], band: &mut [[f64; 3]]) {
         let last = self.cells - 1;
         let [first, end] = self.ends;

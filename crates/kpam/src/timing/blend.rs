@@ -1,17 +1,16 @@
-//! Blends of two motions: the second one begins while the first one (the lead) still decelerates, and their velocities
-//! add up. A lead that brakes into a corner and a motion that accelerates out of it then round the corner without a
-//! stop.
+//! Blends of two motions: the second motion begins while the first one, called the lead, still decelerates, and their
+//! velocities add up. In this way the robot rounds a corner without a stop.
 
 use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, Piece, peaks, range, smooth_range};
 use super::trajectory::Trajectory;
 use crate::model::Row;
 
-/// Number of start times that are tried, from the earliest to the end of the lead, and of bisections between the first
-/// that keeps the limits and the previous one.
+/// Number of start times of the second motion that are tried, from the earliest one to the end of the lead. Also the
+/// number of bisections between the first start time that keeps the limits and the previous one.
 const TRIES: u32 = 12;
 const HALVINGS: usize = 6;
-/// Share of the jerk limit reserved for rounding; nodes closer in time than this permits are dropped.
+/// Fraction of the jerk limit reserved for rounding errors; nodes too close in time for it are dropped.
 const ROUNDED: f64 = 1e-7;
 /// Rounding error of a quintic's jerk times the cube of its duration (rad or m).
 const ROUNDING: f64 = 3e-14;
@@ -22,7 +21,7 @@ pub(crate) struct Blend<'a> {
     pub lead: &'a [Node],
     /// Limits of the blended motion.
     pub limits: &'a Limits,
-    /// Lower and upper limits of position.
+    /// Lower and upper position limits of the joints.
     pub room: [&'a Row; 2],
     /// Earliest time (s) after the start of the lead at which the motion may begin.
     pub earliest: f64,
@@ -34,8 +33,8 @@ impl Blend<'_> {
         self.lead.last().map_or(0.0, |node| node.time)
     }
 
-    /// Returns the lead followed by `motion`, which begins as early as the limits allow, and the delay (s) of `motion`
-    /// relative to the start of the lead.
+    /// Returns the lead followed by `motion`, which begins as early as the limits allow, and the delay (s) of the start
+    /// of `motion` after the start of the lead.
     pub fn of(&self, motion: &Trajectory) -> (Trajectory, f64) {
         let end = self.end();
         let mut late = end;
@@ -61,13 +60,13 @@ impl Blend<'_> {
         (self.joined(motion, late, found), late)
     }
 
-    /// Returns the lead, followed by `motion` after its end.
+    /// Returns the lead, followed by `motion`, which begins when the lead has ended.
     pub fn one_after_the_other(&self, motion: &Trajectory) -> (Trajectory, f64) {
         (self.joined(motion, self.end(), None), self.end())
     }
 
-    /// Returns nodes of the sum of lead and `motion` from `begin` to the end of the lead, with time 0 at `begin`;
-    /// `None` if a limit is exceeded.
+    /// Returns nodes of the sum of the lead and `motion` from time `begin` (s) to the end of the lead. The nodes' times
+    /// count from `begin`. `None` if the sum exceeds a limit.
     fn over(&self, motion: &Trajectory, begin: f64) -> Option<Vec<Node>> {
         let joints = self.limits.joints();
         let lead = Piece::plain(0.0, joints, self.lead);
@@ -113,7 +112,7 @@ impl Blend<'_> {
         Some(nodes)
     }
 
-    /// Returns the lead and `motion`, which begins `late` seconds after it; `over` are the nodes while both move.
+    /// Returns the lead and `motion`, which begins `late` seconds after it; `over` holds the nodes while both move.
     fn joined(&self, motion: &Trajectory, late: f64, over: Option<Vec<Node>>) -> Trajectory {
         let (joints, start, end) = (self.limits.joints(), motion.start(), self.end());
         if end <= 0.0 {
@@ -139,8 +138,8 @@ impl Blend<'_> {
     }
 }
 
-/// Returns whether a motion through nodes keeps the position limits, except beyond which it starts, and the
-/// position-dependent velocity limits.
+/// Returns whether a motion through nodes keeps the position limits and the position-dependent velocity limits. A joint
+/// that starts outside its position limits may stay outside, but may not move further out.
 pub(crate) fn keeps(limits: &Limits, room: [&Row; 2], nodes: &[Node]) -> bool {
     let joints = limits.joints();
     nodes.windows(2).all(|pair| {

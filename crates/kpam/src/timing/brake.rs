@@ -1,4 +1,4 @@
-//! Fastest stops of a motion along its path.
+//! Fastest way to stop a motion along its path.
 
 use super::by_length::{LONGEST, Path, STILL, norm};
 use super::limits::TOLERANCE;
@@ -9,33 +9,33 @@ use super::trajectory::Trajectory;
 use crate::ProblemError;
 use crate::model::Row;
 
-/// Numbers of intervals between nodes of a time-optimal stop: normal and maximum.
+/// Normal and maximum number of intervals between the nodes of a time-optimal stop.
 const INTERVALS: [f64; 2] = [16.0, 48.0];
 const MOST: usize = 1500;
-/// Shares of the limits on acceleration and jerk along the path that are tried in turn, until the joints' limits are
+/// Fractions of the acceleration and jerk limits along the path. They are tried in turn until all joint limits are
 /// kept.
 const SHARES: [f64; 9] = [1.0, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3, 0.15];
 const SHARP: [f64; 3] = [1.0, 0.6, 0.3];
-/// Number of bisections of the start time of the last ramp, and the share of an interval by which it may begin early.
+/// Number of bisections for the start of the last ramp, and fraction of an interval by which it may begin early.
 const HALVINGS: usize = 40;
 const SOON: f64 = 0.3;
-/// Minimum share of an interval in which the acceleration changes, if it does not change uniformly.
+/// Minimum fraction of an interval for a change of acceleration; a shorter change is spread over the whole interval.
 const EVEN: f64 = 0.3;
-/// Tolerance of a node's distance from the maximum speed, as a share of an interval.
+/// Maximum distance in time between a node and the maximum of the speed, as a fraction of an interval.
 const PEAK: f64 = 0.004;
 /// Rounding error of a quintic's jerk times the cube of its duration (rad or m).
 const ROUNDING: f64 = 3e-13;
-/// If no stop is found along the path, the motion runs to its end if this takes at most this multiple of the time in
-/// which the joints could stop independently.
+/// If no stop along the path is found, the motion may run to its end instead. Its remaining time may be at most this
+/// multiple of the time in which the joints could stop independently.
 const PATIENCE: f64 = 20.0;
 
 impl Trajectory {
-    /// Returns the motion that comes to rest as soon as the limits allow from the state at time `t` (s) on, along the
-    /// same path. It begins at `t`; if the motion comes to rest earlier by itself, it is returned unchanged.
+    /// Returns a motion that starts at time `t` (s) in the state of this motion and comes to rest along the same path
+    /// as soon as the limits allow. If this motion comes to rest earlier by itself, its remaining part is returned.
     ///
-    /// The stop brakes everywhere as hard as the limits of velocity, acceleration and jerk allow, which may need more
-    /// torque than the motion. If no stop along the path keeps the limits, as right before the motion reverses, every
-    /// joint stops independently as soon as it can, which may leave the path.
+    /// The stop decelerates as hard as the velocity, acceleration and jerk limits allow, which may need more torque
+    /// than this motion. If no stop along the path keeps the limits, for example right before the motion reverses,
+    /// every joint stops independently as soon as it can. The robot may then leave the path.
     ///
     /// # Errors
     /// The time is not finite.
@@ -51,7 +51,7 @@ impl Trajectory {
         let path = Path::new(self, begin);
         let mut best: Option<Vec<Node>> = None;
         let time = |nodes: &[Node]| nodes[nodes.len() - 1].time;
-        // Without speed, or with too coarse times, the path has no direction.
+        // At rest, or if the path is sampled too coarsely, the path has no direction.
         let tries = if speed < STILL || path.places.len() < 2 { &[][..] } else { &INTERVALS[..] };
         for intervals in tries {
             let along: f64 = (0..joints).map(|v| velocity[v] * acceleration[v]).sum::<f64>() / speed;
@@ -66,7 +66,7 @@ impl Trajectory {
         let rest = if path.rests { path.end() } else { self.end() };
         let patience = if path.rests { PATIENCE * time(&own) + LONGEST } else { time(&own) };
         let pieces = match best {
-            // The end of the motion itself replaces a stop that would not end earlier.
+            // If the motion itself comes to rest as early as the stop, the motion is kept.
             Some(nodes) if time(&nodes) < rest - begin => vec![Piece::smooth(begin, joints, &nodes, &[])],
             None if patience < rest - begin => vec![Piece::plain(begin, joints, &own)],
             _ => {
@@ -83,8 +83,8 @@ impl Trajectory {
         Ok(self.with(pieces, times, *self.limits()))
     }
 
-    /// Returns the nodes of the stop along a path from a state on it, using `shares` of the limits on acceleration and
-    /// jerk; `None` if a joint's limit is exceeded or the path ends first.
+    /// Returns the nodes of a stop along a path from the state `start`; `shares` are the usable fractions of the
+    /// acceleration and jerk limits. `None` if a joint exceeds a limit or the path ends before the stop.
     fn stopped(&self, path: &Path<'_>, start: State, shares: [f64; 2], intervals: f64) -> Option<Vec<Node>> {
         let limits = self.limits();
         let tangent = path.at([0.0, 1.0, 0.0])[1];
@@ -112,7 +112,7 @@ impl Trajectory {
             }
             let [_, tangent, bend] = path.at([length, 1.0, 0.0]);
             let jerk = shares[1] * along(limits, &tangent).jerk;
-            // The maximum deceleration of each joint, given the path's curvature.
+            // The path's curvature uses up a part of each joint's acceleration limit; the rest bounds the deceleration.
             let mut hardest = f64::NEG_INFINITY;
             for v in 0..limits.joints() {
                 let (limit, taken) = (shares[0] * limits.acceleration[v], bend[v] * speed * speed);
@@ -120,12 +120,12 @@ impl Trajectory {
                 hardest = hardest.max(-(room.max(0.0)) / tangent[v].abs());
             }
             let wanted = hardest.max(-(2.0 * jerk * speed).sqrt());
-            // A large change of acceleration is made as fast as possible, a small one uniformly over the interval.
+            // A large change of acceleration is made as fast as possible, a small one over the whole interval.
             let change = wanted - gain;
             let soon = (change.abs() / jerk).min(step);
             let whole = if soon > EVEN * step { soon } else { step };
             let rate = (change / whole).clamp(-jerk, jerk);
-            // A node is placed at the maximum speed, since speeds between nodes are only bounded from above.
+            // Place a node at the maximum of the speed, because the speed limit is checked at nodes only.
             let peak = -gain / rate;
             let whole = if peak > PEAK * step && peak < whole + PEAK * step { peak } else { whole };
             let ends = |t: f64| {
@@ -209,7 +209,7 @@ mod tests {
                     last = now;
                 }
                 assert!(last.velocity.iter().chain(&last.acceleration).all(|v| v.abs() < 1e-8), "{last:?}");
-                // By measurement, a stop on a curved path takes up to five times as long as stops of independent
+                // In measurements, a stop along a curved path took up to five times as long as independent stops of the
                 // joints.
                 let [position, v, acceleration] = before;
                 let own = shortest(&limits, &position, &v, &acceleration);
@@ -222,7 +222,7 @@ mod tests {
         }
     }
 
-    /// Returns the time in which all joints come to rest independently.
+    /// Returns the time (s) in which all joints can come to rest independently of each other.
     fn shortest(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> f64 {
         crate::timing::stop(limits, position, velocity, acceleration).last().unwrap().time
     }
@@ -243,8 +243,8 @@ mod tests {
         }
     }
 
-    /// Checks that a stop from `t` on starts in the motion's state, keeps its limits, ends at rest, and takes at most
-    /// `most` times as long as stops of independent joints.
+    /// Checks that the stop from time `t` on starts in the motion's state, keeps the motion's limits, ends at rest, and
+    /// takes at most `most` times as long as independent stops of the joints.
     fn stops(motion: &Trajectory, t: f64, most: f64) {
         let limits = motion.limits();
         let stop = motion.brake(t).unwrap();
@@ -303,7 +303,7 @@ mod tests {
                 assert!(stop.moving_with_rates(stop.end())[1].iter().all(|v| v.abs() < 1e-6));
             }
         }
-        // Rounding leaves at least one motion not quite at rest at its end.
+        // At least one tested motion must not be exactly at rest at its end because of rounding.
         assert!(moving > 0);
     }
 
@@ -362,7 +362,7 @@ mod tests {
             let piece = Piece::plain(0.0, 2, &[node(0.0), node(duration)]);
             let long = short.with(vec![piece], vec![0.0, duration], limits);
             stops(&long, 0.5, 1.05);
-            // Even if the path's times are further apart than the stop takes, the stop ends.
+            // A stop that is shorter than the interval between the path's sampled times must end, too.
             let stop = long.brake(0.9 * duration).unwrap();
             assert!(stop.end() <= 0.9 * duration + 1.0);
         }

@@ -1,11 +1,11 @@
-//! The path of a motion, parametrized by its length.
+//! The path of a motion as a function of its length.
 
 use super::limits::TOLERANCE;
 use super::stop::State;
 use super::trajectory::Trajectory;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Maximum interval (s) over which the length is integrated at once.
+/// Maximum time interval (s) over which one quadrature step integrates the length.
 pub(super) const LONGEST: f64 = 0.02;
 /// Maximum number of intervals.
 const MAX_STEPS: usize = 20_000;
@@ -14,17 +14,17 @@ pub(super) const STILL: f64 = 1e-9;
 /// Number of bisections of the time at which a motion reverses.
 const HALVINGS: usize = 40;
 
-/// The path of a motion from a time on, parametrized by its length.
+/// The path of a motion from a given time on, as a function of its length.
 pub(super) struct Path<'m> {
     motion: &'m Trajectory,
-    /// Times (s), each with the length (rad or m) of the path until then.
+    /// Pairs of a time (s) and the length (rad or m) of the path up to this time.
     pub places: Vec<(f64, f64)>,
-    /// Whether the motion is at rest at the end.
+    /// Whether the motion is at rest at the end of the path.
     pub rests: bool,
 }
 
 impl<'m> Path<'m> {
-    /// Returns the path from `begin` until the motion rests or reverses, at most [`MAX_STEPS`] intervals.
+    /// Returns the path from time `begin` (s) until the motion rests or reverses, or after [`MAX_STEPS`] intervals.
     pub fn new(motion: &'m Trajectory, begin: f64) -> Self {
         let mut places = vec![(begin, 0.0)];
         measure(motion, &mut places);
@@ -41,7 +41,7 @@ impl<'m> Path<'m> {
         self.places.last().map_or(0.0, |place| place.1)
     }
 
-    /// Returns the time at which the motion has covered this length.
+    /// Returns the time (s) at which the motion has covered this length.
     fn time(&self, length: f64) -> f64 {
         let k = self.places.partition_point(|place| place.1 <= length).clamp(1, self.places.len() - 1);
         let ((mut low, from), (mut high, to)) = (self.places[k - 1], self.places[k]);
@@ -65,7 +65,7 @@ impl<'m> Path<'m> {
         at
     }
 
-    /// Returns the state on the path for a length, its speed and its acceleration.
+    /// Returns the joints' state at a length of the path, given the speed and acceleration along the path.
     pub fn at(&self, [length, speed, gain]: State) -> [Row; 3] {
         let joints = self.motion.limits().joints();
         let time = self.time(length);
@@ -83,12 +83,12 @@ impl<'m> Path<'m> {
     }
 }
 
-/// Appends times and lengths of the path after the first entry of `places`.
+/// Appends times and lengths of the path that follow the first entry of `places`.
 fn measure(motion: &Trajectory, places: &mut Vec<(f64, f64)>) {
     let speed = |t: f64| norm(motion, &motion.moving_with_rates(t)[1]);
     let (mut from, mut length) = places[0];
-    // Between its corners the motion is one polynomial. Pieces may overlap in time, so the times at which they take
-    // effect count as corners, too.
+    // Between these times the motion is one polynomial. Pieces may overlap in time, so the times at which the
+    // trajectory switches to the next piece are included.
     let pieces = motion.from(from);
     let mut corners: Vec<f64> =
         pieces.iter().flat_map(|piece| [piece.corners(), vec![piece.counts]].concat()).collect();
@@ -123,7 +123,7 @@ fn measure(motion: &Trajectory, places: &mut Vec<(f64, f64)>) {
     }
 }
 
-/// Returns the time between two times at which the motion reverses on its path, if it does.
+/// Returns the time between two times at which the motion reverses on its path; `None` if it does not reverse.
 fn turn(motion: &Trajectory, mut low: f64, mut high: f64) -> Option<f64> {
     let velocity = |t: f64| motion.moving_with_rates(t)[1];
     let first = velocity(low);
@@ -136,11 +136,11 @@ fn turn(motion: &Trajectory, mut low: f64, mut high: f64) -> Option<f64> {
         let middle = 0.5 * (low + high);
         if back(middle) { high = middle } else { low = middle }
     }
-    // Only a motion that comes to rest reverses; it passes a sharp bend at some speed.
+    // A motion reverses only where it comes to rest; at a sharp bend its speed is above zero.
     (norm(motion, &velocity(low)) < TOLERANCE).then_some(low)
 }
 
-/// Returns the length between two times by three-point Gauss-Legendre quadrature.
+/// Returns the length of the path between two times, by three-point Gauss-Legendre quadrature.
 fn gone(speed: &impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let off = half * 0.6_f64.sqrt();

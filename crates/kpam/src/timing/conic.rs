@@ -34,14 +34,14 @@ impl Rows {
     }
 }
 
-/// Returns the squared path speed x = (ds/dt)² of the fastest motion at each station of the grid, from `begin` at the
-/// first station to 0 at the last; `None` if no motion exists.
+/// Returns the squared path speed x = (ds/dt)² of the fastest motion at each station of the grid. It is `begin` at the
+/// first station and 0 at the last. `None` if no motion exists.
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&Cancel>) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let ceilings = grid.ceilings(limits, begin);
-    // The median ceiling scales x to about 1 along the path. The maximum is unsuitable: velocity limits allow
-    // arbitrarily large x where the path hardly moves any joint, and x would be below the solver's tolerance everywhere
-    // else.
+    // The median ceiling scales x to about 1 along the path. The maximum ceiling is unsuitable: where the path hardly
+    // moves any joint, velocity limits allow an arbitrarily large x, and x elsewhere would fall below the solver's
+    // tolerance.
     let mut finite: Vec<f64> = ceilings.iter().copied().filter(|c| c.is_finite() && *c > 0.0).collect();
     finite.sort_by(f64::total_cmp);
     let unit = finite.get(finite.len() / 2).copied().unwrap_or(1.0);
@@ -62,7 +62,7 @@ pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&
         let twice = 2.0 * grid.step(cell);
         grid.rows(limits, cell, &mut bounds);
         for &[a, b, low, high] in &bounds {
-            // low <= a u + b x <= high with u = (x_next - x) / 2 Δs.
+            // With u = (x_next - x) / 2 Δs, a row low <= a u + b x <= high becomes linear in x and x_next.
             let (now, next) = (b - a / twice, a / twice);
             let size = now.abs().max(next.abs()) * unit;
             if size > 0.0 {
@@ -76,7 +76,7 @@ pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&
     let inequalities = rows.b.len() - equalities;
     let mut cones: Vec<SupportedConeT<f64>> = vec![ZeroConeT(equalities), NonnegativeConeT(inequalities)];
     for k in 0..=cells {
-        // c^2 <= x: |(2 c, x - 1)| <= x + 1.
+        // Cone form of c^2 <= x: |(2 c, x - 1)| <= x + 1.
         rows.push(&[(x(k), -1.0)], 1.0);
         rows.push(&[(c(k), -2.0)], 0.0);
         rows.push(&[(x(k), -1.0)], -1.0);
@@ -85,7 +85,7 @@ pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&
     let mut q = vec![0.0; variables];
     let length = grid.stations[cells].s;
     for k in 0..cells {
-        // 1 <= d (c + c_next): |(2, c + c_next - d)| <= c + c_next + d.
+        // Cone form of 1 <= d (c + c_next): |(2, c + c_next - d)| <= c + c_next + d.
         rows.push(&[(c(k), -1.0), (c(k + 1), -1.0), (d(k), -1.0)], 0.0);
         rows.push(&[], 2.0);
         rows.push(&[(c(k), -1.0), (c(k + 1), -1.0), (d(k), 1.0)], 0.0);

@@ -9,10 +9,10 @@ use super::trajectory::{Builder, Refusal};
 use crate::ProblemError;
 use crate::model::{JointMap, MAX_JOINTS, Row};
 
-/// Number of states before the second waypoint at which a motion from a moving start may switch to a motion from rest.
+/// Number of states before the second waypoint at which a motion from a moving start may join a motion from rest.
 const STATES: usize = 24;
 
-/// Waypoints of a motion, its stops, and minimum times between waypoints.
+/// Waypoints of a motion, waypoints at which it stops, and minimum times between waypoints.
 pub(super) struct Course<'a> {
     pub points: &'a [Row],
     pub stops: &'a [usize],
@@ -20,7 +20,7 @@ pub(super) struct Course<'a> {
 }
 
 impl Course<'_> {
-    /// Returns the motion through the waypoints from rest at `first`, which replaces the first waypoint.
+    /// Returns the motion through the waypoints that starts at rest; `first` replaces the first waypoint.
     pub fn driven_from_rest(&self, mut builder: Builder, first: Row) -> Result<Retimed, ProblemError> {
         let limits = *builder.limits();
         let joints = limits.joints();
@@ -47,9 +47,9 @@ impl Course<'_> {
         Ok(Retimed { trajectory: builder.build(&JointMap::each(joints, &first[..joints])), times })
     }
 
-    /// Returns the motion from a moving start that ends first: before the second waypoint, it switches to a motion
-    /// along the path from rest. That motion begins at the start, at the mirror image of the position where the start
-    /// would stop, or at the position where the start would stop.
+    /// Returns the motion from a moving start that ends earliest. Before the second waypoint, it joins a motion that
+    /// follows the path from rest. The motion from rest begins at one of three positions: the start, the position where
+    /// braking from the start would end, or this position mirrored at the start.
     pub fn under_way(
         &self,
         builder: &Builder,

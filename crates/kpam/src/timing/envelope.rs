@@ -1,6 +1,6 @@
 //! Position-dependent velocity limits: the closer a joint is to the end of its range, the slower it may move towards
-//! it. Franka publishes them for the Research 3 as `v <= -o + sqrt(k (u - q))`, the speed from which a joint can still
-//! brake.
+//! this end. For its Research 3, Franka publishes limits `v <= -o + sqrt(k (u - q))`, the speed from which a joint can
+//! still stop before the end.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,9 +9,9 @@ use super::motion::{Node, curve};
 use crate::ProblemError;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Velocities towards an end below this (rad/s or m/s) are rounding errors.
+/// Velocities towards the end of a range below this (rad/s or m/s) count as rounding errors.
 const STILL: f64 = 1e-9;
-/// Tolerance of the squared velocity beyond its bound (rad^2/s^2), for rounding.
+/// Permitted excess of the squared velocity over its bound (rad^2/s^2 or m^2/s^2), for rounding errors.
 const ROUNDING: f64 = 1e-9;
 
 /// Velocity limit of a joint towards either end of its range, in addition to its constant limit: `-offset + sqrt(gain
@@ -29,14 +29,14 @@ pub struct Braking {
 }
 
 impl Braking {
-    /// Whether the numbers are valid.
+    /// Returns whether the numbers are finite and in their ranges.
     pub(crate) fn is_sound(&self) -> bool {
         let finite = [self.upper, self.lower, self.gain, self.offset].iter().all(|v| v.is_finite());
         finite && self.gain > 0.0 && self.offset >= 0.0 && self.lower < self.upper
     }
 
-    /// Returns the distance to the end of the range on a side (1 up, -1 down), and the speed limit towards it; negative
-    /// if no motion towards it is allowed.
+    /// Returns the distance to the end of the range on one side (1 upper, -1 lower), and the speed limit towards this
+    /// end. The limit is negative if the joint may not move towards this end.
     fn most(&self, side: f64, q: f64) -> f64 {
         (self.gain * self.room(side, q)).max(0.0).sqrt() - self.offset
     }
@@ -71,7 +71,7 @@ impl Envelope {
         self.0.iter().flatten().all(Braking::is_sound)
     }
 
-    /// Returns the bounds scaled by `share`.
+    /// Returns the velocity bounds multiplied by `share`.
     pub fn scaled(mut self, share: f64) -> Self {
         for braking in self.0.iter_mut().flatten() {
             braking.gain *= share * share;
@@ -80,7 +80,7 @@ impl Envelope {
         self
     }
 
-    /// Returns the wider of two bounds for each joint.
+    /// Returns, for each joint, the wider bounds of the two.
     pub fn wider(&self, other: &Self) -> Self {
         let mut out = *self;
         for (own, other) in out.0.iter_mut().zip(&other.0) {
@@ -94,7 +94,7 @@ impl Envelope {
         out
     }
 
-    /// Returns whether the bounds `other` are nowhere wider than these, up to [`TOLERANCE`].
+    /// Returns whether all bounds in `other` are at least as strict as these, up to [`TOLERANCE`].
     pub fn admits(&self, other: &Self) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= 10.0 * TOLERANCE;
         self.0.iter().zip(&other.0).all(|pair| match pair {
@@ -109,7 +109,7 @@ impl Envelope {
         })
     }
 
-    /// Returns the maximum path speed ds/dt (1/s) at `position` (rad or m) along `slope` = dq/ds.
+    /// Returns the maximum path speed ds/dt (1/s) at `position` (rad or m) of a path with `slope` = dq/ds.
     pub fn speed(&self, position: &Row, slope: &Row) -> f64 {
         let mut out = f64::INFINITY;
         for (v, braking) in self.0.iter().enumerate() {
@@ -129,13 +129,13 @@ impl Envelope {
         wider.share(v, &position, &velocity) <= 1.0
     }
 
-    /// Returns the exceeded velocity bound of a joint, if any, up to [`TOLERANCE`].
+    /// Returns the velocity bound that joint `v` exceeds by more than [`TOLERANCE`], if any.
     pub fn exceeded(&self, v: usize, q: f64, velocity: f64) -> Option<f64> {
         let most = self.0[v]?.most(velocity, q).max(0.0);
         (velocity.abs() > most * (1.0 + TOLERANCE) + TOLERANCE).then_some(most)
     }
 
-    /// Returns the bounds, widened so that a state that exceeds them by rounding keeps them.
+    /// Returns the bounds, widened so that a state that exceeds them only by rounding keeps them.
     pub fn admitting(mut self, position: &Row, velocity: &Row) -> Self {
         for (v, braking) in self.0.iter_mut().enumerate() {
             let Some(braking) = braking else { continue };
@@ -149,11 +149,11 @@ impl Envelope {
         self
     }
 
-    /// Returns the fraction of the bounds of joint `v` that a motion uses, given the Bernstein coefficients of its
-    /// position and velocity; at most 1 if it keeps them everywhere.
+    /// Returns the largest fraction of its bounds that joint `v` uses along a motion, which is given by the Bernstein
+    /// coefficients of position and velocity. The fraction is at most 1 if the motion keeps the bounds everywhere.
     ///
-    /// With `c` the distance times the gain, `v <= -o + sqrt(c)` is equivalent to `(v + o)^2 <= c` for v in that
-    /// direction. This polynomial inequality holds if all Bernstein coefficients are non-negative.
+    /// With `c` the distance to the end times the gain, `v <= -o + sqrt(c)` is equivalent to `(v + o)^2 <= c` for
+    /// motion towards the end. This polynomial inequality holds if all Bernstein coefficients are non-negative.
     pub fn share(&self, v: usize, position: &[f64], velocity: &[f64]) -> f64 {
         let Some(braking) = self.0[v] else { return 0.0 };
         let mut out = 0.0_f64;
@@ -182,7 +182,7 @@ impl Envelope {
     }
 }
 
-/// Number of coefficients of the longest product, the square of a polynomial of degree 4.
+/// Number of coefficients of the product with the highest degree, the square of a polynomial of degree 4.
 const LONG: usize = 9;
 const ONES: [f64; LONG] = [1.0; LONG];
 
@@ -235,7 +235,7 @@ mod tests {
             let limits = limits.with_braking(&[Some(braking), None]).unwrap();
             let motion = match retime(&waypoints, &limits, &RetimeOptions::default()) {
                 Ok(out) => out.trajectory,
-                // The spline may overshoot to a position where the bound is nearly zero.
+                // The spline may overshoot to a position at which the velocity bound is nearly zero.
                 Err(e) => {
                     prop_assert!(e.to_string().contains("waypoints"), "{e}");
                     let rows: Vec<Row> = waypoints
@@ -272,9 +272,9 @@ mod tests {
         };
         assert!((time(&bound, -1.0, 1.0) - time(&plain, -1.0, 1.0)).abs() < 1e-12);
         assert!(time(&bound, 1.0, 2.7) > 1.05 * time(&plain, 1.0, 2.7));
-        // Far from the end the bound is inactive.
+        // Far from the end of the range, the bound does not slow the motion.
         assert!((time(&bound, 2.7, 1.0) - time(&plain, 2.7, 1.0)).abs() < 2e-3);
-        // Within a hundredth of the end, the bound forbids motion towards the end, but not away from it.
+        // Within a hundredth of the end of the range, the bound forbids motion towards the end, but not away from it.
         let line = |from: f64, to: f64| retime(&[vec![from], vec![to]], &bound, &RetimeOptions::default());
         assert!(line(2.0, 2.745).is_err());
         assert!(line(2.745, 2.0).is_ok());
@@ -292,7 +292,7 @@ mod tests {
         let most = braking.most(1.0, 2.5);
         assert!(from(2.5, most * 1.01).unwrap_err().to_string().contains("start_velocity"));
         assert!(from(2.5, 0.98 * most).is_ok());
-        // A joint at its limit that is not braking yet exceeds the limit before its jerk limit lets it brake.
+        // A joint at its bound that is not braking yet exceeds the bound before its jerk limit lets it brake.
         assert!(from(2.5, most).unwrap_err().to_string().contains("braking"));
         assert!(from(2.5, -2.0).is_ok());
         assert!(limits.with_braking(&[Some(Braking { gain: 0.0, ..braking })]).is_err());

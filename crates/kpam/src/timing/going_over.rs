@@ -1,4 +1,4 @@
-//! Switching to a motion that is already in progress: the fastest motion from a state to one of the motion's states.
+//! Switches to a motion that is already in progress: finds the fastest motion from one state to a state of that motion.
 
 use rsruckig::error::ThrowErrorHandler;
 use rsruckig::input_parameter::InputParameter;
@@ -10,10 +10,10 @@ use super::stop::{Phase, State, nodes_to};
 use super::trajectory::Trajectory;
 use crate::model::Row;
 
-/// Tolerance of limits for rounding of sums, as a share.
+/// Fraction by which rounding of sums may exceed a limit.
 const ROUNDING: f64 = 1e-12;
 
-/// Times (s) closer than this count as equal, and the acceleration (rad/s^2 or m/s^2) that counts as rounding.
+/// Times closer than this (s) count as equal, and accelerations below this (rad/s^2 or m/s^2) as rounding errors.
 const TOGETHER: f64 = 1e-7;
 const ROUNDED: f64 = 1e-6;
 
@@ -44,7 +44,7 @@ pub(crate) fn to_state(limits: &Limits, from: &[Row; 3], to: &[Row; 3]) -> Optio
     let states: Vec<State> = (0..joints).map(|v| [from[0][v], from[1][v], from[2][v]]).collect();
     let mut out = nodes_to(limits, &states, &phases, false);
     let end = out.pop()?;
-    // The joints' phases end together except for rounding.
+    // All joints end at the same time; last nodes that differ only by rounding are merged.
     while out.len() > 1 && end.time - out[out.len() - 1].time < TOGETHER {
         out.pop();
     }
@@ -59,8 +59,8 @@ pub(crate) fn to_state(limits: &Limits, from: &[Row; 3], to: &[Row; 3]) -> Optio
     (reached && kept).then_some(out)
 }
 
-/// Returns a motion through `lead`, from time 0 on, which ends in the state of `motion` at `time`, followed by the rest
-/// of `motion`. Its start time is that of `motion`.
+/// Returns a motion along `lead`, which begins at time 0 and ends in the state that `motion` has at `time`, and then
+/// along the rest of `motion`. It has the start time of `motion`.
 pub(crate) fn gone_over(limits: &Limits, lead: &[Node], motion: &Trajectory, time: f64) -> Trajectory {
     let first = Piece::plain(motion.start(), limits.joints(), lead);
     let late = first.end() - time;
