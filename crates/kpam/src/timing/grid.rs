@@ -1,14 +1,14 @@
-//! A path divided into cells, with the limits on the speed in each.
+//! A path divided into cells, with the speed limits in each cell.
 //!
-//! On a path q(s), velocity is q' ds/dt and acceleration q' u + q'' x, with x = (ds/dt)^2 and u = d²s/dt². Within a
-//! cell u is constant, so x changes by 2 u Δs. All limits are then linear in x and u.
+//! On a path q(s), velocity is q' ds/dt and acceleration is q' u + q'' x, with x = (ds/dt)^2 and u = d²s/dt². Within a
+//! cell, u is constant, so x changes by 2 u Δs. All limits are then linear in x and u.
 
 use super::limits::Limits;
 use super::spline::Spline;
 use super::torque::{Buffers, Load, Torque};
 use crate::model::Row;
 
-/// Number of cells of a path with few waypoints; paths with more waypoints get more.
+/// Number of cells for a path with few waypoints; a path with more waypoints gets more cells.
 const CELLS: f64 = 96.0;
 
 /// A position on the path.
@@ -20,18 +20,18 @@ pub(crate) struct Station {
     pub second: Row,
 }
 
-/// A path as stations and cells between them.
+/// A path divided into cells; the ends of the cells are called stations.
 #[derive(Debug, Clone)]
 pub(crate) struct Grid {
     pub joints: usize,
     pub stations: Vec<Station>,
-    /// Maximum ds/dt in each cell, in addition to the limits.
+    /// Maximum ds/dt in each cell that the caller requires, in addition to the joint limits.
     pace: Vec<f64>,
-    /// Shares of the limits on velocity and acceleration to use in each cell.
+    /// Fractions of the joints' velocity and acceleration limits that may be used in each cell.
     pub shares: Vec<[f64; 2]>,
-    /// The station of each knot.
+    /// Index of the station at each knot of the spline.
     pub station_of: Vec<usize>,
-    /// Torques at the stations, their limits, and the usable share of the torque left after gravity compensation.
+    /// Torques at the stations, the torque limits, and the usable fraction of the torque that gravity leaves.
     load: Option<(Vec<Torque>, Row, f64)>,
 }
 
@@ -53,7 +53,7 @@ impl Grid {
             let (from, to) = (path.knots[i], path.knots[i + 1]);
             let parts = ((to - from) / total * CELLS).ceil().max(2.0) as usize;
             let mut fractions: Vec<f64> = (0..parts).map(|k| k as f64 / parts as f64).collect();
-            // Most of the time is spent near the ends, where the motion is at rest.
+            // Cells are short near the ends, where the motion is slow and spends most of its time.
             let cell = 1.0 / parts as f64;
             if i == 0 {
                 fractions.extend([cell / 16.0, cell / 4.0]);
@@ -74,7 +74,7 @@ impl Grid {
         out
     }
 
-    /// Adds torque limits; `None` if gravity exceeds the limits at a station.
+    /// Adds torque limits. Returns `None` if gravity alone exceeds them at a station.
     pub fn loaded(mut self, load: Load<'_>) -> Option<Self> {
         let Some((dynamics, room)) = load else { return Some(self) };
         let mut buffers = Buffers::default();
@@ -91,13 +91,13 @@ impl Grid {
         self.pace.len()
     }
 
-    /// Length of a cell.
+    /// Returns the length of a cell.
     pub fn step(&self, cell: usize) -> f64 {
         self.stations[cell + 1].s - self.stations[cell].s
     }
 
-    /// Returns the maximum x at each station by velocity limits and pace, for a motion that begins with x = `begin`. A
-    /// start faster than the pace is accepted and brakes as hard as the limits allow.
+    /// Returns the maximum x at each station by velocity limits and required pace, for a motion that begins with x =
+    /// `begin`. A start faster than the pace is accepted; the motion then brakes as hard as the limits allow.
     pub fn ceilings(&self, limits: &Limits, begin: f64) -> Vec<f64> {
         let mut out = vec![f64::INFINITY; self.stations.len()];
         let mut pace = out.clone();
@@ -130,13 +130,13 @@ impl Grid {
             least = (least + 2.0 * self.step(cell) * slowing.fold(f64::NEG_INFINITY, f64::max)).max(0.0);
         }
         out.iter_mut().zip(pace).for_each(|(x, slow)| *x = x.min(slow));
-        // The start speed is fixed; a reduced share of its cell only bounds the following stations.
+        // The start speed is fixed; reducing the fraction of its cell only bounds the following stations.
         out[0] = out[0].max(begin);
         out
     }
 
-    /// Returns rows (a, b, low, high) of a cell: low <= a u + b x <= high, with x at its start. They bound
-    /// accelerations and torques at both ends.
+    /// Writes rows (a, b, low, high) of a cell, with the meaning low <= a u + b x <= high and x at the start of the
+    /// cell. The rows bound accelerations and torques at both ends of the cell.
     pub fn rows(&self, limits: &Limits, cell: usize, out: &mut Vec<[f64; 4]>) {
         out.clear();
         let (from, to) = (&self.stations[cell], &self.stations[cell + 1]);

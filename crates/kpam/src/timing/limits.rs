@@ -1,4 +1,4 @@
-//! Limits of the joints.
+//! Velocity, acceleration and jerk limits of the joints.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,12 +10,12 @@ use crate::{KeypointProblem, ProblemError};
 /// Larger limits are reduced to this value, so that every motion takes some time.
 const GREATEST: f64 = 1e6;
 
-/// Share of a limit by which a state may exceed it and still count as keeping it. The tolerance covers rounding, also
-/// in single precision, and every check of a start or a motion uses it. For positions, it is absolute (rad or m).
+/// Fraction by which a state may exceed a limit and still counts as keeping it; for positions, an absolute value (rad
+/// or m). It covers rounding, also in single precision. Every check of a start or a motion uses it.
 pub(crate) const TOLERANCE: f64 = 1e-6;
 
-/// Maximum deviation of a joint from its path (rad or m), at the maximum acceleration, due to the moving average that
-/// bounds jerk.
+/// Maximum deviation (rad or m) of a joint from its path that the moving average may cause. The moving average bounds
+/// the jerk.
 const AVERAGING_DEVIATION: f64 = 1e-4;
 
 /// Velocity, acceleration and jerk limits of the moving joints.
@@ -28,7 +28,7 @@ pub struct Limits {
     pub(crate) acceleration: Row,
     /// Jerk limits (rad/s^3 or m/s^3).
     pub(crate) jerk: Row,
-    /// Position-dependent velocity limits.
+    /// Velocity limits that depend on the joint position, if there are any.
     pub(crate) envelope: Option<Envelope>,
 }
 
@@ -71,22 +71,22 @@ impl Limits {
     /// Adds position-dependent velocity limits, one entry for each joint.
     ///
     /// # Errors
-    /// The list has the wrong length or invalid numbers; the field is `braking`.
+    /// The list has the wrong length or invalid numbers; the error's field is `braking`.
     pub fn with_braking(self, list: &[Option<Braking>]) -> Result<Self, ProblemError> {
         Ok(Self { envelope: Some(Envelope::new(self.joints, list)?), ..self })
     }
 
-    /// Returns the limits of a problem's moving joints, scaled by its options.
+    /// Returns the limits of the joints that planning moves in a problem, scaled by the problem's options.
     pub(crate) fn of(problem: &KeypointProblem, model: &Model) -> Self {
         Self::asked(model, &problem.options)
     }
 
-    /// Returns the limits of a robot's moving joints, scaled by options.
+    /// Returns the limits of the joints that planning moves on a robot, scaled by options.
     pub(crate) fn asked(model: &Model, o: &crate::Options) -> Self {
         let one = [1.0; MAX_JOINTS];
         let envelope = braking(o).map(|list| list.scaled(o.velocity_scale));
         let mut out = Self { joints: model.n(), velocity: one, acceleration: one, jerk: one, envelope };
-        // Limits of mimic joints bound the variables that drive them.
+        // A limit of a mimic joint bounds the variable that drives it.
         let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| model.map().least(|j| l[j]));
         let velocity = given(&o.velocity_limits).unwrap_or(model.velocity);
         let usual = default_limits(model, o);
@@ -105,7 +105,7 @@ impl Limits {
         out
     }
 
-    /// Whether all limits are positive numbers of at most [`MAX_JOINTS`] joints.
+    /// Returns whether there are 1 to [`MAX_JOINTS`] joints and all limits are valid positive numbers.
     pub(crate) fn is_sound(&self) -> bool {
         let rows = [&self.velocity, &self.acceleration, &self.jerk];
         self.envelope.is_none_or(|e| e.is_sound())
@@ -113,25 +113,25 @@ impl Limits {
             && rows.iter().all(|row| row.iter().all(|v| *v > 0.0 && v.is_finite()))
     }
 
-    /// Number of joints.
+    /// Returns the number of joints.
     #[must_use]
     pub fn joints(&self) -> usize {
         self.joints
     }
 
-    /// Whether a value keeps a limit, up to [`TOLERANCE`].
+    /// Returns whether a value is within a limit, up to [`TOLERANCE`].
     pub(crate) fn keeps(value: f64, limit: f64) -> bool {
         value.abs() <= limit * (1.0 + TOLERANCE)
     }
 
-    /// Returns the maximum speed that joint `v` reaches while its acceleration decreases to zero.
+    /// Returns the maximum speed of joint `v` if its acceleration is reduced to zero as fast as its jerk limit allows.
     pub(crate) fn settled_speed(&self, v: usize, velocity: f64, acceleration: f64) -> f64 {
         let next = velocity + 0.5 * acceleration * acceleration.abs() / self.jerk[v];
         velocity.abs().max(next.abs())
     }
 
-    /// Returns the limits, widened to a start that exceeds them by at most [`TOLERANCE`], so that motions from this
-    /// start keep the widened limits exactly.
+    /// Returns limits that are wide enough for a start that exceeds these limits by at most [`TOLERANCE`], so that
+    /// motions from this start keep the new limits exactly.
     pub(crate) fn admitting(&self, position: &Row, velocity: &Row, acceleration: &Row) -> Self {
         let mut out = *self;
         out.envelope = self.envelope.map(|e| e.admitting(position, velocity));
@@ -143,7 +143,7 @@ impl Limits {
         out
     }
 
-    /// Returns whether every motion within `other` keeps these limits, up to [`TOLERANCE`].
+    /// Returns whether every motion that keeps the limits `other` keeps these limits, too, up to [`TOLERANCE`].
     pub(crate) fn admit(&self, other: &Self) -> bool {
         let within = |own: &Row, other: &Row| (0..self.joints).all(|v| other[v] <= own[v] * (1.0 + 2.0 * TOLERANCE));
         let bound = match (&self.envelope, &other.envelope) {
@@ -158,16 +158,16 @@ impl Limits {
             && within(&self.jerk, &other.jerk)
     }
 
-    /// Returns the width (s) of the moving average that bounds jerk, and the limits of the motion before averaging.
-    /// `None` if the average would move a joint further off its path than [`AVERAGING_DEVIATION`].
+    /// Returns the width (s) of the moving average that bounds the jerk, and the limits that the motion must keep
+    /// before averaging. `None` if averaging would move a joint further than [`AVERAGING_DEVIATION`] off its path.
     ///
-    /// A moving average over `w` preserves bounds on velocity and acceleration, turns an acceleration within `a` into
-    /// one with jerk within `2 a / w`, and moves a joint by at most `a w^2 / 24`.
+    /// A moving average over `w` seconds keeps bounds on velocity and acceleration, turns an acceleration of at most
+    /// `a` into one with a jerk of at most `2 a / w`, and moves a joint by at most `a w^2 / 24`.
     pub(crate) fn averaged(&self) -> Option<(f64, Self)> {
         self.averaged_within(AVERAGING_DEVIATION)
     }
 
-    /// Like `averaged`, with a given maximum deviation (rad or m).
+    /// Like `averaged`, with `most` as the maximum deviation (rad or m) of a joint from its path.
     pub(crate) fn averaged_within(&self, most: f64) -> Option<(f64, Self)> {
         let rows = 0..self.joints;
         let width = rows.clone().map(|v| 2.0 * self.acceleration[v] / self.jerk[v]).fold(0.0, f64::max);

@@ -1,13 +1,12 @@
-//! Timing: computes, from joint waypoints, a motion in time that keeps velocity, acceleration and jerk limits
-//! everywhere.
+//! Timing: turns joint waypoints into a motion in time that keeps velocity, acceleration and jerk limits everywhere.
 //!
-//! A path is a spline through waypoints ([`spline`]); the speed along it is time-optimal ([`reachability`], or
-//! [`conic`] on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`time_scaling`],
-//! [`motion`]); a moving average over a short window bounds the jerk ([`limits`]). If jerk limits are too low for a
-//! short window, jerk is bounded along the path ([`smooth`]): S-curves on straight ones ([`profile`]), a third-order
-//! optimum on others ([`third_order`]). Velocity limits may depend on the position ([`envelope`]), and torques have
-//! limits where the masses are known ([`torque`]). A moving start is brought to rest ([`state_to_state`], [`stop`]) or
-//! switches to another motion ([`going_over`]).
+//! The path is a spline through the waypoints ([`spline`]), and the speed along it is time-optimal ([`reachability`],
+//! or [`conic`] with the solver Clarabel). The motion in time consists of cubics whose maxima have closed forms
+//! ([`time_scaling`], [`motion`]). A moving average over a short time window bounds the jerk ([`limits`]). If the jerk
+//! limits would need a long window, the jerk is bounded along the path instead ([`smooth`]): by S-curves on straight
+//! paths ([`profile`]), by a third-order optimum on curved ones ([`third_order`]). Velocity limits may depend on the
+//! joint position ([`envelope`]), and torques are limited for robots with known masses ([`torque`]). A robot that moves
+//! at the start is brought to rest ([`state_to_state`], [`stop`]) or joins another motion ([`going_over`]).
 
 mod barrier;
 mod blend;

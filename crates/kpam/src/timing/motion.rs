@@ -1,4 +1,4 @@
-//! A piece of a trajectory: cubics between nodes, averaged over a short window, or quintics.
+//! A piece of a trajectory: cubics between nodes, averaged over a short time window, or quintics between nodes.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,7 @@ pub(crate) struct Node {
     pub time: f64,
     pub position: Row,
     pub velocity: Row,
-    /// Acceleration, if known and continuous; between nodes close in time, positions determine it inaccurately.
+    /// Acceleration, if known and continuous; positions of nodes close in time determine it inaccurately.
     pub acceleration: Option<Row>,
 }
 
@@ -32,7 +32,7 @@ impl Cubic {
                 out[3][v] = (to[v] - from[v]) / (6.0 * h);
             } else {
                 let slope = (b.position[v] - a.position[v]) / h;
-                // Over a short time, the acceleration computed from positions is only rounding error.
+                // Between nodes close in time, the acceleration computed from positions is only rounding error.
                 let rounding = f64::EPSILON * a.position[v].abs().max(b.position[v].abs());
                 let even = a.velocity[v] == b.velocity[v] && (slope - b.velocity[v]).abs() * h <= 4.0 * rounding;
                 if even && rounding > NOISE * h * h {
@@ -45,20 +45,20 @@ impl Cubic {
         Self(out)
     }
 
-    /// Returns the Bernstein coefficients of a joint's position over the time `h`.
+    /// Returns the Bernstein coefficients of the position of joint `v` over a duration `h` (s).
     fn positions(&self, v: usize, h: f64) -> [f64; 4] {
         let [p, d, c, e] = [self.0[0][v], h * self.0[1][v], h * h * self.0[2][v], h * h * h * self.0[3][v]];
         [p, p + d / 3.0, p + (2.0 * d + c) / 3.0, p + d + c + e]
     }
 
-    /// Returns the Bernstein coefficients of a joint's velocity over the time `h`.
+    /// Returns the Bernstein coefficients of the velocity of joint `v` over a duration `h` (s).
     fn velocities(&self, v: usize, h: f64) -> [f64; 3] {
         let [d, c, e] = [self.0[1][v], h * self.0[2][v], h * h * self.0[3][v]];
         [d, d + c, d + 2.0 * c + 3.0 * e]
     }
 
-    /// Returns position, velocity and acceleration of a joint `t` after the start, averaged over a window of `width`
-    /// about `t`.
+    /// Returns position, velocity and acceleration of joint `v` at time `t` (s) after the start, averaged over a time
+    /// window of `width` (s) centred at `t`.
     fn average(&self, v: usize, t: f64, width: f64) -> [f64; 3] {
         let [p, d, c, e] = [self.0[0][v], self.0[1][v], self.0[2][v], self.0[3][v]];
         let spread = width * width / 12.0;
@@ -68,8 +68,8 @@ impl Cubic {
     }
 }
 
-/// Returns the maximum fractions of the limits on velocity and acceleration between two nodes. Velocity is a parabola
-/// and acceleration a line there, so both maxima have a closed form.
+/// Returns the largest used fractions of the velocity and acceleration limits on the cubic between two nodes. Velocity
+/// is quadratic and acceleration linear in time, so both maxima have a closed form.
 pub(crate) fn shares(limits: &Limits, a: &Node, b: &Node) -> [f64; 2] {
     let joints = limits.joints();
     let cubic = Cubic::between(joints, a, b);
@@ -92,10 +92,10 @@ pub(crate) fn shares(limits: &Limits, a: &Node, b: &Node) -> [f64; 2] {
     out
 }
 
-/// The quintic with given position, velocity and acceleration at two nodes, by its Bernstein coefficients.
+/// The quintic with given position, velocity and acceleration at two nodes, stored as Bernstein coefficients.
 struct Quintic {
     h: f64,
-    /// Differences of the position's coefficients from the first coefficient.
+    /// Bernstein coefficients of the position minus the first coefficient.
     control: [f64; 6],
 }
 
@@ -108,7 +108,7 @@ impl Quintic {
         Self { h, control: [0.0, from, 2.0 * from + gain(a), whole - 2.0 * to + gain(b), whole - to, whole] }
     }
 
-    /// Returns the Bernstein coefficients of velocity, acceleration and jerk; unused entries are last.
+    /// Returns the Bernstein coefficients of velocity, acceleration and jerk; unused entries are at the end.
     fn rates(&self) -> [[f64; 5]; 3] {
         let mut out = [[0.0; 5]; 3];
         for i in 0..5 {
@@ -123,8 +123,8 @@ impl Quintic {
         out
     }
 
-    /// Returns an upper bound of the acceleration between two fractions of the time: the values at both ends, plus an
-    /// eighth of the squared time between them times the maximum second derivative, which is linear.
+    /// Returns an upper bound of the absolute acceleration between two fractions of the duration: the larger value at
+    /// the ends, plus an eighth of the squared time between them times the maximum second derivative, which is linear.
     fn hardest(&self, from: f64, to: f64) -> f64 {
         let jerk = self.rates()[2];
         let second = |i: usize| 2.0 * (jerk[i + 1] - jerk[i]) / self.h;
@@ -133,7 +133,7 @@ impl Quintic {
         self.at(from)[2].abs().max(self.at(to)[2].abs()) + 0.125 * time * time * bend
     }
 
-    /// Returns position relative to the start, velocity and acceleration at a fraction of the time.
+    /// Returns position (relative to the start), velocity and acceleration at a fraction of the duration.
     fn at(&self, share: f64) -> [f64; 3] {
         let rates = self.rates();
         [bernstein(&self.control, share), bernstein(&rates[0], share), bernstein(&rates[1][..4], share)]
@@ -153,8 +153,8 @@ fn bernstein(coefficients: &[f64], at: f64) -> f64 {
     list[0]
 }
 
-/// Returns upper bounds of the fractions of the limits on velocity, acceleration and jerk that the quintics between two
-/// nodes use: no polynomial exceeds its Bernstein coefficients.
+/// Returns upper bounds of the used fractions of the velocity, acceleration and jerk limits on the quintics between two
+/// nodes. The bounds are Bernstein coefficients, which no polynomial exceeds.
 pub(crate) fn peaks(limits: &Limits, a: &Node, b: &Node) -> [f64; 3] {
     let mut out = [0.0_f64; 3];
     for v in 0..limits.joints() {
@@ -173,25 +173,25 @@ pub(crate) fn peaks(limits: &Limits, a: &Node, b: &Node) -> [f64; 3] {
     out
 }
 
-/// Returns bounds of a joint's position on the quintic between two nodes: no polynomial exceeds its Bernstein
+/// Returns a lower and an upper bound of joint `v` on the quintic between two nodes: its extreme Bernstein
 /// coefficients.
 pub(crate) fn smooth_range(a: &Node, b: &Node, v: usize) -> (f64, f64) {
     let control = Quintic::between(a, b, v).control.map(|c| a.position[v] + c);
     control.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(*c), high.max(*c)))
 }
 
-/// Returns the Bernstein coefficients of a joint's position and velocity between two nodes.
+/// Returns the Bernstein coefficients of position and velocity of joint `v` on the cubic between two nodes.
 pub(crate) fn curve(joints: usize, v: usize, a: &Node, b: &Node) -> ([f64; 4], [f64; 3]) {
     let (cubic, h) = (Cubic::between(joints, a, b), b.time - a.time);
     (cubic.positions(v, h), cubic.velocities(v, h))
 }
 
-/// Returns the minimum and maximum of a joint between two nodes.
+/// Returns the minimum and maximum position of joint `v` on the cubic between two nodes.
 pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
     let cubic = Cubic::between(joints, a, b);
     let [_, slope, bend, change] = [0, 1, 2, 3].map(|k| cubic.0[k][v]);
     let (mut low, mut high) = (a.position[v].min(b.position[v]), a.position[v].max(b.position[v]));
-    // Where slope + 2 bend t + 3 change t^2 vanishes inside the interval.
+    // Extrema lie where slope + 2 bend t + 3 change t^2 = 0 inside the interval.
     let root = (bend * bend - 3.0 * change * slope).max(0.0).sqrt();
     let q = -(bend + root.copysign(bend));
     for t in [q / (3.0 * change), slope / q] {
@@ -203,43 +203,43 @@ pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
     (low, high)
 }
 
-/// A part of a trajectory: at local time `t`, its state is the average of the cubics between nodes over `[t - w, t]`.
+/// A part of a trajectory: at local time `t`, its state is the average over `[t - w, t]` of the cubics between nodes.
 ///
-/// Averaging preserves every bound on position, velocity and acceleration, and bounds the jerk by twice the maximum
-/// acceleration divided by `w`. With `w = 0` it is the motion of the nodes itself.
+/// Averaging keeps every bound on position, velocity and acceleration, and bounds the jerk by twice the maximum
+/// acceleration divided by `w`. With `w = 0`, the part equals the cubics themselves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Piece {
-    /// Time in the trajectory at which the piece starts (s).
+    /// Time (s) of the trajectory at which the piece starts.
     pub start: f64,
-    /// Time (s) from which the trajectory follows this piece, not before `start`.
+    /// Time (s) from which the trajectory uses this piece; at or after `start`.
     pub counts: f64,
     width: f64,
     joints: usize,
-    /// Local times of the nodes (s), starting at `-width`.
+    /// Times (s) of the nodes, relative to `start`; the first one is `-width`.
     times: Vec<f64>,
-    /// Positions and velocities of the nodes, joint by joint.
+    /// Positions and velocities of the nodes, ordered by joint.
     states: Vec<f64>,
-    /// Accelerations right after the nodes, joint by joint; empty if they follow from the states.
+    /// Accelerations right after each node, ordered by joint; empty if the cubics determine them.
     accelerations: Vec<f64>,
-    /// Indices of the nodes at marked waypoints, in order.
+    /// Indices of the nodes at marked waypoints, in increasing order.
     marks: Vec<usize>,
-    /// Whether quintics with given accelerations join the nodes.
+    /// Whether the nodes are connected by quintics with given accelerations at the nodes.
     smooth: bool,
 }
 
 impl Piece {
-    /// Creates the unaveraged motion through `nodes`. The first node is at time 0.
+    /// Creates the motion along cubics through `nodes` without averaging. The first node is at time 0.
     pub fn plain(start: f64, joints: usize, nodes: &[Node]) -> Self {
         Self::new(start, 0.0, joints, nodes, &[])
     }
 
-    /// Creates the motion through `nodes` with quintics. The first node is at time 0.
+    /// Creates the motion along quintics through `nodes`. The first node is at time 0.
     pub fn smooth(start: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
         Self { smooth: true, ..Self::new(start, 0.0, joints, nodes, marks) }
     }
 
-    /// Creates the motion through `nodes`, which ends at rest, averaged over `width`. The first node, at time 0, is
-    /// reached `width / 2` after the start of the average, so a moving start is extended backwards.
+    /// Creates the motion along cubics through `nodes`, averaged over `width` (s), which ends at rest. It reaches the
+    /// first node, at time 0, `width / 2` after its own start, so a moving start is extended backwards in time.
     pub fn averaged(start: f64, width: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
         let (Some(first), Some(last)) = (nodes.first(), nodes.last()) else {
             return Self::new(start, 0.0, joints, nodes, &[]);
@@ -277,24 +277,24 @@ impl Piece {
         Self { start, counts: start, width, joints, times, states, accelerations, marks: marks.to_vec(), smooth: false }
     }
 
-    /// Number of joints.
+    /// Returns the number of joints.
     pub fn joints(&self) -> usize {
         self.joints
     }
 
-    /// Returns the motion through the same nodes with constant jerk between them.
+    /// Returns the motion through the same nodes with constant jerk between neighbouring nodes.
     pub fn with_even_jerk(self) -> Self {
         Self { smooth: false, ..self }
     }
 
-    /// Returns the motion delayed by `time` (s).
+    /// Returns the motion with all times increased by `time` (s).
     pub fn delayed(mut self, time: f64) -> Self {
         self.start += time;
         self.counts += time;
         self
     }
 
-    /// Whether the nodes are ordered and complete.
+    /// Returns whether the times of the nodes increase and all lists have matching lengths.
     pub fn is_sound(&self) -> bool {
         let (nodes, joints) = (self.times.len(), self.joints);
         let finite = |list: &[f64]| list.iter().all(|v| v.is_finite());
@@ -312,7 +312,7 @@ impl Piece {
             && self.marks.iter().all(|m| *m < nodes)
     }
 
-    /// Duration (s).
+    /// Returns the duration (s).
     pub fn duration(&self) -> f64 {
         self.times[self.times.len() - 1]
     }
@@ -321,13 +321,13 @@ impl Piece {
         self.start + self.duration()
     }
 
-    /// Returns the time of the trajectory (s) closest to a node.
+    /// Returns the time (s) of the trajectory at which it passes closest to a node.
     fn time_of(&self, node: usize) -> f64 {
         self.start + (self.times[node] + 0.5 * self.width).clamp(0.0, self.duration())
     }
 
-    /// Returns the times of the trajectory (s) between which its acceleration is one polynomial: those at which an end
-    /// of the averaging window passes a node.
+    /// Returns the times (s) of the trajectory between which the acceleration is a single polynomial. At these times,
+    /// an end of the averaging window passes a node.
     pub fn corners(&self) -> Vec<f64> {
         let inside = |t: &f64| (0.0..=self.duration()).contains(t);
         let mut out: Vec<f64> = self.times.iter().flat_map(|t| [*t, t + self.width]).filter(inside).collect();
@@ -338,7 +338,7 @@ impl Piece {
         out
     }
 
-    /// Returns representative times of the trajectory (s): nodes, about `spacing` apart, with every mark, the start and
+    /// Returns times (s) of the trajectory that represent it: nodes about `spacing` (s) apart, all marks, the start and
     /// the end.
     pub fn landmarks(&self, spacing: f64) -> Vec<f64> {
         let mut out = vec![self.start];
@@ -366,8 +366,8 @@ impl Piece {
         Node { time: self.times[i], position: row(&state[..n]), velocity: row(&state[n..]), acceleration }
     }
 
-    /// Raises `most` to upper bounds of each joint's acceleration between two times of the trajectory (s). An average
-    /// is bounded by its input, which is linear between nodes.
+    /// Raises `most` to upper bounds of each joint's absolute acceleration between two times (s) of the trajectory. The
+    /// average of an acceleration is bounded by the acceleration itself, which is linear between nodes.
     pub fn widen_to_accelerations(&self, [from, to]: [f64; 2], most: &mut Row) {
         let local = |time: f64| (time - self.start).clamp(0.0, self.duration());
         let (from, to) = (local(from) - self.width, local(to));
@@ -396,8 +396,8 @@ impl Piece {
         }
     }
 
-    /// Returns position, velocity and acceleration at a time of the trajectory (s); before the start and after the end,
-    /// the state at the start or end.
+    /// Returns position, velocity and acceleration at a time (s) of the trajectory. Before the start and after the end,
+    /// it is the state at the start or end.
     pub fn at(&self, time: f64) -> [Row; 3] {
         let to = (time - self.start).clamp(0.0, self.duration());
         let from = to - self.width;

@@ -1,18 +1,18 @@
-//! Fastest motion along a straight line from a speed to rest within velocity, acceleration and jerk limits: an S-curve
-//! of constant-jerk phases.
+//! Fastest motion along a straight line from a given speed to rest, within velocity, acceleration and jerk limits. The
+//! motion is an S-curve, a sequence of phases with constant jerk.
 
-/// Speed along a path at one time.
+/// State of a motion along a path at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Pace {
     /// Time (s).
     pub time: f64,
-    /// Position on the path; its first and second time derivatives follow.
+    /// Position s on the path, followed by its first and second time derivatives.
     pub s: f64,
     pub speed: f64,
     pub gain: f64,
 }
 
-/// Limits along the line: velocity, acceleration and jerk.
+/// Limits of the velocity, acceleration and jerk along a line.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Along {
     pub velocity: f64,
@@ -22,11 +22,11 @@ pub(crate) struct Along {
 
 /// Number of bisections of the maximum speed.
 const HALVINGS: usize = 100;
-/// Tolerance of the length for rounding, as a share.
+/// Fraction of the length that rounding may change.
 const ROUNDING: f64 = 1e-9;
 
 impl Along {
-    /// Returns the time (s) of the fastest change of speed by `change`, with zero acceleration before and after.
+    /// Returns the minimum time (s) to change the speed by `change`, with zero acceleration before and after.
     pub fn ramp_time(&self, change: f64) -> f64 {
         let most = self.acceleration * self.acceleration / self.jerk;
         if change >= most {
@@ -36,17 +36,17 @@ impl Along {
         }
     }
 
-    /// Returns the durations of the three phases of the fastest change of speed by `change`.
+    /// Returns the durations (s) of the three phases of the fastest change of the speed by `change`.
     fn ramp(&self, change: f64) -> [f64; 3] {
         let time = self.ramp_time(change);
         let edge = (self.acceleration / self.jerk).min(0.5 * time);
         [edge, time - 2.0 * edge, edge]
     }
 
-    /// Returns the fastest motion over `length` from `speed` to rest, with zero acceleration at both ends, as states at
-    /// every change of jerk. `None` if `length` is too short to stop.
+    /// Returns the fastest motion over `length` from `speed` to rest, with zero acceleration at both ends, as the
+    /// states at which the jerk changes. `None` if `length` is too short for a stop.
     pub fn profile(&self, length: f64, speed: f64) -> Option<Vec<Pace>> {
-        // Changes of speed are symmetric, so each covers its mean speed times its duration.
+        // A change of speed is symmetric in time, so it covers the mean of both speeds times its duration.
         let changes =
             |peak: f64| 0.5 * (speed + peak) * self.ramp_time(peak - speed) + 0.5 * peak * self.ramp_time(peak);
         if changes(speed) > length * (1.0 + ROUNDING) {
@@ -80,7 +80,7 @@ impl Along {
                 out.push(now);
             }
         }
-        // Corrects rounding of the final position and speed.
+        // Remove rounding errors of the final position and speed.
         if let Some(last) = out.last_mut() {
             (last.s, last.speed, last.gain) = (length, 0.0, 0.0);
         }
@@ -89,7 +89,7 @@ impl Along {
 }
 
 impl Pace {
-    /// Returns the state `t` later under constant jerk.
+    /// Returns the state after a time `t` (s) of constant jerk.
     pub fn after(&self, t: f64, jerk: f64) -> Self {
         Self {
             time: self.time + t,
@@ -100,7 +100,7 @@ impl Pace {
     }
 }
 
-/// Returns the state at position `s` of a profile.
+/// Returns the state of a profile at position `s`.
 pub(crate) fn at_place(profile: &[Pace], s: f64) -> Pace {
     let last = profile[profile.len() - 1];
     let Some(next) = profile.iter().position(|p| p.s > s) else { return last };
@@ -128,11 +128,11 @@ mod tests {
 
     #[test]
     fn known_times() {
-        // The maximum acceleration is not reached: four phases of equal duration t, 2 j t^3 = d.
+        // Four phases of equal duration t with 2 j t^3 = d; the maximum acceleration is not reached.
         let along = Along { velocity: 10.0, acceleration: 100.0, jerk: 2.0 };
         let short = along.profile(0.5, 0.0).unwrap();
         assert!((short[short.len() - 1].time - 4.0 * 0.125f64.cbrt()).abs() < 1e-9);
-        // d / v + v / a + a / j.
+        // Duration: d / v + v / a + a / j.
         let along = Along { velocity: 1.0, acceleration: 2.0, jerk: 10.0 };
         let long = along.profile(5.0, 0.0).unwrap();
         assert!((long[long.len() - 1].time - 5.7).abs() < 1e-9);
@@ -156,7 +156,7 @@ mod tests {
                     prop_assert!((next.speed - pair[1].speed).abs() < 1e-7);
                 }
             } else {
-                // The stop must be impossible even with immediate braking.
+                // The length must be too short even for a stop that begins at once.
                 prop_assert!(0.5 * share * v * along.ramp_time(share * v) > length);
             }
         }

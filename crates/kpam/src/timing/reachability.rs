@@ -7,10 +7,10 @@ use super::grid::Grid;
 use super::limits::Limits;
 use super::time_scaling::ROUNDING;
 
-/// A coefficient of u smaller than this multiple of the coefficient of x is treated as zero.
+/// A row's coefficient of u counts as zero if it is smaller than this multiple of the row's coefficient of x.
 const FLAT: f64 = 1e-9;
 
-/// Range of u: slope * x + below <= u <= slope * x + above.
+/// Range of the path acceleration u: slope * x + below <= u <= slope * x + above.
 #[derive(Debug, Clone, Copy)]
 struct Band {
     slope: f64,
@@ -18,7 +18,7 @@ struct Band {
     above: f64,
 }
 
-/// The ranges of all cells in one list, and the maximum x by rows that do not involve u.
+/// Ranges of u for all cells in one list, and the maximum x by the rows without u.
 struct Bands {
     bands: Vec<Band>,
     ends: Vec<usize>,
@@ -50,8 +50,8 @@ impl Bands {
         &self.bands[self.ends[cell]..self.ends[cell + 1]]
     }
 
-    /// Returns the minimum and maximum u at the start of a cell of length `step` with x there and at most `next` at its
-    /// end.
+    /// Returns the minimum and maximum u in a cell of length `step`, if x is given at the cell's start and is at most
+    /// `next` at its end.
     fn range(&self, cell: usize, x: f64, step: f64, next: f64) -> (f64, f64) {
         let turn = 0.5 / step;
         let (mut low, mut high) = (-turn * x, turn * (next - x));
@@ -64,7 +64,7 @@ impl Bands {
         (low, high)
     }
 
-    /// Returns the derivative with respect to x of the difference between the bounds of u from `range`.
+    /// Returns the derivative with respect to x of the width of the range of u that `range` returns.
     fn room_slope(&self, cell: usize, x: f64, step: f64, (low, high): (f64, f64)) -> f64 {
         let (mut below, mut above) = (-0.5 / step, -0.5 / step);
         for band in self.of(cell) {
@@ -75,11 +75,11 @@ impl Bands {
         above - below
     }
 
-    /// Returns the maximum x, up to `most`, at the start of a cell from which some u leads to at most `next`.
+    /// Returns the maximum x up to `most` at a cell's start from which some u leads to at most `next` at its end.
     fn greatest(&self, cell: usize, most: f64, step: f64, next: f64) -> f64 {
         let mut x = most.min(self.caps[cell]).min(1e30);
-        // The difference between the bounds of u is concave in x and positive at zero, so Newton's method descends to
-        // its root and reaches it after at most as many steps as there are different bounds.
+        // The width of the range of u is concave in x and positive at zero, so Newton's method descends to its root.
+        // The number of steps is at most the number of different bounds.
         for _ in 0..32 {
             let (low, high) = self.range(cell, x, step, next);
             let room = high - low;
@@ -96,7 +96,7 @@ impl Bands {
     }
 }
 
-/// Returns the maximum x at each station, from `begin` at the first to 0 at the last; `None` if `begin` is too large.
+/// Returns x of the fastest motion at each station, from `begin` to 0 at the last; `None` if `begin` is too large.
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let bands = Bands::new(grid, limits);
