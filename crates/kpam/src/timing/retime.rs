@@ -1,4 +1,4 @@
-//! Retiming of given waypoints.
+//! Computes a motion in time through given joint waypoints.
 
 use super::blend::keeps;
 use super::course::Course;
@@ -15,9 +15,9 @@ use crate::{Cancel, ProblemError};
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct RetimeOptions {
-    /// Indices of waypoints at which the motion stops, in addition to the last.
+    /// Indices of waypoints at which the motion stops; it always stops at the last one.
     pub stops: Vec<usize>,
-    /// Minimum time (s) of each interval between waypoints; empty for none.
+    /// Minimum time (s) between each waypoint and the next one; an empty list sets no minimum.
     pub slowest: Vec<f64>,
     /// Velocity at the first waypoint (rad/s or m/s); zero if `None`.
     pub start_velocity: Option<Vec<f64>>,
@@ -25,11 +25,11 @@ pub struct RetimeOptions {
     pub start_acceleration: Option<Vec<f64>>,
     /// Time of the first waypoint (s).
     pub start_time: f64,
-    /// Position limits (rad or m) within which a moving start must be able to stop.
+    /// Lower and upper position limits (rad or m) within which a moving start must be able to stop.
     pub position_limits: Option<(Vec<f64>, Vec<f64>)>,
-    /// Method for the speed along the path; low jerk limits need a method of their own and ignore this option.
+    /// Method that computes the speed along the path; unused if jerk limits are too low for a moving average.
     pub method: Method,
-    /// Flag that ends the retiming from another thread, with an error.
+    /// Flag with which another thread ends the computation; `retime` then returns an error.
     pub cancel: Option<Cancel>,
 }
 
@@ -39,8 +39,8 @@ pub struct RetimeOptions {
 pub struct Retimed {
     /// The motion, which begins at the start time.
     pub trajectory: Trajectory,
-    /// Times at which the motion passes each waypoint (s). A motion from a moving start leaves the path at first, and
-    /// joins it at the second waypoint at the latest.
+    /// Times (s) at which the motion passes each waypoint. A motion from a moving start first leaves the path, and
+    /// joins it at or before the second waypoint.
     pub times: Vec<f64>,
 }
 
@@ -137,7 +137,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     };
     match points.as_slice() {
         [_] => return whole(builder, &resting),
-        // With a single goal, no path is prescribed.
+        // With a single goal, the motion need not follow a path.
         [_, goal] if options.slowest.is_empty() => {
             let nodes = to_rest(builder.limits(), position, velocity, acceleration, goal);
             if keeps(builder.limits(), [&lower, &upper], &nodes) {
@@ -154,7 +154,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Checks a motion on a fine grid: limits, and consistency of velocities and accelerations with positions.
+    /// Checks a motion on a fine time grid: its limits, and that velocities and accelerations match positions.
     fn check(trajectory: &Trajectory, limits: &Limits) -> Result<(), TestCaseError> {
         const STEPS: usize = 4000;
         let h = trajectory.end() / STEPS as f64;
@@ -243,7 +243,7 @@ mod tests {
                     prop_assert!(end.position.iter().zip(last).all(|(a, b)| (a - b).abs() < 1e-9));
                 }
                 Err(e) => {
-                    // The start must be one from which a joint cannot stop, even with constant jerk and acceleration.
+                    // A start may be refused only if some joint cannot stop even at constant jerk and acceleration.
                     prop_assert!(e.to_string().contains("start_velocity"), "{e}");
                     let stuck = (0..3).any(|j| {
                         let (v, a) = (speed[j] * velocity[j], gain[j] * acceleration[j]);
@@ -275,7 +275,7 @@ mod tests {
             let options = RetimeOptions { start_velocity: Some(start), ..RetimeOptions::default() };
             let out = retime(&waypoints, &limits, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
             check(&out.trajectory, &limits)?;
-            // Start from states of the motion itself, through its remaining waypoints.
+            // Start again in a state of the motion itself, with its remaining waypoints.
             let now = share * out.trajectory.end();
             let sample = out.trajectory.sample(now);
             let mut rest = vec![sample.position];
@@ -332,7 +332,7 @@ mod tests {
 
     #[test]
     fn a_straight_line_takes_its_known_time() {
-        // 2 m at 1 m/s with 4 m/s^2 and a negligible jerk limit: 2 + 1 / 4 s.
+        // A motion of 2 m at 1 m/s with 4 m/s^2 and practically unlimited jerk takes 2 + 1 / 4 s.
         let limits = Limits::new(&[1.0], &[4.0], &[1e6]).unwrap();
         let out = retime(&[vec![0.0], vec![2.0]], &limits, &RetimeOptions::default()).unwrap();
         assert!((out.trajectory.end() - 2.25).abs() < 0.01, "{}", out.trajectory.end());
@@ -394,7 +394,7 @@ mod tests {
 
     #[test]
     fn the_cone_program_agrees_where_velocity_allows_any_speed() {
-        // Near the middle waypoint this path hardly moves any joint, so the ceiling there is far above the others.
+        // Near its middle waypoint, this path hardly moves any joint, so the maximum x is far greater there.
         let waypoints = vec![
             vec![-0.7041559606013992, 0.7335081398911925, 0.0],
             vec![-1.571756411584735, 0.6090956407429002, -0.8730807125134804],

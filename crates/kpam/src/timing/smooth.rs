@@ -1,5 +1,5 @@
-//! Timing of motions that stay exactly on their path, with limits on velocity, acceleration and jerk: S-curves along
-//! straight paths, a third-order optimum along others. Used if jerk limits are too low for averaging.
+//! Timing of motions that stay exactly on their path within velocity, acceleration and jerk limits: S-curves along
+//! straight paths, a third-order optimum along others. Used if the jerk limits are too low for a moving average.
 
 use super::limits::Limits;
 use super::motion::{Node, peaks};
@@ -11,34 +11,34 @@ use super::torque::{Buffers, Load};
 use crate::Cancel;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Number of cells of a path with few waypoints, without those near its ends, and the minimum number between two
-/// waypoints.
+/// Number of cells of a path with few waypoints (not counting additional cells near its ends), and minimum number of
+/// cells between two waypoints.
 const CELLS: f64 = 72.0;
 const LEAST: f64 = 3.0;
-/// Number of parts into which the first acceleration ramp is divided to get the length of the first cell, and the
-/// growth factor of the following cells.
+/// The first cell has this fraction (1 / `RAMP`) of the length of the first acceleration ramp. Each further cell may be
+/// longer than the previous one by the factor `GROWTH`.
 const RAMP: f64 = 8.0;
 const GROWTH: f64 = 1.6;
 /// Maximum angle (rad) by which the path may turn in a cell, maximum number of parts of a cell that turns by more, and
-/// maximum number of cells. The parts have equal length; at a cusp one may turn by more.
+/// maximum number of cells. The parts have equal length, so a part that contains a cusp may turn by more.
 const TURN: f64 = 0.35;
 const PARTS: f64 = 6.0;
 const MOST_CELLS: f64 = 3000.0;
-/// Share of the limits on acceleration, jerk and position-dependent velocities to aim for, since they are imposed at
-/// stations but must also hold between them.
+/// Fraction of the acceleration, jerk and position-dependent velocity limits that the motion aims for. The limits are
+/// imposed at stations, and the remainder covers the motion between stations.
 const AIM: f64 = 0.998;
-/// Factors on the shares of velocity, acceleration and jerk limits in a cell that exceeded a limit.
+/// Factors that reduce the usable velocity, acceleration and jerk limits in a cell that exceeded a limit.
 const LESS: [f64; 3] = [0.9999, 0.999, 0.999];
-/// Number of rounds in which cells that exceed a limit are computed again with a smaller share of that limit, and the
-/// factor by which the whole motion may be slowed instead.
+/// Number of rounds in which the limits are reduced in cells that exceed them, and the factor by which the whole motion
+/// may be slowed instead.
 const ROUNDS: usize = 5;
 const NEGLIGIBLE: f64 = 1.004;
-/// A path whose curve is this close to a line (rad or m) counts as straight.
+/// A path counts as straight if its curve deviates from a straight line by at most this distance (rad or m).
 const STRAIGHT: f64 = 1e-10;
 
-/// Returns the fastest motion found along a path from `velocity` along its tangent, with zero acceleration, to rest:
-/// nodes, the node at each knot, and whether jerk is constant between nodes (otherwise quintics join them). `None` if
-/// the path cannot be followed from that velocity.
+/// Returns the fastest motion found along a path to rest. It starts with the component of `velocity` along the tangent
+/// and with zero acceleration. The result holds nodes, the node at each knot, and whether the jerk is constant between
+/// nodes (otherwise they are connected by quintics). `None` if the path cannot be followed from that velocity.
 pub(crate) fn drive(
     limits: &Limits,
     path: &Spline,
@@ -59,26 +59,26 @@ pub(crate) fn drive(
     let straight = path.bend() * path.length() * path.length() < 8.0 * STRAIGHT;
     let one_pace = paces.windows(2).all(|pair| pair[0] == pair[1]) && begin <= paces[0];
     if straight && load.is_none() && !slowed(limits, path) && one_pace {
-        // Quintics distort the accelerations of short phases, so a moving start uses constant jerk instead.
+        // Quintics distort the accelerations of short phases, so a moving start uses phases of constant jerk instead.
         return along_line(limits, path, paces[0], begin).map(|(nodes, knots)| (nodes, knots, begin > 0.0));
     }
     curved(limits, path, &paces, begin, load, cancel).map(|(nodes, knots)| (nodes, knots, false))
 }
 
-/// Returns whether a position-dependent limit bounds the speed along a straight path, mostly at its end.
+/// Returns whether a position-dependent velocity limit bounds the speed at the end of a straight path.
 fn slowed(limits: &Limits, path: &Spline) -> bool {
     let slope = path.derivatives(0, 0.0)[1];
     let end = path.at(path.intervals() - 1, 1.0);
     limits.envelope.is_some_and(|e| e.speed(&end, &slope) < along(limits, &slope).velocity)
 }
 
-/// Returns the limits of s if all joints move in proportion to `slope`.
+/// Returns the limits of the path parameter s if every joint moves in proportion to `slope`.
 pub(crate) fn along(limits: &Limits, slope: &Row) -> Along {
     let least = |row: &Row| (0..limits.joints()).map(|v| row[v] / slope[v].abs()).fold(f64::INFINITY, f64::min);
     Along { velocity: least(&limits.velocity), acceleration: least(&limits.acceleration), jerk: least(&limits.jerk) }
 }
 
-/// Returns the S-curve along a straight path.
+/// Returns the S-curve motion along a straight path.
 fn along_line(limits: &Limits, path: &Spline, pace: f64, begin: f64) -> Option<(Vec<Node>, Vec<usize>)> {
     let slope = path.derivatives(0, 0.0)[1];
     let mut most = along(limits, &slope);
@@ -104,7 +104,7 @@ fn interval_of(path: &Spline, s: f64) -> usize {
     path.knots.partition_point(|k| *k <= s).saturating_sub(1).min(path.intervals() - 1)
 }
 
-/// Returns the joint state at a state on the path.
+/// Returns the joints' state for a state `pace` on the path.
 fn node(joints: usize, path: &Spline, interval: usize, pace: &Pace) -> Node {
     let [position, first, second] = path.derivatives(interval, pace.s);
     let [mut velocity, mut acceleration] = [[0.0; MAX_JOINTS]; 2];
@@ -115,7 +115,7 @@ fn node(joints: usize, path: &Spline, interval: usize, pace: &Pace) -> Node {
     Node { time: pace.time, position, velocity, acceleration: Some(acceleration) }
 }
 
-/// Returns the positions of stations, increasingly dense towards both ends, and the station of each knot.
+/// Returns the positions of the stations, which are closer together near both ends, and the station of each knot.
 fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)>, Vec<usize>) {
     let whole = path.length();
     let near = |interval: usize, s: f64| {
@@ -140,14 +140,14 @@ fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)
         let mut at = from;
         loop {
             places.push((i, at));
-            // The length of a cell grows with its distance from both ends.
+            // The permitted length of a cell grows with its distance from both ends.
             let grown = |from_end: f64, first: f64| first + (GROWTH - 1.0) * from_end;
             let left = (whole - at - ends[1]).max(0.0);
             let wish = largest.min(grown(at, ends[0])).min(ends[1].max(left * (1.0 - 1.0 / GROWTH)));
             if to - at <= 1.3 * wish.max(1e-12 * whole) {
                 break;
             }
-            // The last cell takes the remaining length.
+            // The last cell takes up the remaining length.
             at = if i == last && left <= wish {
                 whole - ends[1]
             } else {
@@ -160,7 +160,7 @@ fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)
     cut_where_it_turns(limits.joints(), path, places, of_knot)
 }
 
-/// Adds stations in cells where the path turns by a large angle, since acceleration changes fast there.
+/// Adds stations in cells in which the path turns by a large angle, because the acceleration changes fast there.
 fn cut_where_it_turns(
     joints: usize,
     path: &Spline,
@@ -170,7 +170,7 @@ fn cut_where_it_turns(
     let dot = |a: &Row, b: &Row| (0..joints).map(|v| a[v] * b[v]).sum::<f64>();
     let angle = |a: &Row, b: &Row| {
         let cosine = dot(a, b) / (dot(a, a) * dot(b, b)).sqrt();
-        // A zero tangent has no direction and counts as a reversal.
+        // A zero tangent has no direction, and counts as a reversal of the path.
         if cosine.is_nan() { std::f64::consts::PI } else { cosine.clamp(-1.0, 1.0).acos() }
     };
     let most_parts = (MOST_CELLS / places.len() as f64).floor().clamp(1.0, PARTS);
@@ -212,7 +212,7 @@ fn curved(
         return None;
     }
     let load = load.map(|(dynamics, room)| (&dynamics.max_torque, room));
-    // A start faster than the pace brakes with half of the limits.
+    // A start faster than the required pace brakes with half of the acceleration and jerk limits.
     let most = along(limits, &list[0].first);
     let half = Along { velocity: begin, acceleration: 0.5 * most.acceleration, jerk: 0.5 * most.jerk };
     let braking = if begin > 0.0 { half.profile(0.5 * begin * half.ramp_time(begin), begin) } else { None };
@@ -237,7 +237,7 @@ fn curved(
             pace[k] = pace[k].min(AIM * envelope.speed(&path.derivatives(*i, *s)[0], &list[k].first));
         }
         pace[0] = pace[0].max(begin);
-        // The path is impassable if a joint may not move at all at some position.
+        // The path cannot be followed if a joint may not move at all somewhere on it.
         if pace.iter().chain(&pace_inside[1..pace_inside.len() - 1]).any(|p| *p <= 0.0) {
             return None;
         }
@@ -256,7 +256,7 @@ fn curved(
             let taken = peaks(limits, &nodes[cell], &nodes[cell + 1]);
             let [fast, hard, sharp] = taken;
             factor = factor.max(fast).max(hard.sqrt()).max(sharp.cbrt());
-            // Slowing down does not help if a joint may not move at all.
+            // Slowing the motion does not help if a joint may not move at all.
             if limits.envelope.is_some() && fast > HOPELESS {
                 return None;
             }
@@ -290,7 +290,7 @@ mod tests {
         Spline::through(2, &[row(&[0.0, 0.0, 0.0]), row(&[1.0, 0.6, 0.0]), row(&[1.5, 1.8, 0.0])], None)
     }
 
-    /// Returns the velocity along the path's tangent at its start, at a share of the limits there, and ds/dt.
+    /// Returns a velocity along the path's tangent at its start, at a fraction of the limits there, and its ds/dt.
     fn start(limits: &Limits, path: &Spline, share: f64) -> (Row, f64) {
         let tangent = path.derivatives(0, 0.0)[1];
         let speed = share * along(limits, &tangent).velocity;
@@ -319,7 +319,7 @@ mod tests {
             let slow = 0.3 * speed;
             let least: Vec<f64> = path.knots.windows(2).map(|k| (k[1] - k[0]) / slow).collect();
             let (nodes, of_knot, _) = drive(&limits, &path, &least, &velocity, None, None).unwrap();
-            // The motion brakes within half of the first interval, and continues at the pace.
+            // The motion slows down within half of the first interval, and then continues at the required pace.
             let times: Vec<f64> = of_knot.iter().map(|k| nodes[*k].time).collect();
             assert!(times[1] > 0.5 * least[0] && times[1] < least[0], "{times:?} {least:?}");
             assert!(times[2] - times[1] >= least[1] * (1.0 - 1e-6), "{times:?} {least:?}");

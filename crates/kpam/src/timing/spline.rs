@@ -2,28 +2,28 @@
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// Deviation (rad or m) of a timed motion from its curve, due to cubics in time between points of the curve and to
-/// averaging.
+/// Maximum deviation (rad or m) of a timed motion from its curve. It has two causes: the motion is cubic in time
+/// between points of the curve, and it is averaged.
 const IN_TIME: f64 = 2e-4;
 
-/// Waypoints closer than this count as the same (rad or m).
+/// Waypoints closer than this (rad or m) share a knot.
 const SAME: f64 = 1e-9;
 
-/// A cubic spline through waypoints, parametrized by chord length, with continuous second derivatives.
+/// A cubic spline through waypoints with continuous second derivatives. Its parameter is the chord length.
 #[derive(Debug, Clone)]
 pub(crate) struct Spline {
     joints: usize,
     pub knots: Vec<f64>,
     values: Vec<Row>,
     second: Vec<Row>,
-    /// The knot of each waypoint.
+    /// Index of the knot of each waypoint.
     knot_of: Vec<usize>,
 }
 
 impl Spline {
-    /// Returns the spline of `joints` joints through waypoints with zero second derivatives at both ends. It leaves the
-    /// first waypoint along `tangent`, if given, because a moving start has no acceleration there; then the second of
-    /// more than two waypoints is only approximated.
+    /// Returns the spline of `joints` joints through waypoints, with zero second derivatives at both ends. With
+    /// `tangent`, the spline leaves the first waypoint in this direction, for a moving start without acceleration. It
+    /// then passes only close to the second of more than two waypoints.
     pub fn through(joints: usize, waypoints: &[Row], tangent: Option<&Row>) -> Self {
         let mut values: Vec<Row> = Vec::with_capacity(waypoints.len());
         let mut knots: Vec<f64> = Vec::with_capacity(waypoints.len());
@@ -48,21 +48,21 @@ impl Spline {
         Self { joints, knots, values, second, knot_of }
     }
 
-    /// Returns the knot of a waypoint; repeated waypoints share a knot.
+    /// Returns the index of a waypoint's knot; repeated waypoints share a knot.
     pub fn knot_of(&self, waypoint: usize) -> usize {
         self.knot_of[waypoint]
     }
 
-    /// Returns ds/dt at the start of a motion with `velocity`: its component along the tangent; 0 if it points
-    /// backwards.
+    /// Returns ds/dt at the start of a motion with `velocity`, from the velocity's component along the tangent; 0 if
+    /// this component points backwards.
     pub fn start_speed(&self, velocity: &Row) -> f64 {
         let tangent = &self.derivatives(0, 0.0)[1][..self.joints];
         let square: f64 = tangent.iter().map(|t| t * t).sum();
         (velocity.iter().zip(tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0)
     }
 
-    /// Returns the maximum ds/dt in each interval between knots, given minimum times `slowest` (s) of intervals between
-    /// waypoints; infinite without a minimum.
+    /// Returns the maximum ds/dt in each interval between knots, given the minimum times `slowest` (s) between
+    /// waypoints; infinity without a minimum time.
     pub fn paces(&self, slowest: &[f64]) -> Vec<f64> {
         let mut least = vec![0.0_f64; self.intervals()];
         for (w, time) in slowest.iter().enumerate().take(self.waypoints().saturating_sub(1)) {
@@ -74,12 +74,12 @@ impl Spline {
         lengths.zip(least).map(|(s, time)| if time > 0.0 { s / time } else { f64::INFINITY }).collect()
     }
 
-    /// Number of waypoints of the spline.
+    /// Returns the number of waypoints of the spline.
     pub fn waypoints(&self) -> usize {
         self.knot_of.len()
     }
 
-    /// Number of intervals between knots.
+    /// Returns the number of intervals between knots.
     pub fn intervals(&self) -> usize {
         self.knots.len() - 1
     }
@@ -88,7 +88,7 @@ impl Spline {
         self.knots[self.knots.len() - 1]
     }
 
-    /// Returns the value and the first two derivatives at `s` in interval `i`.
+    /// Returns the joint values and their first two derivatives with respect to s, at `s` in interval `i`.
     pub fn derivatives(&self, i: usize, s: f64) -> [Row; 3] {
         if self.intervals() == 0 {
             return [self.values[0], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]];
@@ -107,7 +107,7 @@ impl Spline {
         out
     }
 
-    /// The third derivative in interval `i`.
+    /// Returns the third derivative of the joint values with respect to s in interval `i`.
     pub fn third(&self, i: usize) -> Row {
         let h = self.knots[i + 1] - self.knots[i];
         let mut out = [0.0; MAX_JOINTS];
@@ -117,12 +117,12 @@ impl Spline {
         out
     }
 
-    /// Returns the maximum second derivative of a joint.
+    /// Returns the largest absolute second derivative of any joint.
     pub fn bend(&self) -> f64 {
         self.second.iter().flat_map(|row| &row[..self.joints]).fold(0.0, |most, m| most.max(m.abs()))
     }
 
-    /// Returns the joints at a fraction of interval `i`.
+    /// Returns the joint values at a fraction of interval `i`.
     pub fn at(&self, i: usize, fraction: f64) -> Row {
         let s = match self.knots.get(i + 1) {
             Some(next) => self.knots[i] + fraction * (next - self.knots[i]),
@@ -131,7 +131,7 @@ impl Spline {
         self.derivatives(i, s)[0]
     }
 
-    /// Returns points on the curve between two knots, about `spacing` apart, including both ends.
+    /// Returns points on the curve between two knots, about `spacing` apart in s, including both ends.
     pub fn along(&self, knots: std::ops::Range<usize>, spacing: f64) -> Vec<Row> {
         let mut out = vec![self.at(knots.start, 0.0)];
         for i in knots {
@@ -141,13 +141,13 @@ impl Spline {
         out
     }
 
-    /// Returns the minimum and maximum of joint `v` in interval `i`.
+    /// Returns the minimum and maximum value of joint `v` in interval `i`.
     pub fn range(&self, v: usize, i: usize) -> (f64, f64) {
         let (start, end) = (self.knots[i], self.knots[i + 1]);
         let [first, slope, bend] = self.derivatives(i, start).map(|row| row[v]);
         let last = self.values[i + 1][v];
         let (mut low, mut high) = (first.min(last), first.max(last));
-        // Where slope + bend t + change t^2 / 2 vanishes inside the interval.
+        // Extrema lie where slope + bend t + change t^2 / 2 = 0 inside the interval.
         let change = (self.second[i + 1][v] - self.second[i][v]) / (end - start);
         let (a, b, c) = (0.5 * change, bend, slope);
         let root = (b * b - 4.0 * a * c).max(0.0).sqrt();
@@ -161,8 +161,8 @@ impl Spline {
         (low, high)
     }
 
-    /// Returns whether every joint stays between `lower` and `upper` in these intervals with a margin of [`IN_TIME`].
-    /// Waypoints may lie outside if the start does; the curve between them then lies no further out than they do.
+    /// Returns whether every joint stays between `lower` and `upper` in these intervals, with a margin of [`IN_TIME`].
+    /// Waypoints may lie outside the limits if the start does; the curve between them must not lie further outside.
     pub fn keeps_within(&self, mut intervals: std::ops::Range<usize>, lower: &Row, upper: &Row) -> bool {
         intervals.all(|i| {
             (0..self.joints).all(|v| {
@@ -178,14 +178,14 @@ pub(crate) fn distance(joints: usize, a: &Row, b: &Row) -> f64 {
     (0..joints).map(|v| (b[v] - a[v]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Returns the length of the polygon through waypoints.
+/// Returns the length of the polyline through waypoints.
 pub(crate) fn length(joints: usize, waypoints: &[Row]) -> f64 {
     waypoints.windows(2).map(|w| distance(joints, &w[0], &w[1])).sum()
 }
 
-/// Returns waypoints on a polygon: its vertices, and points at most `spacing` apart between them. The spacing
-/// determines how far before and after a vertex the curve bends. Towards both ends the waypoints become denser, down to
-/// `near`, so that the curve bends only near the ends when another one is joined there.
+/// Returns waypoints on a polyline: its vertices, and points at most `spacing` apart between them. The curve through
+/// them bends only about one spacing before and after a vertex. Towards both ends the distance of the waypoints
+/// decreases to `near`, so that another curve joined at an end bends this one only there.
 pub(crate) fn rounded(joints: usize, corners: &[Row], spacing: f64, near: f64) -> Vec<Row> {
     let mut out: Vec<Row> = corners.first().copied().into_iter().collect();
     for (k, pair) in corners.windows(2).enumerate() {
@@ -227,8 +227,8 @@ pub(crate) fn rounded(joints: usize, corners: &[Row], spacing: f64, near: f64) -
     out
 }
 
-/// Computes the second derivatives at the knots of the cubic spline, zero at both ends, by one tridiagonal solve for
-/// all joints. With a tangent, the second of more than two values is adjusted.
+/// Computes the second derivatives of the cubic spline at its knots, zero at both ends, by one tridiagonal solve for
+/// all joints. With a tangent, the second of more than two waypoints is moved.
 fn second_derivatives(joints: usize, knots: &[f64], y: &mut [Row], tangent: Option<&Row>) -> Vec<Row> {
     let count = knots.len();
     let mut m = vec![[0.0; MAX_JOINTS]; count];
@@ -238,7 +238,7 @@ fn second_derivatives(joints: usize, knots: &[f64], y: &mut [Row], tangent: Opti
     let mut upper = vec![0.0; count];
     for i in 1..count - 1 {
         let (h0, h1) = (knots[i] - knots[i - 1], knots[i + 1] - knots[i]);
-        // With a tangent t, the value at the first knot inside is y0 + t h + m1 h^2 / 6, h the first step.
+        // With a tangent t, the value at the second knot is y0 + t h + m1 h^2 / 6, where h is the first step.
         let given = if i <= 2 { tangent } else { None };
         let first = knots[1] - knots[0];
         let (mut before, mut pivot) = (h0, 2.0 * (h0 + h1));

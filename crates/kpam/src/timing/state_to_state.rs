@@ -1,12 +1,13 @@
-//! Fastest motion from a moving state to rest at a goal, for each joint independently within its limits of velocity,
-//! acceleration and jerk (Kröger, "On-Line Trajectory Generation in Robotic Systems", 2010; Berscheid and Kröger,
-//! "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", 2021).
+//! Fastest motion from a moving state to rest at a goal. Each joint moves independently within its velocity,
+//! acceleration and jerk limits (Kröger, "On-Line Trajectory Generation in Robotic Systems", 2010; Berscheid and
+//! Kröger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", 2021).
 //!
-//! The goal lies on one side of the position where the joint would stop at once. The fastest motion accelerates towards
-//! this side, cruises if it reaches the maximum velocity, and stops; the longer it accelerates, the further it gets.
+//! The goal lies on one side of the position at which the joint would stop if it braked at once. The fastest motion
+//! accelerates towards the goal, cruises if it reaches the maximum velocity, and stops. The longer it accelerates, the
+//! further it gets.
 //!
-//! A joint with spare time cruises more slowly. Every duration above the minimum is possible, since a joint at rest at
-//! the goal can wait.
+//! A joint that has more time than it needs cruises more slowly. Every duration above the minimum is possible, because
+//! a joint at rest at the goal can wait there.
 
 use super::limits::Limits;
 use super::motion::Node;
@@ -15,13 +16,13 @@ use crate::model::Row;
 
 /// Maximum number of iterations of a root search.
 const ROUNDS: usize = 200;
-/// Relative time difference below which a joint with spare time waits at the goal instead.
+/// A joint whose motion is shorter than required by less than this fraction waits at the goal.
 const SAME: f64 = 1e-9;
 
-/// Maximum velocity, acceleration and jerk of a joint.
+/// Limits of a joint: maximum velocity, acceleration and jerk.
 type Most = [f64; 3];
 
-/// Consecutive phases of constant jerk.
+/// A sequence of phases with constant jerk.
 type Phases = Vec<Phase>;
 
 fn duration(phases: &[Phase]) -> f64 {
@@ -32,8 +33,8 @@ fn after(state: State, phases: &[Phase]) -> State {
     phases.iter().fold(state, |state, (time, jerk)| go_on(state, *jerk, *time))
 }
 
-/// Returns the state relative to the goal, mirrored so that the goal lies beyond the position where the joint would
-/// stop, and the sign of the side of the goal; 0 if the joint would stop at the goal.
+/// Returns the state relative to the goal, mirrored so that the goal lies above the position at which the joint would
+/// stop, and the side of the goal before mirroring (1 or -1); 0 if the joint would stop at the goal.
 fn seen_from_goal(state: State, goal: f64, [_, acceleration, jerk]: Most) -> (State, f64) {
     let [position, velocity, gain] = [state[0] - goal, state[1], state[2]];
     let stopped = after([position, velocity, gain], &stopping(velocity, gain, acceleration, jerk))[0];
@@ -47,13 +48,13 @@ fn seen_from_goal(state: State, goal: f64, [_, acceleration, jerk]: Most) -> (St
     if side < 0.0 { ([-position, -velocity, -gain], side) } else { ([position, velocity, gain], side) }
 }
 
-/// Returns the phases in which a joint accelerates upwards as hard as possible for a time.
+/// Returns the phases in which a joint accelerates upwards as hard as possible for `time` (s).
 fn accelerating(gain: f64, time: f64, [_, acceleration, jerk]: Most) -> [Phase; 2] {
     let ramp = ((acceleration - gain) / jerk).clamp(0.0, time);
     [(ramp, jerk), (time - ramp, 0.0)]
 }
 
-/// Returns the longest time for which a joint can accelerate upwards before it exceeds its velocity limit.
+/// Returns the longest time (s) for which a joint can accelerate upwards without exceeding its velocity limit.
 fn longest([_, velocity, gain]: State, [most, acceleration, jerk]: Most) -> f64 {
     let peak = (jerk * (most - velocity) + 0.5 * gain * gain).max(0.0).sqrt();
     if peak <= acceleration {
@@ -64,8 +65,8 @@ fn longest([_, velocity, gain]: State, [most, acceleration, jerk]: Most) -> f64 
     ramp + ((most - velocity - gained) / acceleration).max(0.0)
 }
 
-/// Returns the root of an increasing function between `low` and `high`: false position with the Illinois modification,
-/// and bisection if that is slow.
+/// Returns the root of an increasing function between `low` and `high`, by false position with the Illinois
+/// modification. Bisection replaces it if it converges slowly.
 fn root(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> f64 {
     let (mut below, mut above) = (value(low), value(high));
     let mut side = 0;
@@ -97,7 +98,7 @@ fn root(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> f64 {
     low
 }
 
-/// Returns the fastest motion of a joint to rest at zero, which lies above the position where it would stop.
+/// Returns the fastest motion of a joint to rest at zero. Zero lies above the position at which the joint would stop.
 fn fastest_up(state: State, most: Most) -> Phases {
     let [limit, acceleration, jerk] = most;
     let whole = |time: f64| {
@@ -123,7 +124,7 @@ fn fastest_up(state: State, most: Most) -> Phases {
     out
 }
 
-/// Returns the motion that cruises at `pace`, above zero, and its length without the cruise.
+/// Returns the motion that cruises at the velocity `pace` above zero, and its length without the cruise.
 fn at_pace(state: State, pace: f64, [_, acceleration, jerk]: Most) -> (Phases, f64) {
     let mut out = stopping(state[1] - pace, state[2], acceleration, jerk).to_vec();
     let [position, ..] = after(state, &out);
@@ -134,8 +135,8 @@ fn at_pace(state: State, pace: f64, [_, acceleration, jerk]: Most) -> (Phases, f
     (out, end)
 }
 
-/// Returns a motion of a joint that cruises slowly to take `time` to rest at zero, which lies above the position where
-/// the joint would stop; the fastest motion if no cruise takes that long.
+/// Returns a motion of a joint that cruises slowly, so that it comes to rest at zero after `time` (s). Zero lies above
+/// the position at which the joint would stop. Returns the fastest motion if no cruise takes that long.
 fn lasting_up(state: State, most: Most, time: f64) -> Phases {
     let fastest = fastest_up(state, most);
     if duration(&fastest) >= time * (1.0 - SAME) {
@@ -147,8 +148,8 @@ fn lasting_up(state: State, most: Most, time: f64) -> Phases {
         root(0.0, most[0], |pace| at_pace(state, pace.max(f64::MIN_POSITIVE), most).1)
     };
     let late = |pace: f64| time - duration(&at_pace(state, pace, most).0);
-    // A joint waits at the goal if `time` lies between the durations of the fastest motion and of the fastest motion
-    // with a cruise, since none in between exists.
+    // The joint waits at the goal if no motion takes exactly `time`. This happens between the duration of the fastest
+    // motion and that of the fastest motion with a cruise.
     if greatest.is_nan() || greatest <= 0.0 || late(greatest) < 0.0 {
         return fastest;
     }
@@ -162,8 +163,8 @@ fn lasting_up(state: State, most: Most, time: f64) -> Phases {
     fastest
 }
 
-/// Returns the constant-jerk phases of the motion of one joint from `state` to rest at `goal`. The motion takes the
-/// minimum time, or `time` if that is longer.
+/// Returns the constant-jerk phases that bring one joint from `state` to rest at `goal`. They take `time` (s), or the
+/// minimum time if that is longer or no time is given.
 fn phases(state: State, goal: f64, most: Most, time: Option<f64>) -> Phases {
     let (seen, side) = seen_from_goal(state, goal, most);
     let out = match time {
@@ -174,9 +175,8 @@ fn phases(state: State, goal: f64, most: Most, time: Option<f64>) -> Phases {
     out.into_iter().map(|(time, jerk)| (time, if side < 0.0 { -jerk } else { jerk })).collect()
 }
 
-/// Returns the nodes of the fastest motion from a state that can stop within the limits to rest at `goal`. Joints that
-/// need less time than the slowest are slowed to the same duration, except those that cannot be slowed: they wait at
-/// the goal.
+/// Returns the nodes of the fastest motion to rest at `goal` from a state from which the joints can stop within their
+/// limits. All joints take as long as the slowest one; a joint that cannot move more slowly waits at the goal.
 pub(crate) fn to_rest(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row, goal: &Row) -> Vec<Node> {
     let joints = 0..limits.joints();
     let most = |v: usize| [limits.velocity[v], limits.acceleration[v], limits.jerk[v]];
@@ -201,11 +201,11 @@ mod tests {
     use crate::model::MAX_JOINTS;
     use proptest::prelude::*;
 
-    /// Computes the minimum time by brute force: two acceleration phases and a stop on a grid of switching times.
+    /// Computes the minimum time by brute force, from two acceleration phases and a stop on a grid of switching times.
     fn by_search(state: State, goal: f64, most: Most) -> f64 {
         let (seen, _) = seen_from_goal(state, goal, most);
         let mut best = f64::INFINITY;
-        // Each peak acceleration, with or without a cruise, gives one motion to the goal.
+        // For each peak acceleration, there is one motion to the goal, with or without a cruise.
         for k in 0..=400 {
             let peak = seen[2] + (most[1] - seen[2]) * f64::from(k) / 400.0;
             let ramp = ((peak - seen[2]) / most[2], most[2]);
@@ -271,7 +271,7 @@ mod tests {
         let last = found[found.len() - 1];
         assert_eq!(last.position, row(&[1.5, 0.2, stopped]));
         assert_eq!((last.velocity, last.acceleration), ([0.0; MAX_JOINTS], Some([0.0; MAX_JOINTS])));
-        // The second joint moves nearly until the end; the third one has stopped.
+        // Shortly before the end, the second joint must still move and the third one must have stopped.
         let before = found.iter().rfind(|node| node.time < 0.999 * last.time).unwrap();
         assert!(before.velocity[1].abs() > 1e-6 && before.velocity[2].abs() < 1e-9);
     }

@@ -1,5 +1,5 @@
-//! Fastest stops, each joint within its own limits. Planning is possible only if a moving start can stop within the
-//! joint limits.
+//! Fastest stops, in which each joint brakes within its own limits. Planning needs a start from which all joints can
+//! stop within the joint limits.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,17 +7,17 @@ use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, range};
 use crate::model::{MAX_JOINTS, Row};
 
-/// A joint that exceeds its limits in every motion from a moving start.
+/// A joint that exceeds its limits in every motion from the moving start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct CannotStop {
-    /// Index of the joint among the moving joints.
+    /// Index of the joint among the joints that planning moves.
     pub joint: usize,
-    /// Explanation of the exceeded limit.
+    /// The limit that is exceeded, explained in one sentence.
     pub reason: String,
 }
 
-/// A phase of constant jerk: its duration (s) and the jerk.
+/// A phase of constant jerk: duration (s) and jerk (rad/s^3 or m/s^3).
 pub(super) type Phase = (f64, f64);
 
 /// State of a joint: position, velocity, acceleration.
@@ -31,19 +31,19 @@ pub(super) fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64
     ]
 }
 
-/// Returns the phases that bring a joint's acceleration to zero.
+/// Returns the phases in which a joint's acceleration changes to zero.
 fn settling(acceleration: f64, jerk: f64) -> [Phase; 3] {
     [(acceleration.abs() / jerk, -acceleration.signum() * jerk), (0.0, 0.0), (0.0, 0.0)]
 }
 
 /// Returns the phases that bring a joint to rest in the minimum time.
 pub(super) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -> [Phase; 3] {
-    // The velocity after the acceleration is brought to zero, which must be braked.
+    // Velocity that is left when the acceleration is zero; braking must remove it.
     let left = velocity + 0.5 * acceleration * acceleration.abs() / jerk;
     if left == 0.0 {
         return settling(acceleration, jerk);
     }
-    // In the direction of this velocity, acceleration decreases to -peak, stays there, and returns to zero.
+    // To brake, the acceleration along this velocity decreases to -peak, stays there, and returns to zero.
     let side = left.signum();
     let (velocity, acceleration) = (side * velocity, side * acceleration);
     let peak = (jerk * velocity + 0.5 * acceleration * acceleration).max(0.0).sqrt();
@@ -55,14 +55,14 @@ pub(super) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -
     [((acceleration + peak).max(0.0) / jerk, -side * jerk), (held.max(0.0), 0.0), (peak / jerk, side * jerk)]
 }
 
-/// Returns the nodes of a motion of constant-jerk phases to rest, one list for each joint, at every phase change of any
-/// joint.
+/// Returns the nodes of a motion to rest. `phases` holds the constant-jerk phases of each joint; there is a node
+/// wherever a phase of any joint ends.
 pub(super) fn nodes(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phase]>]) -> Vec<Node> {
     nodes_to(limits, start, phases, true)
 }
 
-/// Like `nodes`, for a motion that may not end at rest: a joint whose phases end earlier by rounding keeps its
-/// acceleration.
+/// Like `nodes`, for a motion that may not end at rest. A joint whose phases end slightly earlier because of rounding
+/// keeps its acceleration.
 pub(super) fn nodes_to(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phase]>], rests: bool) -> Vec<Node> {
     let mut times: Vec<f64> = vec![0.0];
     for joint in phases {
@@ -97,7 +97,7 @@ pub(super) fn nodes_to(limits: &Limits, start: &[State], phases: &[impl AsRef<[P
         .collect()
 }
 
-/// Returns the state of joint `v`.
+/// Returns position, velocity and acceleration of joint `v`.
 pub(super) fn state_of(position: &Row, velocity: &Row, acceleration: &Row, v: usize) -> State {
     [position[v], velocity[v], acceleration[v]]
 }
@@ -106,7 +106,7 @@ fn states(joints: usize, position: &Row, velocity: &Row, acceleration: &Row) -> 
     (0..joints).map(|v| state_of(position, velocity, acceleration, v)).collect()
 }
 
-/// Returns the motion in which every joint comes to rest as soon as it can.
+/// Returns the nodes of the motion in which every joint comes to rest as soon as it can.
 pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<Node> {
     let phases: Vec<_> = (0..limits.joints())
         .map(|v| stopping(velocity[v], acceleration[v], limits.acceleration[v], limits.jerk[v]))
@@ -118,11 +118,11 @@ pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration
     out
 }
 
-/// Checks whether some motion from this state keeps every joint within its limits. Maximum braking gives the shortest
-/// travel, so if its travel exceeds the limits, every motion does.
+/// Checks whether every joint can stay within its limits from this state. The fastest stop moves a joint the least, so
+/// if that stop exceeds a limit, every motion does.
 ///
 /// # Errors
-/// The first joint that exceeds its limits.
+/// Returns the first joint that exceeds its limits.
 pub(crate) fn can_stop(
     limits: &Limits,
     lower: &Row,
@@ -164,7 +164,7 @@ pub(crate) fn can_stop(
         }
     }
     for v in 0..limits.joints() {
-        // A start outside the limits may not move further out.
+        // A joint that starts outside its limits may not move further outside.
         let (low, high) = (lower[v].min(position[v]), upper[v].max(position[v]));
         for pair in motion.windows(2) {
             let (least, most) = range(limits.joints(), v, &pair[0], &pair[1]);
@@ -207,7 +207,7 @@ mod tests {
     fn no_room_to_stop_is_seen() {
         let limits = Limits::new(&[2.0], &[10.0], &[1e6]).unwrap();
         let row = |x: f64| [x; MAX_JOINTS];
-        // v^2 / 2a = 0.05 m.
+        // Stopping distance: v^2 / 2a = 0.05 m.
         let judge = |q: f64, v: f64| can_stop(&limits, &row(-1.0), &row(1.0), &row(q), &row(v), &row(0.0));
         assert!(judge(0.94, 1.0).is_ok());
         assert!(judge(0.96, 1.0).is_err());

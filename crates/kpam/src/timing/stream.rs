@@ -1,5 +1,5 @@
-//! Interface of motions to control loops: samples without memory allocation, the rest of a motion, and the switch to
-//! another motion.
+//! Functions of motions for control loops: sampling without memory allocation, the remaining part of a motion, and
+//! switching to another motion.
 
 use super::limits::{Limits, TOLERANCE};
 use super::motion::Piece;
@@ -8,7 +8,7 @@ use crate::ProblemError;
 
 impl Trajectory {
     /// Writes position, velocity and acceleration of all joints at time `t` (s) into slices of [`Trajectory::joints`]
-    /// numbers, without memory allocation, for control loops. Otherwise like [`Trajectory::sample`].
+    /// numbers. Suits control loops, because it allocates no memory. Apart from that, it equals [`Trajectory::sample`].
     ///
     /// # Errors
     /// A slice has the wrong length.
@@ -31,7 +31,7 @@ impl Trajectory {
         Ok(())
     }
 
-    /// Returns the time (s) within the motion closest to a finite time.
+    /// Returns the time (s) within the motion that is closest to `t`. Fails if `t` is not finite.
     pub(super) fn nearest(&self, t: f64) -> Result<f64, ProblemError> {
         if !t.is_finite() {
             return Err(ProblemError::new("t", format!("{t} is not finite")));
@@ -39,7 +39,7 @@ impl Trajectory {
         Ok(t.clamp(self.start(), self.end()))
     }
 
-    /// Returns this motion from time `t` (s) on, so that a repeatedly spliced motion does not grow.
+    /// Returns the part of this motion from time `t` (s) on, so that a repeatedly spliced motion does not grow.
     ///
     /// # Errors
     /// The time is not finite.
@@ -50,7 +50,8 @@ impl Trajectory {
         Ok(self.with(self.from(t), times, *self.limits()))
     }
 
-    /// Returns this motion until time `t` (s) and `next`, which must continue the state at `t`, from there on.
+    /// Returns a motion that follows this one until time `t` (s), and `next` from then on. At `t`, `next` must continue
+    /// the state of this motion.
     ///
     /// # Errors
     /// `next` moves other joints, begins later than `t`, or differs at `t` in position, velocity or acceleration by
@@ -91,7 +92,7 @@ impl Trajectory {
     }
 }
 
-/// Returns the wider limits of two.
+/// Returns, for each joint, the wider of two limits.
 fn wider(a: &Limits, b: &Limits) -> Limits {
     let mut out = *a;
     out.envelope = a.envelope.zip(b.envelope).map(|(a, b)| a.wider(&b));
@@ -139,9 +140,9 @@ mod tests {
         spliced.sample_into(t, &mut q, &mut v, &mut a).unwrap();
         assert_eq!(spliced.sample(t).acceleration, a);
         assert!(spliced.sample_into(t, &mut q[..1], &mut v, &mut a).is_err());
-        // At any other time, `next` does not continue the state.
+        // At another time, `next` does not continue the state of the motion.
         assert!(whole.splice(&next, t + 0.05).is_err());
-        // Only the past is dropped.
+        // Only the past may be missing.
         let since = spliced.since(t - 0.1).unwrap();
         assert_eq!((since.start(), since.end()), (t - 0.1, spliced.end()));
         for k in 0..=1000 {
@@ -151,9 +152,9 @@ mod tests {
         let whole_again = spliced.since(-1.0).unwrap();
         assert_eq!(whole_again.sample(0.01), spliced.sample(0.01));
         assert!(since.since(f64::NAN).is_err());
-        // A stop at the end takes no time.
+        // Braking at the end of the motion takes no time.
         assert_eq!(spliced.brake(spliced.end()).unwrap().end(), spliced.end());
-        // Splice twice, the second time in the middle of the second motion.
+        // Splice two motions, the second one while the first splice is still executed.
         let stop = next.brake(t + 0.1).unwrap();
         let twice = spliced.splice(&stop, t + 0.1).unwrap();
         assert!(twice.sample(twice.end()).velocity.iter().all(|v| v.abs() < 1e-8));

@@ -3,7 +3,7 @@
 use super::{Limits, RetimeOptions, Trajectory, retime};
 use crate::model::{MAX_JOINTS, Row};
 
-/// Returns a row with these values of the first joints.
+/// Returns a row whose first entries are `values`.
 pub(crate) fn row(values: &[f64]) -> Row {
     let mut out = [0.0; MAX_JOINTS];
     out[..values.len()].copy_from_slice(values);
@@ -16,7 +16,7 @@ pub(crate) fn wavy(limits: &Limits) -> Trajectory {
     retime(&waypoints, limits, &RetimeOptions::default()).unwrap().trajectory
 }
 
-/// Returns the fastest motion to `goal` from the state of another motion at a time.
+/// Returns the fastest motion to `goal` from the state that `motion` has at `time`.
 pub(crate) fn going_on(motion: &Trajectory, time: f64, goal: &[f64]) -> Trajectory {
     let now = motion.sample(time);
     let options = RetimeOptions {
