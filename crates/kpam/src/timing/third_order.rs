@@ -1,11 +1,11 @@
-//! Time-optimal speed along a path under velocity, acceleration and jerk limits, on the path exactly.
+//! Time-optimal speed along a path within velocity, acceleration and jerk limits; the motion stays exactly on the path.
 //!
-//! x(s) = (ds/dt)^2 is a quadratic spline over the stations with one coefficient c per cell, so that x and the second
+//! x(s) = (ds/dt)^2 is a quadratic spline over the stations with one coefficient c per cell. Therefore x and the second
 //! derivative w = d²s/dt² = x'/2 are continuous and linear in c, and so is each joint's acceleration q' w + q'' x. Its
-//! jerk is (q' w' + 3 q'' w + q''' x) sqrt(x). An interior-point method with a logarithmic barrier minimises the time;
-//! each row holds three neighbouring coefficients, so that its Newton steps are Cholesky factorisations of five
-//! diagonals. At rest, the first and last cells are driven at a constant jerk of s, which ties their coefficients to
-//! the next ones.
+//! jerk is (q' w' + 3 q'' w + q''' x) sqrt(x). An interior-point method with a logarithmic barrier minimises the time.
+//! Each row holds three neighbouring coefficients, so the matrices of the Newton steps have five diagonals. If the
+//! motion starts or ends at rest, the jerk of s is constant in the first or last cell, which ties its coefficient to
+//! the next one.
 
 use super::barrier::Problem;
 use super::limits::Limits;
@@ -14,7 +14,7 @@ use super::torque::Torque;
 use crate::Cancel;
 use crate::model::Row;
 
-/// A position on the path, with the third derivative of the following cell.
+/// A position on the path; `third` is the third derivative in the cell that follows.
 #[derive(Debug, Clone)]
 pub(crate) struct Station {
     pub s: f64,
@@ -25,26 +25,26 @@ pub(crate) struct Station {
     pub torque: Option<Torque>,
 }
 
-/// A path whose maximum speed is computed.
+/// A path and the limits for which the fastest motion is computed.
 pub(crate) struct PathProblem<'a> {
     pub limits: &'a Limits,
     pub stations: &'a [Station],
-    /// Maximum ds/dt at each station, in addition to the limits.
+    /// Maximum ds/dt at each station that the caller requires, in addition to the joint limits.
     pub pace: &'a [f64],
     /// Maximum ds/dt in the middle of each cell.
     pub pace_inside: &'a [f64],
-    /// Shares of the limits on velocity, acceleration and jerk to use in each cell.
+    /// Fractions of the joints' velocity, acceleration and jerk limits that may be used in each cell.
     pub shares: &'a [[f64; 3]],
-    /// ds/dt at the start; d²s/dt² is 0 there.
+    /// ds/dt at the start, where d²s/dt² is 0.
     pub begin: f64,
-    /// Torque limits, and the usable share of the torque left after gravity compensation.
+    /// Torque limits, and the usable fraction of the torque that gravity leaves.
     pub load: Option<(&'a Row, f64)>,
     pub cancel: Option<&'a Cancel>,
 }
 
-/// Maximum share of the duration by which the barrier may exceed the optimum; the actual excess is about a twentieth.
+/// Permitted excess of the duration over the optimum, as a fraction. The actual excess is about a twentieth of it.
 const GAP: f64 = 0.06;
-/// Growth factor of the weight of the time, and maximum Newton steps for one weight and in total.
+/// Factor by which the weight of the time grows, and maximum number of Newton steps for one weight and in total.
 const GROWTH: f64 = 12.0;
 const STEPS: usize = 12;
 const MAX_STEPS: usize = 120;
@@ -54,8 +54,8 @@ const POINTS: [f64; 4] =
 const WEIGHTS: [f64; 4] =
     [0.362_683_783_378_362, 0.313_706_645_877_887_3, 0.222_381_034_453_374_48, 0.101_228_536_290_376_26];
 
-/// Returns the fastest motion over the stations to rest at the last, as states at the stations; `None` if none was
-/// found from the speed at the start.
+/// Returns the fastest motion along the path to rest at its last station, as the states at the stations. `None` if no
+/// motion was found from the speed at the start.
 pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
     let problem = Problem::new(path);
     let mut c = begin(&problem, path)?;
@@ -70,7 +70,7 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
             if path.cancel.is_some_and(Cancel::is_cancelled) {
                 return None;
             }
-            // If rounding ends the descent, the current motion is valid because it is within the limits.
+            // If rounding ends the descent, the current motion is still valid, because it is within the limits.
             let Some((step, decrement)) = problem.newton(&c, weight, slack) else {
                 left = 0;
                 break;
@@ -97,8 +97,8 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
             }
         }
         if slack > 1.0 {
-            // The motion from a moving start may first exceed the limits, widened by `slack`; they are tightened as far
-            // as the motion stays strictly inside.
+            // At first, a motion from a moving start may exceed the limits, which are widened by `slack`. They are
+            // tightened as far as the motion stays strictly within them.
             let reached = worst(&problem, &c);
             if left == 0 || slack - reached < 1e-9 {
                 return None;
@@ -113,12 +113,12 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
     }
 }
 
-/// Returns the largest factor by which limits would have to be widened.
+/// Returns the largest factor by which the motion exceeds a limit.
 fn worst(problem: &Problem, c: &[f64]) -> f64 {
     problem.usage(c).into_iter().fold(0.0, f64::max)
 }
 
-/// Returns a slow initial motion: an S-curve with limits that hold along the whole path.
+/// Returns a slow motion as the initial solution: an S-curve whose limits are valid along the whole path.
 fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
     let whole = path.stations.last()?.s;
     let limits = path.limits;
@@ -146,7 +146,7 @@ fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
         return Some(c);
     }
     let [velocity, acceleration, jerk] = problem.usage(&c);
-    // For a band around a centre other than 0, the part between 0 and its closer end.
+    // For a range of torques around a value other than 0, use the part between 0 and the range's end closest to 0.
     let load = problem.bounds.iter().filter(|b| b.middle != 0.0);
     let load = load.map(|b| b.row.value(&c).abs() / (b.limit - b.middle.abs())).fold(0.0, f64::max);
     let factor = (0.7 / velocity).min(0.7 / acceleration).min((0.7 / jerk).powf(2.0 / 3.0)).min(0.7 / load);
@@ -154,7 +154,7 @@ fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
     Some(c)
 }
 
-/// Returns the states at the stations.
+/// Returns the states of the motion at the stations.
 fn paces(problem: &Problem, path: &PathProblem<'_>, c: &[f64]) -> Vec<Pace> {
     let last = problem.cells;
     let mut out = vec![Pace { time: 0.0, s: 0.0, speed: path.begin, gain: 0.0 }];

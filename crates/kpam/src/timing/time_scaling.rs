@@ -10,35 +10,35 @@ use super::torque::Load;
 use crate::Cancel;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Method for the speed along a path.
+/// Method that computes the speed along a path.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Method {
-    /// Reachability analysis.
+    /// Reachability analysis (Pham and Pham 2018).
     #[default]
     Reachability,
-    /// A second-order cone program on Clarabel (Verscheure et al. 2009).
+    /// A second-order cone program solved by Clarabel (Verscheure et al. 2009).
     Conic,
 }
 
-/// Number of rounds in which cells that exceed a limit are computed again with a smaller share of that limit.
+/// Number of rounds in which cells that exceed a limit are computed again with a smaller fraction of this limit.
 const ROUNDS: usize = 6;
-/// Share of the acceleration limit to aim for, so that most cells need no second round.
+/// Fraction of the acceleration limit that the motion aims for, so that most cells need no second round.
 const AIM: f64 = 0.998;
 /// No further round is needed if slowing the whole motion by at most this factor suffices.
 const NEGLIGIBLE: f64 = 1.003;
-/// A path is impassable if its motion would have to be slowed by this factor: some joint may not move there.
+/// A path is impassable if its motion would have to be slowed by this factor: a joint may not move there.
 pub(crate) const IMPASSABLE: f64 = 1.5;
-/// Factor by which a cell exceeds a velocity limit if a joint may not move there at all.
+/// Factor by which a cell exceeds a velocity limit in a place where a joint may not move at all.
 pub(crate) const HOPELESS: f64 = 1e4;
-/// Share of a limit lost to rounding in a cell, far below [`super::limits::TOLERANCE`].
+/// Fraction of a limit that rounding may use up in a cell; it is far below [`super::limits::TOLERANCE`].
 pub(crate) const ROUNDING: f64 = 1e-9;
 /// Minimum duration of a cell (s).
 const SHORTEST: f64 = 1e-7;
 
-/// Returns the fastest motion along a path from `velocity` along its tangent to rest, with minimum times `slowest` (s)
-/// of intervals between waypoints. Nodes lie at the stations of the grid. `None` if the path cannot be followed from
-/// that velocity, or if the caller has cancelled.
+/// Returns the fastest motion along a path to rest, starting with the component of `velocity` along the tangent.
+/// `slowest` holds the minimum times (s) between waypoints. There is a node at each station of the grid. `None` if the
+/// path cannot be followed from that velocity, or if the caller has cancelled.
 pub(crate) fn drive(
     method: Method,
     limits: &Limits,
@@ -74,7 +74,7 @@ pub(crate) fn drive(
         for cell in 0..grid.cells() {
             let [fast, hard] = shares(limits, &nodes[cell], &nodes[cell + 1]);
             worst = [worst[0].max(fast), worst[1].max(hard)];
-            // Slowing down does not help if a joint may not move at all.
+            // Slowing the motion does not help if a joint may not move at all.
             if limits.envelope.is_some() && fast > HOPELESS {
                 return None;
             }
@@ -106,7 +106,7 @@ pub(crate) fn drive(
     Some((nodes, grid))
 }
 
-/// Slows a motion from rest to rest by a factor.
+/// Slows a motion that starts and ends at rest by a factor.
 pub(crate) fn stretch(nodes: &mut [Node], factor: f64) {
     for node in nodes {
         node.time *= factor;
@@ -119,7 +119,7 @@ fn resting(grid: &Grid) -> Node {
     Node { time: 0.0, position: grid.stations[0].position, velocity: [0.0; MAX_JOINTS], acceleration: None }
 }
 
-/// Returns the nodes in time for x at the stations; `None` if the motion stops on the way.
+/// Returns nodes in time for given x at the stations; `None` if the motion stops before the end.
 fn in_time(grid: &Grid, squares: &[f64], begin: &Row) -> Option<Vec<Node>> {
     let mut out: Vec<Node> = Vec::with_capacity(squares.len());
     let mut time = 0.0;

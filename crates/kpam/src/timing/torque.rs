@@ -1,8 +1,8 @@
-//! Torque limits of the joints' motors, by inverse dynamics.
+//! Torque limits of the joints' motors, computed by inverse dynamics.
 //!
 //! Along a path q(s), a torque is `a u + b x + c` with `x = (ds/dt)^2` and `u = d²s/dt²`: `a` accelerates the masses
 //! along the tangent, `b` is due to the path's curvature, and `c` compensates gravity. Torque limits are therefore
-//! linear rows like those on acceleration, with another centre.
+//! linear in u and x like acceleration limits, but their ranges are not centred at zero.
 
 use std::sync::Arc;
 
@@ -13,14 +13,14 @@ use crate::Options;
 use crate::joint_map::JointMap;
 use crate::model::{MAX_JOINTS, Model, Row};
 
-/// Usable share of the torque left after gravity compensation, at samples; the rest is for the motion between samples.
+/// Usable fraction, at samples, of the torque that gravity leaves; the remainder covers the motion between samples.
 pub(crate) const SAMPLED: f64 = 0.9995;
 /// Maximum time between samples (s).
 const STEP: f64 = 1e-3;
-/// Maximum number of samples; a longer motion is slower and needs no more.
+/// Maximum number of samples. A motion that would need more is so slow that they suffice.
 const MAX_SAMPLES: f64 = 2e5;
 
-/// Masses and torque limits of the moving joints.
+/// Dynamic model and torque limits of the joints that planning moves.
 #[derive(Debug, Clone)]
 pub(crate) struct Dynamics {
     robot: Arc<Robot>,
@@ -38,13 +38,13 @@ pub(crate) struct Torque {
 }
 
 impl Torque {
-    /// Returns the range of `of_u u + of_x x` for variable `v`, given a share `room` of what gravity leaves of `limit`.
+    /// Returns the range of `of_u u + of_x x` for variable `v`: the fraction `room` of what gravity leaves of `limit`.
     pub fn band(&self, v: usize, limit: f64, room: f64) -> [f64; 2] {
         [room * (-limit - self.rest[v]), room * (limit - self.rest[v])]
     }
 }
 
-/// Masses and torque limits, and the usable share of the torque left after gravity compensation.
+/// Dynamic model with torque limits, and the usable fraction of the torque that gravity leaves.
 pub(crate) type Load<'a> = Option<(&'a Dynamics, f64)>;
 
 impl Dynamics {
@@ -58,7 +58,7 @@ impl Dynamics {
         Some(Self { robot: Arc::clone(robot), map: model.map().clone(), max_torque })
     }
 
-    /// Returns the torques of the variables at a state.
+    /// Returns the torque of each variable for a state of the joints.
     pub fn torques(&self, [position, velocity, acceleration]: &[Row; 3], buffers: &mut Buffers) -> Row {
         let Buffers { scratch, q, velocity: full_velocity, acceleration: full_acceleration, out } = buffers;
         self.map.positions(position, q);
@@ -68,14 +68,14 @@ impl Dynamics {
         let fits = self.robot.inverse_dynamics(state, &GRAVITY, scratch, out);
         debug_assert!(fits.is_ok(), "a model's map has an entry for each joint of its robot");
         let mut torques = [0.0; MAX_JOINTS];
-        // The motor of a variable also moves the joints that follow it.
+        // The motor of a variable also drives the mimic joints that follow it.
         for d in self.map.driven() {
             torques[d.variable] += d.factor * out[d.joint];
         }
         torques
     }
 
-    /// Returns the torques at a position of a path.
+    /// Returns the coefficients of the torques at a position of a path with the derivatives `first` and `second`.
     pub fn along(&self, position: &Row, first: &Row, second: &Row, buffers: &mut Buffers) -> Torque {
         let still = [0.0; MAX_JOINTS];
         let rest = self.torques(&[*position, still, still], buffers);
@@ -88,7 +88,7 @@ impl Dynamics {
         Torque { of_u, of_x, rest }
     }
 
-    /// Returns the maximum path acceleration at rest that the torque limits allow both forwards and backwards.
+    /// Returns the maximum path acceleration from rest that the torque limits allow in both directions of the path.
     pub fn hardest(&self, torque: &Torque, room: f64) -> f64 {
         let least = |v: usize| {
             let [low, high] = torque.band(v, self.max_torque[v], room);
@@ -97,13 +97,13 @@ impl Dynamics {
         (0..self.map.indices().len()).map(least).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns whether the limits suffice to hold all joints still at a position.
+    /// Returns whether the torque limits suffice to hold all joints still against gravity.
     pub fn holds(&self, torque: &Torque) -> bool {
         (0..self.map.indices().len()).all(|v| torque.rest[v].abs() < self.max_torque[v])
     }
 
-    /// Returns the maximum used share of the torque left after gravity compensation, from samples at the ends of the
-    /// motion's polynomials and between them.
+    /// Returns the largest used fraction of the torque that gravity leaves, from samples at the ends of the motion's
+    /// polynomials and between them.
     pub fn share(&self, piece: &Piece) -> f64 {
         let mut buffers = Buffers::default();
         let still = [0.0; MAX_JOINTS];
@@ -129,7 +129,7 @@ impl Dynamics {
     }
 }
 
-/// Buffers of inverse dynamics.
+/// Memory that inverse dynamics reuses between calls.
 #[derive(Debug, Default)]
 pub(crate) struct Buffers {
     scratch: DynamicsScratch,
@@ -154,7 +154,7 @@ mod tests {
         Inertia { mass, center: Vector3::new(0.5 * length, 0.0, 0.0), tensor }
     }
 
-    /// Two links in the plane of gravity.
+    /// An arm of two links in a vertical plane.
     fn arm() -> Arc<Robot> {
         let hinge = |name: &str| Joint::revolute(name, -Vector3::y()).limits(-3.0, 3.0).velocity(2.0);
         let robot = Robot::builder("arm")
@@ -199,7 +199,7 @@ mod tests {
         for jerk in [1e6, 200.0] {
             let limits = Limits::new(&[5.0], &[50.0], &[jerk]).unwrap();
             let time = motion(&robot, limits, Some(vec![4.0]), &way).unwrap().end();
-            // 4 N on 2 kg: accelerate to the middle, then brake, in 2 sqrt(d / a).
+            // With 4 N on 2 kg, the mass accelerates to the middle and then brakes, in 2 sqrt(d / a).
             assert!((time - 2.0).abs() < 0.05, "{time}");
             assert!(time >= 2.0);
         }
@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn what_cannot_be_held_is_not_moved() {
         let limits = Limits::new(&[2.0; 2], &[10.0; 2], &[5000.0; 2]).unwrap();
-        // Stretched out, the shoulder holds 3 kg at 0.25 m and 2 kg at 0.7 m: 21.1 N m.
+        // With the arm stretched out, the shoulder holds 3 kg at 0.25 m and 2 kg at 0.7 m: 21.1 N m.
         let way = [vec![0.0, 0.0], vec![0.3, 0.2]];
         assert!(motion(&arm(), limits, Some(vec![21.0, 50.0]), &way).is_none());
         assert!(motion(&arm(), limits, Some(vec![22.0, 50.0]), &way).is_some());

@@ -1,4 +1,4 @@
-//! Timed joint motion.
+//! Joint motion in time.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,15 +12,15 @@ use crate::checked::checked_when_read;
 use crate::model::{JointMap, MAX_JOINTS, Row};
 use crate::{Cancel, ProblemError};
 
-/// A timed motion of all joints of the robot: cubics in time averaged over a short window, or quintics for low jerk
-/// limits, so that position, velocity, acceleration and jerk are known exactly at every time.
+/// A motion in time of all joints of the robot. It consists of cubics averaged over a short time window, or of quintics
+/// if the jerk limits are low. Position, velocity, acceleration and jerk are known exactly at every time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Trajectory {
     pieces: Vec<Piece>,
     joints: JointMap,
     times: Vec<f64>,
-    /// Limits of the moving joints that the motion keeps.
+    /// Limits of the moving joints, which the motion keeps.
     limits: Limits,
 }
 
@@ -38,22 +38,22 @@ pub struct Sample {
     pub acceleration: Vec<f64>,
 }
 
-/// Approximate interval between the times of waypoints (s); larger if the nodes are further apart.
+/// Approximate time (s) between waypoints; it is longer where the nodes are further apart.
 const WAYPOINT_STEP: f64 = 0.1;
 
 /// Maximum number of rounds in which a motion that exceeds torque limits between stations is computed again with a
-/// smaller share of the limits.
+/// smaller fraction of the torque limits.
 const ROUNDS: usize = 8;
 const AIM: f64 = 0.999;
 
-/// Maximum deviation (rad or m) due to averaging for motions that need not keep their path. Averaging takes a tenth of
-/// the time needed to bound the jerk on the path.
+/// Maximum deviation (rad or m) from the path that the moving average may cause if the motion need not keep its path.
+/// The moving average takes a tenth of the computing time that bounding the jerk on the path takes.
 const OFF: f64 = 2e-3;
 
 /// Reason why a path could not be appended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Refusal {
-    /// The path is too sharp to be followed from the velocity at its start.
+    /// The path bends too sharply to be followed from the velocity at its start.
     TooSharp,
     /// The motion takes at least this long (s).
     TooLong(f64),
@@ -61,17 +61,17 @@ pub(crate) enum Refusal {
     Cancelled,
 }
 
-/// Inputs of a trajectory.
+/// Builds a trajectory from motions that are appended one after another.
 #[derive(Debug, Clone)]
 pub(crate) struct Builder {
     limits: Limits,
-    /// Width of the moving average (s), and the limits before averaging; `None` if jerk limits are too low for
-    /// averaging, so that motions have continuous acceleration themselves.
+    /// Width (s) of the moving average, and the limits before averaging. `None` if the jerk limits are too low for
+    /// averaging; the appended motions then have continuous accelerations themselves.
     averaged: Option<(f64, Limits)>,
     method: Method,
     cancel: Option<Cancel>,
     dynamics: Option<Dynamics>,
-    /// Whether the motion so far exceeds a torque limit.
+    /// Whether the motion built so far exceeds a torque limit.
     overloaded: bool,
     pieces: Vec<Piece>,
     now: f64,
@@ -91,7 +91,7 @@ impl Builder {
         }
     }
 
-    /// Sets the flag that cancels the computation.
+    /// Sets the flag with which another thread cancels the computation.
     pub fn cancelled_by(mut self, cancel: Option<Cancel>) -> Self {
         self.cancel = cancel;
         self
@@ -103,7 +103,7 @@ impl Builder {
         self
     }
 
-    /// Lets the moving average deviate from a path by up to [`OFF`], for motions that need not keep their path.
+    /// Lets the moving average deviate from paths by up to [`OFF`], for motions that need not keep their paths.
     pub fn off_path(mut self) -> Self {
         self.averaged = self.limits.averaged_within(OFF);
         self
@@ -113,18 +113,18 @@ impl Builder {
         if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) { Refusal::Cancelled } else { Refusal::TooSharp }
     }
 
-    /// Current end time (s).
+    /// Returns the end time (s) of the motion built so far.
     pub fn now(&self) -> f64 {
         self.now
     }
 
-    /// Widens the limits so that a start that exceeds them by rounding keeps them.
+    /// Widens the limits so that a start that exceeds them only by rounding keeps them.
     pub fn admit(&mut self, position: &Row, velocity: &Row, acceleration: &Row) {
         self.limits = self.limits.admitting(position, velocity, acceleration);
         self.averaged = self.limits.averaged();
     }
 
-    /// Limits of the motion.
+    /// Returns the limits of the motion.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
@@ -134,7 +134,7 @@ impl Builder {
         self.pieces.push(piece);
     }
 
-    /// Appends a timed motion that starts at time 0.
+    /// Appends a motion given by nodes, whose first node is at time 0.
     pub fn append_nodes(&mut self, nodes: &[Node]) {
         if nodes.len() > 1 {
             let piece = Piece::plain(self.now, self.limits.joints(), nodes);
@@ -143,13 +143,13 @@ impl Builder {
         }
     }
 
-    /// Width (s) of the moving average.
+    /// Returns the width (s) of the moving average; 0 without averaging.
     fn width(&self) -> f64 {
         self.averaged.as_ref().map_or(0.0, |(width, _)| *width)
     }
 
-    /// Appends a motion along a path that also keeps the torque limits. If it exceeds them between stations, it is
-    /// computed again with a smaller share of the torque limits.
+    /// Appends a motion along a path that also keeps the torque limits. If it exceeds them between stations, the motion
+    /// is computed again with a smaller fraction of the torque limits.
     pub fn push(
         &mut self,
         path: &Spline,
@@ -180,8 +180,8 @@ impl Builder {
         outcome
     }
 
-    /// Appends a motion along a path from `velocity` to rest. It ends at `end` if given, else as soon as the limits
-    /// allow. Returns the times at which it passes the waypoints in `marks`.
+    /// Appends a motion along a path to rest, from the component of `velocity` along the tangent. It ends at time `end`
+    /// (s) if given, otherwise as soon as possible. Returns the times at which it passes the waypoints in `marks`.
     fn push_within(
         &mut self,
         path: &Spline,
@@ -213,7 +213,7 @@ impl Builder {
             if resting && least > 0.0 {
                 stretch(&mut nodes, (allowed - width) / least);
             } else if let Some(mut last) = nodes.last().copied() {
-                // A moving start cannot be slowed, so the motion waits at its end instead.
+                // A motion from a moving start cannot be slowed, so it waits at its end instead.
                 last.time = allowed - width;
                 nodes.push(last);
             }
@@ -229,7 +229,7 @@ impl Builder {
             None => Piece::smooth(self.now, joints, &nodes, &places),
         };
         let end = piece.end();
-        // At the end node the motion is at rest.
+        // The motion is at rest at its last node, so it passes this node at its end.
         let passed = |node: usize| if node == last { end } else { self.now + nodes[node].time + 0.5 * width };
         let times = places.iter().map(|node| passed(*node)).collect();
         self.append(piece);
@@ -241,7 +241,7 @@ impl Builder {
         self.dynamics.as_ref().is_none_or(|d| motion.pieces().iter().all(|piece| d.share(piece) <= SAMPLED))
     }
 
-    /// Returns the trajectory of all joints that the variables drive.
+    /// Returns the trajectory of all joints that the variables drive through the map `joints`.
     pub fn build(self, joints: &JointMap) -> Trajectory {
         let mut times = Vec::new();
         for piece in &self.pieces {
@@ -255,7 +255,7 @@ impl Builder {
 }
 
 impl Trajectory {
-    /// Validates a deserialized motion: increasing times, and consecutive pieces.
+    /// Validates a deserialized motion; the times of waypoints and pieces must not decrease.
     fn check(&self) -> Result<(), ProblemError> {
         let fits = |piece: &Piece| piece.is_sound() && piece.joints() == self.joints.indices().len();
         let follow = self.pieces.windows(2).all(|pair| pair[0].counts <= pair[1].counts);
@@ -269,32 +269,32 @@ impl Trajectory {
         Err(ProblemError::new("trajectory", "is damaged"))
     }
 
-    /// Waypoint times (s), including every keyframe time.
+    /// Returns the times (s) of the waypoints, which include the times of all keyframes.
     #[must_use]
     pub fn times(&self) -> &[f64] {
         &self.times
     }
 
-    /// Time of the first waypoint (s).
+    /// Returns the time (s) of the first waypoint.
     #[must_use]
     pub fn start(&self) -> f64 {
         self.times[0]
     }
 
-    /// Time of the last waypoint (s).
+    /// Returns the time (s) of the last waypoint.
     #[must_use]
     pub fn end(&self) -> f64 {
         self.times[self.times.len() - 1]
     }
 
-    /// Number of joints, including mimic joints and fixed ones.
+    /// Returns the number of joints, including mimic joints and fixed ones.
     #[must_use]
     pub fn joints(&self) -> usize {
         self.joints.joints()
     }
 
-    /// Returns position, velocity and acceleration of all joints at time `t` (s): before the start, the state at the
-    /// start; after the end, at rest.
+    /// Returns position, velocity and acceleration of all joints at time `t` (s). Before the start, it is the state at
+    /// the start; after the end, the robot rests at the last position.
     #[must_use]
     pub fn sample(&self, t: f64) -> Sample {
         let [position, velocity, acceleration] = self.moving_with_rates(t);
@@ -305,7 +305,7 @@ impl Trajectory {
         out
     }
 
-    /// Returns the variables at a time, with velocities and accelerations.
+    /// Returns positions, velocities and accelerations of the moving joints at time `t` (s).
     pub(crate) fn moving_with_rates(&self, t: f64) -> [Row; 3] {
         let t = t.max(self.start());
         let at = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
@@ -315,7 +315,7 @@ impl Trajectory {
         }
     }
 
-    /// Returns an upper bound of each joint's absolute acceleration between two times.
+    /// Returns an upper bound of each moving joint's absolute acceleration between two times (s).
     pub(crate) fn hardest(&self, [from, to]: [f64; 2]) -> Row {
         let mut most = [0.0; MAX_JOINTS];
         let first = self.pieces.partition_point(|p| p.counts <= from).saturating_sub(1);
@@ -325,18 +325,18 @@ impl Trajectory {
         most
     }
 
-    /// Joint positions at the waypoint times.
+    /// Returns the positions of all joints at the waypoint times.
     #[must_use]
     pub fn positions(&self) -> Vec<Vec<f64>> {
         self.times.iter().map(|t| self.sample(*t).position).collect()
     }
 
-    /// Limits of the moving joints.
+    /// Returns the limits of the moving joints.
     pub(crate) fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// Map from the moving joints to all joints.
+    /// Returns the map from the moving joints to all joints.
     pub(crate) fn map(&self) -> &JointMap {
         &self.joints
     }
@@ -345,8 +345,8 @@ impl Trajectory {
         &self.pieces
     }
 
-    /// Returns whether this motion, of the same joints as `map`, is within `most` (rad or m, and rates) of a state at a
-    /// time, with all other joints as in `map`.
+    /// Returns whether this motion has the same moving joints as `map`, has at time `t` a state within `most` (rad or
+    /// m, and rates) of `state`, and keeps all other joints where `map` does.
     pub(crate) fn goes_on_from(&self, map: &JointMap, t: f64, state: &[Row; 3], most: f64) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= most;
         let moved = |joint: usize| map.driven().iter().any(|driven| driven.joint == joint);
@@ -357,7 +357,7 @@ impl Trajectory {
             && self.moving_with_rates(t).iter().zip(state).all(|(a, b)| a.iter().zip(b).all(|(a, b)| near(*a, *b)))
     }
 
-    /// Returns the pieces from a time on; the first piece takes effect at this time.
+    /// Returns the pieces from time `t` (s) on; the first of them takes effect at `t`.
     pub(crate) fn from(&self, t: f64) -> Vec<Piece> {
         let first = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
         let mut out: Vec<Piece> = self.pieces.get(first..).unwrap_or_default().to_vec();
@@ -367,12 +367,12 @@ impl Trajectory {
         out
     }
 
-    /// Returns a motion of the same joints with other pieces.
+    /// Returns a motion of the same joints that consists of other pieces.
     pub(crate) fn with(&self, pieces: Vec<Piece>, times: Vec<f64>, limits: Limits) -> Self {
         Self { pieces, joints: self.joints.clone(), times, limits }
     }
 
-    /// Returns the moving joints at a time, for checks.
+    /// Returns the positions of the moving joints at time `t` (s), for collision checks.
     pub(crate) fn moving(&self, t: f64) -> Row {
         self.moving_with_rates(t)[0]
     }
