@@ -1,4 +1,4 @@
-//! Axis constraints, approximated by linear bands on a hand direction.
+//! Approximates axis constraints by linear bounds on a direction that is fixed to the hand.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -7,18 +7,18 @@ use nalgebra::Vector3;
 
 use crate::resolve::AxisBound;
 
-/// Fraction of the tolerance that constraints aim for, so that rounding never exceeds the tolerance.
+/// Fraction of the tolerance within which poses are searched, so that rounding never exceeds the tolerance.
 pub(super) const INSIDE: f64 = 0.995;
-/// Number of sides of the polygon inscribed in the cone of a parallel constraint, which loses 2 % of the tolerance.
+/// Number of sides of the polygon inscribed in the cone of a parallel constraint; it excludes 2 % of the tolerance.
 const CONE_SIDES: usize = 16;
-/// Sine and cosine of the direction of each side of this polygon.
+/// Sine and cosine of the direction of each side of the polygon.
 static SIDES: LazyLock<[(f64, f64); CONE_SIDES]> =
     LazyLock::new(|| std::array::from_fn(|k| (2.0 * PI / CONE_SIDES as f64 * k as f64).sin_cos()));
 
-/// An axis constraint as bands `low <= u . m <= high` of the hand's direction `u`.
+/// Yields bounds `low <= u . m <= high` on the hand's direction `u` that together approximate an axis constraint.
 ///
-/// If the permitted directions form a cone around the target (parallel constraints), they become a polygon inscribed in
-/// the cone; otherwise, one band along the direction in which the angle changes.
+/// For parallel constraints, the permitted directions form a cone around the target, which is replaced by an inscribed
+/// polygon. For other constraints, there is one bound along the direction in which the angle changes.
 pub(super) fn axis_bands(a: &AxisBound, u: &Vector3<f64>) -> impl Iterator<Item = (Vector3<f64>, f64, f64)> + use<> {
     let u = *u;
     let flipped = a.center > std::f64::consts::FRAC_PI_2;
@@ -29,7 +29,7 @@ pub(super) fn axis_bands(a: &AxisBound, u: &Vector3<f64>) -> impl Iterator<Item 
     let (e1, e2) = across(&target);
     let cross = target.cross(&u);
     let sin = cross.norm();
-    // Unit direction, perpendicular to the target, towards which u is tilted.
+    // Unit vector perpendicular to the target, in the plane of the target and u.
     let outward = if sin > 1e-9 { cross.cross(&target) / sin } else { e1 };
     let is_polygon = closed && center + t < std::f64::consts::FRAC_PI_2;
     let apothem = if is_polygon { (center + t).sin() * (PI / CONE_SIDES as f64).cos() } else { 0.0 };
@@ -39,8 +39,8 @@ pub(super) fn axis_bands(a: &AxisBound, u: &Vector3<f64>) -> impl Iterator<Item 
             let (s, c) = sides[k];
             (e1 * c + e2 * s, f64::NEG_INFINITY, apothem)
         } else {
-            // With u = cos(angle) target + sin(angle) outward, the angle is measured from the direction in the middle
-            // of the band: its sine is u . m with m across that direction.
+            // With u = cos(angle) target + sin(angle) outward, the angle is measured from the middle of the permitted
+            // range: its sine is u . m, with m perpendicular to the middle direction.
             let middle = target * center.cos() + outward * center.sin();
             let m = outward * center.cos() - target * center.sin();
             let along = u.dot(&middle);

@@ -1,5 +1,5 @@
-//! Projection of eight seeds at a time onto the constraints, in single precision, by damped Gauss-Newton as in
-//! `projection`. Results are refined in double precision, so they do not depend on the rounding here.
+//! Projects eight start values at a time onto the constraints, in single precision, by damped Gauss-Newton as in
+//! `projection`. Results are refined in double precision, so that they do not depend on rounding here.
 
 use std::f64::consts::TAU;
 
@@ -15,15 +15,15 @@ use crate::KeypointProblem;
 use crate::model::{DrivenJoint, MAX_JOINTS, Model, Row};
 use crate::resolve::Resolved;
 
-/// Residuals below this (m or rad) are rounding errors.
+/// Residuals below this (m or rad) count as rounding errors.
 const ROUNDING: f64 = 4e-6;
-/// Minimum, initial and maximum damping: smaller values vanish in rounding, larger ones make no progress.
+/// Minimum, initial and maximum damping: less would vanish in rounding, and more would make no progress.
 const DAMPING: [f32; 3] = [1e-6, 1e-3, 1e3];
 
-/// One number for each variable, in eight lanes.
+/// One number for each variable, in eight SIMD lanes.
 pub(super) type Lanes = [F32x8; MAX_JOINTS];
 /// Normal equations of a Gauss-Newton step: half the gradient of the squared residuals, and the lower triangle of the
-/// matrix of gradient products.
+/// sum of outer products of the residuals' gradients.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
     pub gradient: Lanes,
@@ -36,11 +36,11 @@ impl Normal {
 
 pub(super) type Single = [f32; 3];
 
-/// A joint that moves the hand.
+/// A joint of the chain from base to hand that moves the hand.
 pub(super) struct Column {
     pub link: usize,
     pub variable: usize,
-    /// Axis in the link's frame, scaled by the factor between joint and variable.
+    /// Axis in the link's frame, multiplied by the mimic factor between the joint and its variable.
     pub axis: Single,
     pub turns: bool,
 }
@@ -48,13 +48,13 @@ pub(super) struct Column {
 pub(super) struct Axis {
     pub on_hand: Single,
     pub target: Single,
-    /// Some direction perpendicular to the target.
+    /// A direction perpendicular to the target; any of them will do.
     pub across: Single,
-    /// Minimum and maximum angle without a residual.
+    /// Minimum and maximum angle (rad) for which the residual is zero.
     pub range: [f32; 2],
 }
 
-/// A cost term: the weighted squared distance of a hand point from a plane.
+/// A cost term: weight times the squared distance of a hand point from a plane.
 pub(super) struct Plane {
     pub on_hand: Single,
     pub target: Single,
@@ -75,15 +75,15 @@ pub(super) struct BatchProjection {
     pub workspace: Option<[Single; 2]>,
     pub lower: [f32; MAX_JOINTS],
     pub upper: [f32; MAX_JOINTS],
-    /// Squared norms of the residuals: below the first a projection has converged, below the second it may be within
-    /// the tolerances.
+    /// Two limits on the squared norm of the residuals. Below the first, a projection has converged; below the second,
+    /// the pose may be within the tolerances.
     pub near: [f32; 2],
-    /// Relative weights of the joints' steps.
+    /// Weights of the joints' steps relative to their mean.
     pub metric: [f32; MAX_JOINTS],
-    /// Weights of the joints' squared steps.
+    /// Weight of each joint's squared step in the cost.
     pub weights: [f32; MAX_JOINTS],
-    /// Start configuration, from which costs are measured, with continuous joints unwound near zero; rotation (by rows)
-    /// and position of the hand there.
+    /// Joint vector at the start, from which costs are measured, with unlimited joints shifted close to zero; rotation
+    /// (by rows) and position of the hand there.
     pub begin: Row,
     pub begin_turn: [Single; 3],
     pub begin_at: Single,
@@ -93,7 +93,7 @@ pub(super) struct BatchProjection {
     pub frames: Vec<Frames>,
 }
 
-/// Returns the weights relative to their mean, clipped to the range of single precision.
+/// Returns the weights divided by their mean, limited to 0.03..30 for single precision.
 fn metric(weights: &[f64]) -> [f32; MAX_JOINTS] {
     let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
     let mut out = [1.0; MAX_JOINTS];
@@ -101,7 +101,7 @@ fn metric(weights: &[f64]) -> [f32; MAX_JOINTS] {
     out
 }
 
-/// A start value, and the damping of its first step.
+/// A start value of a projection, with the damping of its first step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seed {
     pub x: Row,
@@ -114,24 +114,24 @@ impl Seed {
     }
 }
 
-/// Result of the projection of a seed.
+/// Result of the projection of a start value.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Arrival {
     pub seed: Seed,
-    /// Cost of the pose, in single precision.
+    /// Cost of the pose, computed in single precision.
     pub cost: f32,
     /// Sum of squared residuals (m², rad²).
     pub miss: f32,
-    /// Whether the pose may meet the constraints.
+    /// Whether the pose may meet the constraints; this is decided in double precision later.
     pub near: bool,
-    /// Whether the pose has not converged yet but may with more steps.
+    /// Whether the projection has not converged yet but may converge with more steps.
     pub late: bool,
 }
 
-/// State of a seed in one lane.
+/// Progress of the projection in one SIMD lane.
 #[derive(Clone, Copy)]
 struct Seat {
-    /// Index of the seed; `None` for an empty lane.
+    /// Index of the start value; `None` if the lane is unused.
     start: Option<usize>,
     rounds: usize,
     milestone: f32,
@@ -142,7 +142,8 @@ fn single(v: &Vector3<f64>) -> Single {
 }
 
 impl BatchProjection {
-    /// Prepares a problem; `hand` is the hand pose at the start, and `near` the bound on the norm of the residuals.
+    /// Prepares the constraints and cost of a problem. `hand` is the hand pose at the start, and `near` the norm of the
+    /// residuals below which a projection has converged.
     pub fn new(problem: &KeypointProblem, model: &Model, resolved: &Resolved, hand: &Pose, near: f64) -> Self {
         let (robot, weights) = (&problem.robot, problem.joint_weights(model));
         let joints = robot.joints();
@@ -178,7 +179,7 @@ impl BatchProjection {
         };
         let limits = |values: &Row| std::array::from_fn(|v| values[v] as f32);
         let near = near.max(ROUNDING);
-        // Slightly contradictory constraints can be within tolerance although no residual vanishes.
+        // Constraints that contradict each other slightly may all be within tolerance with nonzero residuals.
         let tolerances = resolved.points.iter().map(|p| p.tolerance).chain(resolved.axes.iter().map(|a| a.tolerance));
         let reach = near + tolerances.map(|t| 3.0 * t * t).sum::<f64>().sqrt();
         Self {
@@ -206,7 +207,7 @@ impl BatchProjection {
         }
     }
 
-    /// Projects seeds onto the constraints with at most `rounds` steps each, and returns the results in seed order.
+    /// Projects start values onto the constraints with at most `rounds` steps each; keeps the order of `seeds`.
     pub fn project(&mut self, seeds: &[Seed], rounds: usize) -> Vec<Arrival> {
         let nowhere = Seed::at([0.0; MAX_JOINTS]);
         let nothing = Arrival { seed: nowhere, cost: f32::INFINITY, miss: f32::INFINITY, near: false, late: false };
@@ -220,12 +221,12 @@ impl BatchProjection {
         let mut seats = [Seat { start: None, rounds: 0, milestone: f32::INFINITY }; WIDTH];
         let mut next_start = 0;
         loop {
-            // If all lanes hold new seeds, there is no step to evaluate.
+            // If all lanes have just received new start values, no step was made that could be evaluated.
             if seats.iter().any(|seat| seat.start.is_some()) {
                 trial = wide(Step { batch: self, x: &x, normal, damping: F32x8::new(damping) });
             }
             for (lane, seat) in seats.iter_mut().enumerate().filter(|(_, seat)| seat.start.is_none()) {
-                // The first evaluation of a seed is always accepted; unused lanes repeat the first seed.
+                // The first evaluation of a start value is always accepted. Unused lanes repeat the first start value.
                 let start = seeds.get(next_start).or(seeds.first());
                 for (v, value) in start.into_iter().flat_map(|seed| &seed.x).take(self.n).enumerate() {
                     trial[v].set(lane, (*value as f32).clamp(self.lower[v], self.upper[v]));
@@ -241,7 +242,7 @@ impl BatchProjection {
             if seats.iter().all(|seat| seat.start.is_none()) {
                 return out;
             }
-            // No lane takes another step.
+            // After this evaluation, no lane makes another step.
             let last = seats.iter().all(|seat| seat.start.is_none() || seat.rounds >= rounds);
             let [next, new_cost] = self.look(&trial, &begin, (!last).then_some(&mut *trial_normal));
             let after = next.to_array();
@@ -286,8 +287,8 @@ impl BatchProjection {
         }
     }
 
-    /// Returns the sum of squared residuals, which vanish inside the constraints, and the cost; on request also the
-    /// normal equations.
+    /// Returns the sum of squared residuals and the cost. Residuals are zero within the constraints. On request, also
+    /// computes the normal equations.
     fn look(&mut self, x: &Lanes, begin: &Lanes, normal: Option<&mut Normal>) -> [F32x8; 2] {
         let mut q = std::mem::take(&mut self.q);
         let mut frames = std::mem::take(&mut self.frames);
@@ -329,7 +330,7 @@ mod tests {
                 let (mut home, before) = (*end, search.violation(end));
                 assert!(before < 0.05 && search.project(&mut home) <= 0.0, "{before}");
             }
-            // The steps agree except for rounding.
+            // The steps in single and in double precision must agree except for rounding.
             if *there && single {
                 same += usize::from(model.are_near(&alone, end, 0.01));
             }
@@ -354,7 +355,7 @@ mod tests {
         resolved.costs = vec![plane([0.6, 0.0, 0.8], 3.0), plane([0.0, 1.0, 0.0], 0.7)];
         let mut search = ActuationSearch::new(&problem, &model, &resolved);
         let seeds: Vec<Seed> = (0..43).map(|k| Seed::at(search.start(k))).collect();
-        // Without steps, the initial positions are returned.
+        // With zero steps, the start values themselves are returned.
         let begun = search.batch.project(&seeds, 0);
         for (seed, there) in seeds.iter().zip(&begun) {
             let wanted = search.cost(&seed.x);

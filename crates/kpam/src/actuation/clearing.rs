@@ -1,4 +1,4 @@
-//! Moves poses that meet the constraints but overlap a body along the constraints until they are collision-free.
+//! Moves poses out of overlaps with bodies while they keep meeting the constraints.
 
 use super::{ActuationSearch, Candidate};
 use crate::model::{MAX_JOINTS, Row};
@@ -7,27 +7,27 @@ use crate::world::Clearance;
 
 /// Maximum number of steps for one pose.
 const STEPS: usize = 10;
-/// Maximum change of a joint in one step (rad or m).
+/// Maximum change (rad or m) of a joint in one step.
 const STEP: f64 = 0.15;
-/// Maximum distance that one step tries to gain (m), since the direction out of a deep overlap changes on the way.
+/// Maximum increase (m) of a distance that one step attempts; the direction out of a deep overlap changes on the way.
 const GAIN: f64 = 0.03;
-/// Number of steps within which the largest missing distance must shrink to the share `SLOWEST`.
+/// The search ends unless this many steps reduce the largest missing distance to the fraction `SLOWEST`.
 const PATIENCE: usize = 3;
 const SLOWEST: f64 = 0.9;
-/// Number of times that a step halves its gain in distance if the constraints do not allow the full gain.
+/// How often a step may halve the attempted increase of distance if the constraints do not allow it.
 const HALVINGS: usize = 4;
-/// Extra distance (m) beyond the required one that the steps aim for, and the smaller one with which they end.
+/// Distance (m) beyond the required clearance that the steps aim for, and the smaller one at which the search succeeds.
 const SPARE: f64 = 2e-3;
 const ENOUGH: f64 = 1e-3;
-/// Extra distance beyond the required one up to which bodies are considered, so that a step away from one body does not
-/// run into another (m).
+/// Pairs of bodies are considered up to this distance (m) beyond the required clearance, so that a step away from one
+/// body does not run into another.
 pub(crate) const HEEDED: f64 = 0.03;
 
 impl ActuationSearch<'_> {
-    /// Returns a nearby pose that meets the constraints and is collision-free; `None` if the steps find none.
+    /// Returns a pose near `from` that meets the constraints and is collision-free; `None` if the search finds none.
     ///
-    /// Each step is the smallest one that meets the constraints, the joint limits and the clearances, all linearized.
-    /// `clearances` appends the clearances at a pose that are below [`HEEDED`].
+    /// Each step is the smallest one that meets the linearized constraints, joint limits and clearances. `clearances`
+    /// must append the clearances at a pose that are below [`HEEDED`].
     pub fn cleared(&mut self, from: &Row, mut clearances: impl FnMut(&Row, &mut Vec<Clearance>)) -> Option<Candidate> {
         let mut x = *from;
         let mut found = Vec::new();
@@ -95,8 +95,8 @@ mod tests {
     use super::*;
     use crate::model::Model;
 
-    /// The tip stays at its goal while the hand tilts out of a plane. If the tip is deeper than the hand is long, no
-    /// such pose exists.
+    /// The tip stays at its goal while the hand tilts. If the tip lies deeper in the obstacle than the hand is long, no
+    /// collision-free pose exists.
     #[test]
     fn a_hand_leans_out_of_a_plane() {
         let mut found = 0;

@@ -1,5 +1,5 @@
-//! Optimization along the constraints: sequential quadratic programming with the exact Hessian of the Lagrangian
-//! (second kinematic derivatives are cross products of columns of the Jacobian).
+//! Minimizes the cost along the constraints by sequential quadratic programming (SQP) with the exact Hessian of the
+//! Lagrangian. Second kinematic derivatives are cross products of columns of the Jacobian.
 
 use nalgebra::Vector3;
 
@@ -10,19 +10,18 @@ use crate::model::{MAX_JOINTS, Row, Weighed};
 use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
 use gensim2_geometry::Pose;
 
-/// Maximum number of iterations.
+/// Maximum number of SQP iterations.
 const ITERATIONS: usize = 30;
-/// The iteration ends after a step that reduces the cost by less than this share.
+/// The iterations end after a step that reduces the cost by less than this fraction.
 const GAIN: f64 = 1e-5;
-/// A descent is abandoned if even this multiple of the predicted gain would not make the pose the cheapest.
+/// A descent is abandoned if even this multiple of the predicted cost reduction would not make the pose the cheapest.
 const SURELY: f64 = 2.0;
-/// A short step this close to a known optimum (rad or m) leads to that optimum.
+/// If a descent comes closer than this (rad or m) to a known optimum with a short step, it counts as leading there.
 const BASIN: f64 = 0.05;
 
 impl ActuationSearch<'_> {
     /// Runs SQP from a pose that meets the constraints, and returns the cheapest pose on the way that still meets them.
-    /// The descent stops early if it would end at a higher cost than an optimum in `known`; It returns `None` if it
-    /// leads to an optimum in `known`.
+    /// Returns `None` if the descent leads to an optimum in `known`, or would end at a higher cost than one of them.
     pub(super) fn descend(&mut self, from: &Row, known: &[Candidate]) -> Option<Candidate> {
         let n = self.model.n();
         let mut x = *from;
@@ -59,7 +58,7 @@ impl ActuationSearch<'_> {
             };
             self.bounds = bounds;
             let QpOutcome::Solved { step, multipliers } = outcome else {
-                // Project back a pose that curvature has moved away from the linearized constraints.
+                // The constraints are curved, so a step along their linearization leaves them; project the pose back.
                 if self.project(&mut x) > 1e-6 {
                     break;
                 }
@@ -72,7 +71,7 @@ impl ActuationSearch<'_> {
                 continue;
             };
             let length = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
-            // If the quadratic model is accurate and its optimum is within reach, the model predicts the final cost.
+            // If the quadratic model is accurate and its optimum within reach, the model predicts the final cost.
             if iteration > 0 && length < 0.9 * radius {
                 let predicted = predicted(n, &step, &gradient, &hessian);
                 if known.iter().any(|c| c.cost < cost + SURELY * predicted) {
@@ -117,8 +116,8 @@ impl ActuationSearch<'_> {
         best
     }
 
-    /// Performs two Gauss-Newton corrections onto the constraints with minimum joint change; returns the remaining
-    /// violation.
+    /// Moves a pose towards the constraints by two Gauss-Newton steps with the smallest joint changes. Returns the
+    /// remaining violation.
     fn project_gently(&mut self, x: &mut Row) -> f64 {
         let n = self.model.n();
         for _ in 0..3 {
@@ -149,7 +148,7 @@ impl ActuationSearch<'_> {
         self.violation(x).max(0.0)
     }
 
-    /// Linearizes the constraints at `x`, where the frames are placed, as bounds on the step.
+    /// Linearizes the constraints at `x` as bounds on the step. The frames must be those of `x`.
     pub(super) fn linearize(&mut self, x: &Row, out: &mut Vec<Bound>) {
         self.place(x);
         out.clear();
@@ -178,8 +177,8 @@ impl ActuationSearch<'_> {
         }
     }
 
-    /// Combines the multipliers into the vectors that weight the second derivatives in the Lagrangian. The frames
-    /// belong to the pose at which the bounds were linearized; the next pose, to which they are applied, is close.
+    /// Combines the multipliers with hand points and directions, as weights of the second derivatives in the
+    /// Lagrangian. They are taken at the pose at which the bounds were linearized, which is close to the next pose.
     fn curvature_of(&self, multipliers: &[f64], out: &mut Curvature) {
         out.points.clear();
         out.axes.clear();
@@ -212,7 +211,7 @@ impl ActuationSearch<'_> {
         let mut add = |row: &Row, factor: f64| g.iter_mut().zip(row).for_each(|(a, b)| *a += factor * b);
         let way = hand.translation.vector - self.start_hand.translation.vector;
         add(&placed.linear_row(&hand.translation.vector, &way), 2.0);
-        // d(1 - cos) = -1/2 sum_k s_k . (w x r_k) = -1/2 w . sum_k r_k x s_k
+        // Gradient: d(1 - cos) = -1/2 sum_k s_k . (w x r_k) = -1/2 w . sum_k r_k x s_k
         let pull = columns(&hand)
             .zip(columns(&self.start_hand))
             .fold(Vector3::zeros(), |sum: Vector3<f64>, (r, s)| sum + r.cross(&s));
@@ -225,8 +224,8 @@ impl ActuationSearch<'_> {
         g
     }
 
-    /// Returns the Hessian of the Lagrangian, with a proximal term perpendicular to the constraints if it would be
-    /// indefinite.
+    /// Returns the Hessian of the Lagrangian. If it would be indefinite, adds stiffness perpendicular to the
+    /// constraints.
     pub(super) fn hessian(&mut self, x: &Row, curvature: &Curvature) -> [Row; MAX_JOINTS] {
         self.place(x);
         let n = self.model.n();
@@ -251,7 +250,7 @@ impl ActuationSearch<'_> {
             let p = hand.rotation * t.on_hand + origin;
             add(&placed.linear_row(&p, &t.normal), 2.0 * t.weight);
         }
-        // The constraints alone determine the step perpendicular to them; this stiffness only keeps the Hessian convex.
+        // The constraints alone determine the step perpendicular to them; the stiffness only keeps the Hessian convex.
         const STIFF: f64 = 20.0;
         for p in &self.resolved.points {
             let at = hand.rotation * p.on_hand + origin;
@@ -282,13 +281,13 @@ impl ActuationSearch<'_> {
     }
 }
 
-/// Returns the change of the cost that the quadratic model predicts for a step.
+/// Returns the change of the cost for a step by the quadratic model.
 fn predicted(n: usize, step: &Row, gradient: &Row, hessian: &[Row; MAX_JOINTS]) -> f64 {
     let curved = |i: usize| (0..n).map(|k| hessian[i][k] * step[k]).sum::<f64>();
     (0..n).map(|i| step[i] * (gradient[i] + 0.5 * curved(i))).sum()
 }
 
-/// Weights of the second derivatives: forces on hand points, and torques on hand directions.
+/// Weights of the second derivatives of hand points (forces) and of hand directions (torques).
 #[derive(Default)]
 pub(super) struct Curvature {
     points: Vec<Weighed>,

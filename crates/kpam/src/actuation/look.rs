@@ -1,5 +1,5 @@
-//! Residuals of the constraints, normal equations of their Gauss-Newton step, and cost, for eight joint vectors at a
-//! time.
+//! Computes the residuals of the constraints, the normal equations of the Gauss-Newton step, and the cost, for eight
+//! joint vectors at a time.
 
 use gensim2_geometry::Frames;
 use gensim2_geometry::lanes::{F32x8, Wide};
@@ -7,13 +7,13 @@ use gensim2_geometry::lanes::{F32x8, Wide};
 use super::batch::{BatchProjection, Lanes, Normal, Single};
 use crate::model::MAX_JOINTS;
 
-/// Evaluates constraints and cost at the current poses of the links.
+/// Evaluates constraints and cost for the current poses of the links.
 pub(super) struct Look<'a> {
     pub batch: &'a BatchProjection,
     pub frames: &'a [Frames],
     pub x: &'a Lanes,
     pub begin: &'a Lanes,
-    /// Normal equations, if requested.
+    /// Where to write the normal equations; `None` if they are not needed.
     pub normal: Option<&'a mut Normal>,
 }
 
@@ -59,7 +59,7 @@ impl Normal {
         }
     }
 
-    /// Adds a residual with its gradient.
+    /// Adds a residual and its gradient to the normal equations.
     #[inline(always)]
     fn add<const N: usize>(&mut self, row: &[F32x8; N], miss: F32x8) {
         for i in 0..N {
@@ -72,16 +72,16 @@ impl Normal {
 }
 
 impl Look<'_> {
-    /// Returns the sum of squared residuals and the cost, for an arm with at most `N` joints.
+    /// Returns the sum of squared residuals and the cost for an arm with at most `N` variables.
     #[inline(always)]
     fn of<const N: usize>(self) -> [F32x8; 2] {
         let Self { batch, frames, x, begin, mut normal } = self;
         let zero = F32x8::ZERO;
-        // Angular velocity, and velocity of the point at the base's origin, for each variable.
+        // Angular velocity of the hand, and velocity of the hand point at the base's origin, per unit of each variable.
         let (mut turns, mut shifts) = ([[zero; 3]; N], [[zero; 3]; N]);
         for column in batch.columns.iter().filter(|_| normal.is_some()) {
             let frame = &frames[column.link];
-            // Nearly every joint rotates about its own z axis.
+            // Nearly every joint rotates about the z axis of its frame.
             let axis = match column.axis {
                 [0.0, 0.0, factor] => [frame.r[0][2] * factor, frame.r[1][2] * factor, frame.r[2][2] * factor],
                 axis => frame.direction(&axis),
@@ -98,7 +98,7 @@ impl Look<'_> {
             }
         }
         let hand = &frames[batch.hand];
-        // The cost is the same as in `ActuationSearch::cost`.
+        // The cost terms are those of `ActuationSearch::cost`.
         let mut cost = F32x8::splat(1.5);
         for v in 0..N {
             let step = x[v] - begin[v];
@@ -163,7 +163,7 @@ impl Look<'_> {
             for e in 0..3 {
                 let c = hand.t[e];
                 let miss = c - c.max(F32x8::splat(low[e])).min(F32x8::splat(high[e]));
-                // Most angles are inside the range and have no residual.
+                // Most angles are within the permitted range and have no residual.
                 if miss.all_at_least(zero) && zero.all_at_least(miss) {
                     continue;
                 }

@@ -1,7 +1,7 @@
-//! The actuation pose: multi-start sequential quadratic programming over the keypoint constraints.
+//! Searches the actuation pose: the joint vector that meets the keypoint constraints at the lowest cost.
 //!
-//! Each start is first projected onto the constraints by damped Gauss-Newton, then moved along them by SQP with the
-//! exact Hessian of the Lagrangian (second kinematic derivatives are cross products of columns of the Jacobian).
+//! Many start values are first projected onto the constraints by damped Gauss-Newton, and then moved along the
+//! constraints by sequential quadratic programming (SQP) with the exact Hessian of the Lagrangian.
 
 mod bands;
 mod batch;
@@ -24,17 +24,17 @@ use crate::qp::{ActiveSet, Bound};
 use crate::resolve::Resolved;
 use crate::{Cancel, KeypointProblem};
 
-/// Poses closer than this in every joint count as the same (rad or m).
+/// Two poses count as the same if no joint differs by more than this (rad or m).
 const SAME: f64 = 0.02;
 
-/// A pose that meets all constraints.
+/// A pose that meets all constraints, with its cost.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Candidate {
     pub x: Row,
     pub cost: f64,
 }
 
-/// Result of the search.
+/// Result of the search for the actuation pose.
 pub(crate) struct Actuation {
     /// Distinct poses that meet every constraint, cheapest first.
     pub candidates: Vec<Candidate>,
@@ -46,26 +46,26 @@ pub(crate) struct ActuationSearch<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
     resolved: &'p Resolved,
-    /// Flag that ends the search.
+    /// Flag with which another thread ends the search.
     pub over: Cancel,
     start: Row,
     start_hand: Pose,
     lower: Row,
     upper: Row,
-    /// Weights of each variable's squared step from the start.
+    /// Weight of each variable's squared step from the start in the cost.
     weights: Row,
-    /// Norm of residuals below which a projection has converged.
+    /// Norm of the residuals below which a projection has converged.
     near: f64,
-    /// Target of projections within the tolerances.
+    /// Point within the tolerances that projections aim at.
     aim: Aim,
     placed: Placed,
-    /// The last evaluated joint vector with its violation, and the last one with its cost.
+    /// The joint vector evaluated last with its violation; then the same for its cost.
     violated: (Row, f64),
     cost_at: (Row, f64),
     batch: BatchProjection,
     aside: Aside,
     qp: ActiveSet,
-    // Buffers reused between iterations.
+    // Memory reused between iterations.
     residuals: Residuals,
     trial_residuals: Residuals,
     bounds: Vec<Bound>,
@@ -114,17 +114,17 @@ impl<'p> ActuationSearch<'p> {
         self.placed.place(&self.problem.robot, self.model, x);
     }
 
-    /// Creates a candidate from a pose that meets the constraints, with unlimited joints within half a turn of the
-    /// start.
+    /// Creates a candidate from a pose that meets the constraints. Unlimited joints are shifted by whole turns to
+    /// within half a turn of the start.
     fn candidate(&mut self, x: &Row) -> Candidate {
         Candidate { x: self.model.unwound(x, &self.start), cost: self.cost(x) }
     }
 
-    /// Returns the pose to which additional start value `index` projects, if it meets the constraints.
+    /// Projects the additional start value `index` onto the constraints; returns the pose if it meets them.
     pub fn sample(&mut self, index: usize) -> Option<Candidate> {
         let mut x = self.further_start(index);
-        // With a required clearance from the target, projections aim at various positions within the tolerances,
-        // because the centre of the tolerances may lack the clearance.
+        // If a clearance from the target is required, projections aim at various points within the tolerances, because
+        // the pose at their centre may be too close to the target.
         if self.problem.options.reach_clearance.is_some() {
             self.aim = Aim::within(self.resolved, index + 1);
         }
@@ -133,13 +133,13 @@ impl<'p> ActuationSearch<'p> {
         met.then(|| self.candidate(&x))
     }
 
-    /// Returns the pose `x` if it meets the constraints, otherwise its projection onto them, if possible.
+    /// Returns `x` if it meets the constraints, otherwise its projection onto them; `None` if the projection fails.
     pub fn from(&mut self, x: &Row) -> Option<Candidate> {
         let mut x = *x;
         (self.violation(&x) <= 0.0 || self.project(&mut x) <= 0.0).then(|| self.candidate(&x))
     }
 
-    /// Sorts poses by cost and drops those close to a cheaper one.
+    /// Sorts poses by cost, and drops each pose that nearly equals a cheaper one.
     fn distinct(&self, mut poses: Vec<Candidate>) -> Vec<Candidate> {
         poses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut out: Vec<Candidate> = Vec::new();
@@ -151,7 +151,7 @@ impl<'p> ActuationSearch<'p> {
         out
     }
 
-    /// Returns the joint steps from the start to `x`; unlimited joints take the shorter direction.
+    /// Returns the difference of `x` from the start in each joint; an unlimited joint takes the shorter direction.
     fn steps(&self, x: &Row) -> Row {
         let mut out = self.model.unwound(x, &self.start);
         for v in 0..self.model.n() {
@@ -160,8 +160,8 @@ impl<'p> ActuationSearch<'p> {
         out
     }
 
-    /// Returns the cost of a pose: weighted squared joint steps, squared translation of the hand, 1 - cos of its
-    /// rotation, and the cost terms of the config.
+    /// Returns the cost of a pose: weighted squared joint steps from the start, squared translation of the hand, 1 -
+    /// cos of the hand's rotation, and the cost terms of the config.
     pub fn cost(&mut self, x: &Row) -> f64 {
         self.place(x);
         if self.cost_at.0 == *x {
@@ -186,8 +186,8 @@ impl<'p> ActuationSearch<'p> {
         cost
     }
 
-    /// Returns the largest violation of a constraint beyond its tolerance (m or rad), including joint limits and
-    /// workspace.
+    /// Returns the largest amount (m or rad) by which a constraint exceeds its tolerance. Joint limits and the
+    /// workspace count as constraints.
     pub fn violation(&mut self, x: &Row) -> f64 {
         self.place(x);
         if self.violated.0 == *x {
@@ -312,7 +312,7 @@ mod tests {
             angle in -1.5..1.5f64, out in 0.35..0.6f64, up in 0.2..0.5f64,
             met_at in prop::option::of(prop::collection::vec(-2.5..2.5f64, 6)),
         ) {
-            // A random target, or one that some joint vector meets.
+            // The target is random, or one that a known joint vector meets.
             let (inner, target) = match &met_at {
                 None => (inner, [out * angle.cos(), out * angle.sin(), up]),
                 Some(q) => {

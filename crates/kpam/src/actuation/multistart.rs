@@ -1,5 +1,5 @@
-//! Multi-start search that optimizes only a few of its starts: most poses that are expensive after one step onto the
-//! constraints stay expensive, and most projections lead to the same few optima.
+//! Search from many start values that optimizes only a few of them: a pose that is expensive after one step onto the
+//! constraints usually stays expensive, and most projections lead to the same few optima.
 
 use std::ops::Range;
 
@@ -11,44 +11,44 @@ use super::seeds::NEARBY;
 use super::{Actuation, ActuationSearch, Candidate, SAME};
 use crate::model::{MAX_JOINTS, Row};
 
-/// If fewer seeds than this converge, or if the cheapest pose lies outside the region of most seeds, half as many seeds
-/// are added.
+/// If fewer start values than this converge, or if the cheapest pose lies outside the region of most start values, the
+/// search tries half as many start values in addition.
 const ENOUGH: usize = 3;
-/// Multiple of the number of seeds tried before the constraints count as infeasible.
+/// Multiple of the number of start values that are tried before the constraints count as infeasible.
 const PERSISTENCE: usize = 5;
-/// Number of steps after which seeds are compared.
+/// Number of projection steps after which start values are compared by cost.
 const SCREEN: usize = 1;
-/// One in this many seeds continues after the comparison.
+/// After the comparison, one in this many start values continues.
 const KEPT: usize = 4;
-/// Number of steps that the continued seeds get first, enough for most that converge. Seeds that need more steps are
+/// Number of further steps for start values that continue, enough for most of those that converge. The others are
 /// postponed.
 const SOON: usize = 7;
-/// Weight of a seed's remaining constraint error (m, rad) relative to its cost when seeds are compared.
+/// Weight of the remaining constraint error (m, rad) relative to the cost when start values are compared.
 const MISS: f32 = 10.0;
-/// Share of the continued seeds that must converge; otherwise the constraints are hard to meet, and the other seeds
-/// continue too.
+/// Fraction (numerator, denominator) of the continued start values that must converge. If fewer do, the constraints are
+/// hard to meet, and the other start values continue too.
 const HARD: [usize; 2] = [3, 4];
 
-/// Seeds and converged poses that the search for the cheapest pose has postponed.
+/// Start values and poses that were postponed while the cheapest pose is searched.
 #[derive(Default)]
 pub(super) struct Aside {
-    /// Seeds that were not continued.
+    /// Start values that did not continue after the comparison.
     waiting: Vec<Seed>,
-    /// Converged poses with a higher cost, not yet refined in double precision.
+    /// Poses with a higher cost, which have converged in single precision and have not been refined yet.
     arrived: Vec<Arrival>,
 }
 
-/// Poses that do not meet the constraints, in the order of discovery. Their errors matter only if no pose meets the
+/// Poses that do not meet the constraints, in the order in which they were found. They matter only if no pose meets the
 /// constraints.
 type Missed = Vec<Row>;
 
 impl ActuationSearch<'_> {
-    /// Searches for the cheapest pose from the current joints, from points around them, and from points spread evenly
-    /// over the joint ranges. It uses `seeds` starts, half as many more if few of them reach the constraints or if the
-    /// cheapest pose lies far from the current joints, and more while no start reaches the constraints.
+    /// Searches for the cheapest pose that meets the constraints. Start values are the current joints, points around
+    /// them, and points all over the joint ranges. There are `seeds` of them; half as many more if few converge or if
+    /// the cheapest pose lies far from the current joints; and more as long as none converges.
     ///
-    /// Every start takes a step onto the constraints. The cheapest quarter continues, and the others only if few of
-    /// these converge. The cheapest distinct poses are then optimized.
+    /// Every start value makes one step onto the constraints. The cheapest quarter continues; the others only if few of
+    /// these converge. Then the cheapest distinct poses are optimized.
     pub fn cheapest(&mut self, seeds: usize) -> Actuation {
         let (most, last) = (seeds + seeds / 2, PERSISTENCE * seeds);
         let mut missed = Missed::new();
@@ -87,7 +87,7 @@ impl ActuationSearch<'_> {
         }
     }
 
-    /// Returns the pose with the smallest constraint error; the first one if several are equal.
+    /// Returns the pose with the smallest constraint error; of several, the one found first.
     fn least_missed(&mut self, missed: &Missed) -> Option<Row> {
         let mut best: Option<(f64, &Row)> = None;
         for x in missed {
@@ -99,8 +99,8 @@ impl ActuationSearch<'_> {
         best.map(|(_, x)| self.model.unwound(x, &self.start))
     }
 
-    /// Returns every distinct pose that the seeds lead to, cheapest first, for use when the cheapest pose allows no
-    /// collision-free motion. Poses away from an optimum are included. `known` are poses that were already found.
+    /// Returns all distinct poses that the postponed start values lead to, cheapest first. They are needed if the
+    /// cheapest pose allows no collision-free motion, and need not be optima. `known` holds the poses found before.
     pub fn others(&mut self, known: &[Candidate]) -> Vec<Candidate> {
         let mut missed = Missed::new();
         let Aside { waiting, mut arrived } = std::mem::take(&mut self.aside);
@@ -115,18 +115,18 @@ impl ActuationSearch<'_> {
         self.distinct(poses)
     }
 
-    /// Returns the cheapest pose and all other poses that the seeds lead to.
+    /// Returns the cheapest pose and all other poses that the start values lead to.
     pub fn all(&mut self, seeds: usize) -> Actuation {
         let found = self.cheapest(seeds);
         Actuation { candidates: self.others(&found.candidates), best_effort: found.best_effort }
     }
 
-    /// Creates a seed with unlimited joints unwound, since single precision is most accurate near zero.
+    /// Creates a start value with unlimited joints shifted close to zero, where single precision is best.
     fn seed(&self, x: Row) -> Seed {
         Seed::at(self.model.unwound(&x, &[0.0; MAX_JOINTS]))
     }
 
-    /// Returns the start values with the lowest cost after the first steps; the others are postponed.
+    /// Returns the start values that are the cheapest after the first step; the others are postponed.
     fn screened(&mut self, numbers: Range<usize>) -> Vec<Seed> {
         let seeds: Vec<Seed> = numbers.map(|k| self.seed(self.start(k))).collect();
         let seen = self.batch.project(&seeds, SCREEN);
@@ -138,8 +138,8 @@ impl ActuationSearch<'_> {
         kept.iter().map(|(_, k)| seen[*k].seed).collect()
     }
 
-    /// Returns the seeds that meet the constraints in single precision within `steps`, and those that may with more
-    /// steps.
+    /// Projects start values with at most `steps` steps. Returns those that meet the constraints in single precision,
+    /// and the start values that may meet them after more steps.
     fn arrivals(&mut self, from: &[Seed], steps: usize, missed: &mut Missed) -> (Vec<Arrival>, Vec<Seed>) {
         let (mut near, mut late) = (Vec::new(), Vec::new());
         for arrival in self.batch.project(from, steps) {
@@ -156,7 +156,7 @@ impl ActuationSearch<'_> {
         (near, late)
     }
 
-    /// Refines a converged pose in double precision; `None` if it does not meet the constraints.
+    /// Refines a pose in double precision; returns `None` if it does not meet the constraints.
     fn home(&mut self, arrival: &Arrival, missed: &mut Missed) -> Option<Candidate> {
         let mut x = arrival.seed.x;
         if self.project(&mut x) > 0.0 {
@@ -166,7 +166,7 @@ impl ActuationSearch<'_> {
         Some(self.candidate(&x))
     }
 
-    /// Refines and optimizes the cheapest converged poses; the others are postponed.
+    /// Refines and optimizes the cheapest poses that have converged; the others are postponed.
     fn descend_cheapest(&mut self, missed: &mut Missed) -> Vec<Candidate> {
         let mut arrived = std::mem::take(&mut self.aside.arrived).into_iter();
         let (mut poses, mut optima): (Vec<Candidate>, Vec<Candidate>) = (Vec::new(), Vec::new());
@@ -181,7 +181,7 @@ impl ActuationSearch<'_> {
         self.distinct(poses)
     }
 
-    /// Sorts converged poses by cost and drops those close to a cheaper one.
+    /// Sorts converged poses by cost, and drops each pose that nearly equals a cheaper one.
     fn distinct_arrivals(&self, mut arrived: Vec<Arrival>) -> Vec<Arrival> {
         arrived.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut out: Vec<Arrival> = Vec::new();
@@ -193,8 +193,8 @@ impl ActuationSearch<'_> {
         out
     }
 
-    /// Returns whether the cheapest pose lies outside the region of seeds around the current joints, in a region with
-    /// few seeds.
+    /// Returns whether the cheapest pose lies outside the region around the current joints, where start values are
+    /// sparse.
     fn are_far(&self, arrived: &[Arrival]) -> bool {
         let best = arrived.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         best.is_some_and(|best| {

@@ -1,4 +1,4 @@
-//! Projection onto the constraints: damped Gauss-Newton within joint limits.
+//! Projects joint vectors onto the constraints by damped Gauss-Newton within joint limits.
 
 use nalgebra::Vector3;
 
@@ -11,34 +11,34 @@ use crate::resolve::Resolved;
 
 /// Maximum number of iterations of the projection.
 pub(super) const PROJECTIONS: usize = 25;
-/// A projection that has not halved its squared error within this many iterations is abandoned.
+/// A projection is abandoned if it does not halve its squared error within this number of iterations.
 pub(super) const PATIENCE: usize = 8;
-/// Maximum change of a joint in one iteration (rad or m).
+/// Maximum change (rad or m) of a joint in one iteration.
 pub(super) const STEP: f64 = 0.5;
-/// Share of an angle's tolerance within which the residual is zero.
+/// Fraction of an angle's tolerance within which its residual is zero.
 pub(super) const SLACK: f64 = 0.3;
-/// Targeted distance from the faces of the workspace (m).
+/// Distance (m) from the faces of the workspace box that projections aim for.
 pub(super) const INNER: f64 = 1e-3;
 
-/// Shares of the tolerances of points and of angles within which a projection may aim.
+/// Fractions of the tolerances of points and of angles from which the target of a projection is chosen.
 const POINT_AIM: f64 = 0.7;
 const ANGLE_AIM: f64 = 0.4;
 
-/// Target of a projection within the tolerances; by default their centre.
+/// Point within the tolerances that a projection aims at; the default is their centre.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Aim {
-    /// Offset from each point constraint's target (m).
+    /// Offset (m) from the target of each point constraint.
     points: Vec<Vector3<f64>>,
-    /// Offset from each axis constraint's angle (rad).
+    /// Offset (rad) from the target angle of each axis constraint.
     angles: Vec<f64>,
 }
 
 impl Aim {
-    /// Returns aim `number`, from 1, of a fixed sequence that covers the tolerances.
+    /// Returns element `number`, counted from 1, of a fixed sequence of aims that covers the tolerances.
     pub fn within(resolved: &Resolved, number: usize) -> Self {
         let mut dimension = MAX_JOINTS;
         let mut draw = || {
-            // The first dimensions of the sequence are used for the seeds.
+            // The first dimensions of the Halton sequence are used for start values.
             dimension = dimension.checked_sub(1).unwrap_or(MAX_JOINTS - 1);
             2.0 * halton(number, dimension) - 1.0
         };
@@ -52,11 +52,11 @@ impl Aim {
     }
 }
 
-/// Residuals with their gradients.
+/// Residuals, each with its gradient.
 pub(super) type Residuals = Vec<(Row, f64)>;
 
 impl ActuationSearch<'_> {
-    /// Moves `x` onto the constraints; returns the remaining violation, at most zero if they are met.
+    /// Moves `x` onto the constraints. Returns the remaining violation; zero or less means that they are met.
     pub(super) fn project(&mut self, x: &mut Row) -> f64 {
         let n = self.model.n().min(MAX_JOINTS);
         for v in 0..n {
@@ -126,7 +126,7 @@ impl ActuationSearch<'_> {
             let pushed_out =
                 (x[v] <= self.lower[v] && gradient[v] > 0.0) || (x[v] >= self.upper[v] && gradient[v] < 0.0);
             if pushed_out {
-                // Joints at a limit that the step would exceed stay fixed.
+                // A joint at its limit stays there if the step would move it further out.
                 gradient[v] = 0.0;
                 for k in 0..n {
                     normal[v.max(k)][v.min(k)] = 0.0;
@@ -141,7 +141,7 @@ impl ActuationSearch<'_> {
         solve_ldl(n, &normal, &gradient, |_| 0.0)
     }
 
-    /// Computes residuals that vanish well inside the constraints, with their gradients.
+    /// Computes the residuals and their gradients. A residual is zero well inside its constraint.
     fn residual_rows(&mut self, x: &Row, out: &mut Residuals) {
         self.place(x);
         out.clear();
@@ -162,14 +162,14 @@ impl ActuationSearch<'_> {
             let slack = SLACK * a.tolerance;
             let center = a.center + self.aim.angles.get(i).copied().unwrap_or(0.0);
             let miss = angle - angle.clamp(center - slack, center + slack);
-            // For (anti)parallel directions, any perpendicular axis rotates one away from the other.
+            // If the directions are parallel or antiparallel, a rotation about any perpendicular axis separates them.
             let normal = if sin > 1e-9 { cross / sin } else { any_across(&u) };
             out.push((placed.angular_row(&-normal), miss));
         }
         if let Some([low, high]) = self.problem.options.workspace {
             for k in 0..3 {
                 let c = hand.translation.vector[k];
-                // For a thin box, use its middle half, so that rounding cannot swap the ends.
+                // In a thin box, the margin is at most a quarter of the thickness, so that the two ends stay in order.
                 let inner = INNER.min(0.25 * (high[k] - low[k]));
                 let miss = c - c.clamp(low[k] + inner, high[k] - inner);
                 if miss != 0.0 {
@@ -181,7 +181,7 @@ impl ActuationSearch<'_> {
 }
 
 impl Resolved {
-    /// Returns the bound on the residuals' norm below which every constraint holds, well inside the tightest tolerance.
+    /// Returns a norm of the residuals below which every constraint holds, well inside the tightest tolerance.
     pub(super) fn nearness(&self) -> f64 {
         let points = self.points.iter().map(|p| p.tolerance);
         let angles = self.axes.iter().map(|a| a.tolerance);

@@ -1,24 +1,24 @@
-//! Start values of the search for actuation poses, evenly spread and the same on every machine.
+//! Start values of the search for the actuation pose. They are evenly spread and the same on every machine.
 
 use std::sync::LazyLock;
 
 use super::ActuationSearch;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Width of the region of seeds around the current joints, as a fraction of the joint ranges.
+/// Width of the region around the current joints for start values, as a fraction of each joint's range.
 pub(super) const NEARBY: f64 = 0.4;
-/// One in this many seeds lies anywhere in the ranges; the cheapest pose is usually close to the current joints.
+/// One in this many start values lies anywhere in the joint ranges; the others are near the current joints.
 const ANYWHERE: usize = 3;
-/// If the cheap poses allow no motion, additional seeds lie within twice the distance from the current joints,
-/// alternating with seeds anywhere.
+/// Width of the larger region for additional start values, which are tried if the cheap poses allow no motion. They
+/// alternate with start values anywhere in the joint ranges.
 const FURTHER: f64 = 2.0 * NEARBY;
-/// Length of one random seed's section of the sequence: more points than a plan uses, coprime to the bases.
+/// Length of the sequence's section for one random seed: more points than a plan uses, coprime to the bases.
 const STRETCH: usize = 104_729;
 
 impl ActuationSearch<'_> {
-    /// Returns start value `index`: the current joints, then points around them and, every third time, points anywhere
-    /// in the joint ranges. Each kind has its own counter, because, for example, the odd points of a Halton sequence
-    /// all lie in one half of the first joint's range.
+    /// Returns start value `index`: first the current joints, then points around them, with every third point anywhere
+    /// in the joint ranges. Each of the two kinds has its own counter, because the odd points of a Halton sequence, for
+    /// example, all lie in one half of the first joint's range.
     pub(super) fn start(&self, index: usize) -> Row {
         if index == 0 {
             return self.start;
@@ -27,8 +27,8 @@ impl ActuationSearch<'_> {
         if index % ANYWHERE == 1 { self.anywhere(so_far) } else { self.near(index - so_far, NEARBY) }
     }
 
-    /// Returns additional start value `index`, used to find other poses than the cheapest. The sequence continues after
-    /// the first start values, since repeated points would lead to the same poses.
+    /// Returns additional start value `index`, which serves to find poses other than the cheapest. The sequence
+    /// continues after the first start values, because repeated points would lead to the same poses.
     pub(super) fn further_start(&self, index: usize) -> Row {
         let first = self.problem.options.num_seeds + self.problem.options.num_seeds / 2;
         let number = first.div_ceil(ANYWHERE) + 1 + index / 2;
@@ -53,19 +53,19 @@ impl ActuationSearch<'_> {
         x
     }
 
-    /// Returns the index in the sequence of point `number`; each random seed has its own section of the sequence.
+    /// Returns the index of point `number` in the Halton sequence; each random seed has its own section.
     fn drawn(&self, number: usize) -> usize {
         self.problem.options.seed * STRETCH + number
     }
 }
 
-/// Number of precomputed points of the Halton sequence, more than most plans use.
+/// Number of precomputed points of the Halton sequence; most plans use fewer.
 const READY: usize = 256;
 
 /// Returns coordinate `dimension` of point `index` of the Halton sequence, which is evenly spread and the same on every
-/// machine. Digits are scrambled by a factor near the golden section of each base, because unscrambled coordinates of
-/// large bases are correlated in the first points. On 230 recorded and 360 generated problems, 32 scrambled seeds find
-/// as many cheapest poses as 48 unscrambled ones.
+/// machine. Digits are multiplied by a factor near the golden section of each base, because otherwise the first points
+/// are correlated in large bases. On 230 recorded and 360 generated problems, 32 points scrambled in this way find the
+/// cheapest pose as often as 48 unscrambled ones.
 pub(crate) fn halton(index: usize, dimension: usize) -> f64 {
     static POINTS: LazyLock<Vec<Row>> =
         LazyLock::new(|| (0..READY).map(|index| std::array::from_fn(|d| inverted_digits(index, d))).collect());
@@ -116,7 +116,7 @@ mod tests {
         let model = Model::new(&problem.robot, &problem.q_start).unwrap();
         let resolved = problem.resolve().unwrap();
         let search = ActuationSearch::new(&problem, &model, &resolved);
-        // Each fifth of a joint's range gets its share of the points, with as few points as a plan uses and with many.
+        // Each fifth of a joint's range must get its share of the points, for few points as in a plan and for many.
         for (count, least, most) in [(60, 2, 7), (3000, 180, 220)] {
             for v in 0..model.n() {
                 let (low, high) = model.range(v);

@@ -1,4 +1,4 @@
-//! Damped Gauss-Newton steps of eight joint vectors at a time.
+//! Computes damped Gauss-Newton steps of eight joint vectors at a time.
 
 use gensim2_geometry::lanes::{F32x8, Wide};
 
@@ -6,7 +6,7 @@ use super::batch::{BatchProjection, Lanes, Normal};
 use super::projection::STEP;
 use crate::model::MAX_JOINTS;
 
-/// Computes the next step of every lane.
+/// Computes the next step in every SIMD lane.
 pub(super) struct Step<'a> {
     pub batch: &'a BatchProjection,
     pub x: &'a Lanes,
@@ -29,7 +29,7 @@ impl Wide for Step<'_> {
 }
 
 impl Step<'_> {
-    /// Computes the step for an arm with at most `N` joints; unused variables stay fixed.
+    /// Computes the step for an arm with at most `N` variables; unused variables stay fixed.
     #[inline(always)]
     fn of<const N: usize>(self) -> Lanes {
         let Self { batch, x, normal, damping } = self;
@@ -43,7 +43,7 @@ impl Step<'_> {
             }
         }
         for v in 0..N {
-            // Joints at a limit that the step would exceed stay fixed.
+            // A joint at its limit stays there if the step would move it further out.
             let (low, high) = (F32x8::splat(batch.lower[v]), F32x8::splat(batch.upper[v]));
             let down = low.below(x[v], F32x8::ONE, zero.below(gradient[v], zero, F32x8::ONE));
             let up = x[v].below(high, F32x8::ONE, gradient[v].below(zero, zero, F32x8::ONE));
@@ -57,7 +57,7 @@ impl Step<'_> {
             }
             matrix[v][v] = matrix[v][v] * moves + (F32x8::ONE - moves) + damping * batch.metric[v];
         }
-        // LDL factorization and the resulting step.
+        // Factor the matrix as L D L^T and solve for the step.
         let mut l = [[zero; N]; N];
         let mut scaled = [[zero; N]; N];
         let mut inverse = [zero; N];
@@ -98,7 +98,7 @@ impl Step<'_> {
     }
 }
 
-/// Accepts steps in the lanes in which they reduce the error.
+/// Accepts a step in each SIMD lane in which it reduces the error.
 pub(super) struct Take<'a> {
     pub n: usize,
     pub before: F32x8,
