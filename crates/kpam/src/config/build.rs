@@ -1,4 +1,4 @@
-//! Configs built in code, and the validation of every config.
+//! Creates configs in code, and validates every config.
 
 use std::ops::RangeInclusive;
 
@@ -7,13 +7,13 @@ use nalgebra::Vector3;
 use super::{Constraint, Frame, Gripper, Motion, SolverConfig, TargetAxis};
 use crate::ConfigError;
 
-/// Maximum number of entries of a list; a longer one counts as damaged input.
+/// Maximum number of entries in a list; a longer list counts as damaged input.
 pub(super) const MAX_ENTRIES: usize = 200;
-/// Maximum absolute value of a number; metres, radians and seconds of a table-top scene are far smaller.
+/// Maximum absolute value of any number. The metres, radians and seconds of a table-top scene are far smaller.
 pub(super) const LARGEST: f64 = 1e6;
-/// Range (m) of the hand's retreat after the release.
+/// Permitted distances (m) of the hand's retreat after the release.
 const BACK: RangeInclusive<f64> = 0.01..=0.3;
-/// Tolerance of the unit length of directions.
+/// Permitted deviation of a direction's length from 1.
 const UNIT: f64 = 1e-6;
 
 type Result<T> = std::result::Result<T, ConfigError>;
@@ -38,46 +38,46 @@ impl SolverConfigBuilder {
         })
     }
 
-    /// Adds a constraint or a cost.
+    /// Adds a constraint or a cost of the actuation pose.
     pub fn constraint(mut self, constraint: Constraint) -> Self {
         self.0.constraints.push(constraint);
         self
     }
 
-    /// Adds a motion before the actuation pose, in the order away from the pose: the first one added is adjacent to it.
+    /// Adds a motion before the actuation pose. The first one added is directly before the pose, and executed last.
     pub fn pre(mut self, motion: Motion) -> Self {
         self.0.pre.push(motion);
         self
     }
 
-    /// Adds a motion after the actuation pose.
+    /// Adds a motion after the actuation pose; motions are executed in the order in which they are added.
     pub fn post(mut self, motion: Motion) -> Self {
         self.0.post.push(motion);
         self
     }
 
-    /// Sets the times (s) of the actuation pose and of the keyframes before and after it, as in [`SolverConfig`].
+    /// Sets the times (s) of the actuation pose and of the keyframes before and after it, each list in time order.
     pub fn times(mut self, actuation: f64, pre: Vec<f64>, post: Vec<f64>) -> Self {
         (self.0.actuation_time, self.0.pre_times, self.0.post_times) = (Some(actuation), Some(pre), Some(post));
         self
     }
 
-    /// Sets the finger mode; default: open.
+    /// Sets the finger mode; the default is open.
     pub fn gripper(mut self, gripper: Gripper) -> Self {
         self.0.gripper = gripper;
         self
     }
 
-    /// Makes the hand release after the last motion and retreat along its own z axis by `distance` (m), 0.01 to 0.3.
+    /// Makes the hand release the object at the end and retreat along its own z axis by `distance` (m), 0.01 to 0.3.
     pub fn let_go(mut self, distance: f64) -> Self {
         self.0.let_go = Some(distance);
         self
     }
 
-    /// Returns the config.
+    /// Returns the validated config.
     ///
     /// # Errors
-    /// The same errors as for JSON text, with the same field.
+    /// The same errors as for JSON text, with the same fields.
     pub fn build(self) -> Result<SolverConfig> {
         self.0.check()?;
         Ok(self.0)
@@ -85,16 +85,16 @@ impl SolverConfigBuilder {
 }
 
 impl Constraint {
-    /// Constrains a tool keypoint to an object keypoint: their coordinates in the base frame may each differ by at
-    /// most `tolerance` (m).
+    /// Constrains a tool keypoint to an object keypoint: each coordinate in the base frame may differ by at most
+    /// `tolerance` (m).
     #[must_use]
     pub fn point(keypoint: impl Into<String>, target: impl Into<String>, tolerance: f64) -> Self {
         let (keypoint, target) = (keypoint.into(), target.into());
         Self::Point { keypoint, target, offset: Vector3::zeros(), frame: Frame::World, tolerance }
     }
 
-    /// Constrains the angle between the direction from one tool keypoint to another and a direction of the object to
-    /// within `tolerance` (rad) of `arccos(inner)`.
+    /// Constrains the angle between a tool direction (from one tool keypoint to another) and a direction of the object.
+    /// The angle may differ from `arccos(inner)` by at most `tolerance` (rad).
     #[must_use]
     pub fn axis(
         from: impl Into<String>,
@@ -172,8 +172,8 @@ impl Motion {
 }
 
 impl SolverConfig {
-    /// Validates the config: at least one constraint, numbers in range, unit directions, no joint-following motions
-    /// before the actuation pose, and increasing times, one for each motion.
+    /// Checks the config: at least one constraint, numbers in range, unit directions, no motion that follows the
+    /// object's joint before the actuation pose, and increasing times, one for each motion.
     pub(crate) fn check(&self) -> Result<()> {
         let lists = [
             ("constraint_list", self.constraints.len()),

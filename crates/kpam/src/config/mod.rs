@@ -1,4 +1,4 @@
-//! The solver config language: keypoint constraints, and motions before and after the actuation pose.
+//! The language of solver configs: keypoint constraints, and motions before and after the actuation pose.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -12,97 +12,97 @@ mod read;
 
 pub use build::SolverConfigBuilder;
 
-/// Frame in which a config writes a direction.
+/// Frame in which a config gives a direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Frame {
-    /// World axes.
+    /// The world frame.
     World,
     /// The object frame.
     Object,
-    /// The joint frame at the config's target keypoint: y in the direction in which the keypoint moves when the joint
-    /// opens, z along the joint axis, x = y × z.
+    /// The joint frame at the config's target keypoint: y is the direction in which the keypoint moves when the joint
+    /// opens, z points along the joint axis, and x = y × z.
     Joint,
 }
 
-/// Direction of the object in an axis constraint.
+/// A direction of the object in an axis constraint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum TargetAxis {
-    /// Unit direction in a frame.
+    /// A constant unit vector in a frame.
     Fixed {
-        /// The direction.
+        /// The unit vector.
         axis: Vector3<f64>,
-        /// Frame of the axis.
+        /// Frame of the unit vector.
         frame: Frame,
     },
-    /// Axis from one keypoint of the object to another.
+    /// The direction from one keypoint of the object to another.
     Keypoints {
-        /// Start of the axis.
+        /// Name of the keypoint at which the direction starts.
         from: String,
-        /// End of the axis.
+        /// Name of the keypoint at which the direction ends.
         to: String,
     },
 }
 
-/// One entry of `constraint_list`.
+/// One entry of `constraint_list`: a constraint or a cost of the actuation pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Constraint {
-    /// `point2point_constraint`: each base coordinate of the keypoint lies within `tolerance` (m) of the target's.
+    /// `point2point_constraint`: the keypoints' base coordinates each differ by at most `tolerance` (m).
     Point {
-        /// Keypoint of the tool.
+        /// Name of the tool keypoint.
         keypoint: String,
-        /// Keypoint of the object.
+        /// Name of the object keypoint.
         target: String,
-        /// Offset of the target (m).
+        /// Offset (m) that is added to the object keypoint's position.
         offset: Vector3<f64>,
-        /// Frame of the offset.
+        /// Frame in which the offset is given.
         frame: Frame,
-        /// Tolerance (m).
+        /// Maximum difference of each coordinate (m).
         tolerance: f64,
     },
-    /// The four axis constraints: the angle between two directions lies within `tolerance` (rad) of `arccos(inner)`.
+    /// An axis constraint: the angle between two directions differs from `arccos(inner)` by at most `tolerance`.
     Axis {
         /// Type as written in the config, for example `frame_axis_parallel`.
         kind: String,
-        /// Tool keypoint at the start of the tool's direction.
+        /// Name of the tool keypoint at which the tool's direction starts.
         from: String,
-        /// Tool keypoint at its end.
+        /// Name of the tool keypoint at which the tool's direction ends.
         to: String,
-        /// Direction on the object.
+        /// Direction of the object.
         target: TargetAxis,
-        /// Target inner product.
+        /// Inner product of the two unit directions at the target angle.
         inner: f64,
-        /// Tolerance (rad).
+        /// Maximum difference from the target angle (rad).
         tolerance: f64,
     },
-    /// `point2point_cost`: weight times the squared distance (m^2) of two keypoints.
+    /// `point2point_cost`: weight times the squared distance (m^2) between two keypoints.
     PointCost {
-        /// Keypoint of the tool.
+        /// Name of the tool keypoint.
         keypoint: String,
-        /// Keypoint of the object.
+        /// Name of the object keypoint.
         target: String,
-        /// Weight.
+        /// Weight of the squared distance in the cost.
         weight: f64,
     },
-    /// `point2plane_cost`: weight times the squared distance (m^2) of a keypoint from a plane through the target.
+    /// `point2plane_cost`: weight times the squared distance (m^2) of a tool keypoint from a plane.
     PlaneCost {
-        /// Keypoint of the tool.
+        /// Name of the tool keypoint.
         keypoint: String,
-        /// Keypoint of the object.
+        /// Name of the object keypoint.
         target: String,
-        /// Unit normal.
+        /// Unit normal of the plane.
         normal: Vector3<f64>,
-        /// Frame of the normal.
+        /// Frame in which the normal is given.
         frame: Frame,
-        /// Weight.
+        /// Weight of the squared distance in the cost.
         weight: f64,
     },
 }
 
 impl Constraint {
-    /// Name for reports: the type and the names that it refers to.
+    /// Returns the name used in reports: the type of the constraint and its keypoint names.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
@@ -129,57 +129,57 @@ impl Frame {
     }
 }
 
-/// One entry of a motion list.
+/// One motion of the hand before or after the actuation pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Motion {
-    /// Translation along axis 0, 1 or 2 of the hand (m).
+    /// Translates the hand along one of its own axes.
     Translate {
-        /// Hand axis.
+        /// Index of the hand axis: 0, 1 or 2.
         axis: usize,
-        /// Metres.
+        /// Distance (m).
         distance: f64,
     },
-    /// Translation of the hand along the axes of the base (m).
+    /// Translates the hand by this vector in the base frame (m).
     Move(Vector3<f64>),
-    /// Rotation about the object axis through the object frame's origin (rad).
+    /// Rotates the hand by this angle (rad) about the problem's object axis through the origin of the object frame.
     Rotate(f64),
-    /// Moves the hand with the object's joint by this travel (rad or m).
+    /// Moves the hand rigidly with the object's joint while the joint travels by this amount (rad or m).
     FollowJoint(f64),
-    /// Moves the hand with the object's joint to this openness (0..1, may exceed the range).
+    /// Moves the hand rigidly with the object's joint to this openness (0 closed, 1 open, other values allowed).
     FollowJointTo(f64),
-    /// Moves the tool keypoint of the point constraint with the object's joint by this travel (rad or m); the hand
-    /// keeps its orientation.
+    /// Moves the tool keypoint of the point constraint with the object's joint while the joint travels by this amount
+    /// (rad or m). The hand keeps its orientation.
     TraceJoint(f64),
-    /// Like `TraceJoint`, to this openness (0..1, may exceed the range).
+    /// Like `TraceJoint`, to this openness (0 closed, 1 open, other values allowed).
     TraceJointTo(f64),
 }
 
 impl Motion {
-    /// Whether the motion needs the object's joint.
+    /// Returns whether the motion needs the object's joint.
     pub fn follows_joint(&self) -> bool {
         matches!(self, Self::FollowJoint(_) | Self::FollowJointTo(_) | Self::TraceJoint(_) | Self::TraceJointTo(_))
     }
 }
 
-/// Finger mode.
+/// Mode of the fingers during the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Gripper {
-    /// Open throughout.
+    /// The fingers are open throughout the motion.
     Open,
-    /// Closed throughout.
+    /// The fingers are closed throughout the motion.
     Closed,
-    /// Closing at the actuation pose.
+    /// The fingers close at the actuation pose.
     Grasp,
-    /// Unchanged throughout, because an object is held.
+    /// The fingers do not move, because the hand holds an object throughout the motion.
     Hold,
-    /// Opening at the actuation pose.
+    /// The fingers open at the actuation pose.
     Release,
 }
 
 impl Gripper {
-    /// Name of the finger mode as written in configs.
+    /// Returns the name of the finger mode as written in configs.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -191,7 +191,7 @@ impl Gripper {
         }
     }
 
-    /// Whether the fingers move at the actuation pose, so that the motion must stop there.
+    /// Returns whether the fingers move at the actuation pose, so that the hand must stop there.
     pub(crate) fn acts(self) -> bool {
         match self {
             Self::Grasp | Self::Release => true,
@@ -206,22 +206,22 @@ impl Gripper {
 pub struct SolverConfig {
     /// Constraints and costs of the actuation pose.
     pub(crate) constraints: Vec<Constraint>,
-    /// Motions before the actuation pose, in the order away from it: the first one is adjacent, and the last one is
-    /// executed first.
+    /// Motions before the actuation pose. The first one is directly before the pose, and the last one is executed
+    /// first.
     pub(crate) pre: Vec<Motion>,
-    /// Motions after the actuation pose.
+    /// Motions after the actuation pose, in the order of execution.
     pub(crate) post: Vec<Motion>,
     /// Time of the actuation pose (s).
     pub(crate) actuation_time: Option<f64>,
-    /// Times of the pre-actuation keyframes (s), increasing; the last one belongs to the first motion in `pre`.
+    /// Times (s) of the keyframes before the actuation pose, increasing; the last one belongs to `pre[0]`.
     pub(crate) pre_times: Option<Vec<f64>>,
-    /// Times of the post-actuation keyframes (s).
+    /// Times (s) of the keyframes after the actuation pose.
     pub(crate) post_times: Option<Vec<f64>>,
-    /// Fingers.
+    /// Mode of the fingers.
     pub(crate) gripper: Gripper,
-    /// Distance (m) by which the hand retreats along its own z axis after the final release.
+    /// Distance (m) of the hand's retreat along its own z axis after the release; `None` for no release.
     pub(crate) let_go: Option<f64>,
-    /// The original JSON text.
+    /// The JSON text that the config was read from.
     pub(crate) source: String,
 }
 
@@ -263,53 +263,53 @@ impl SolverConfig {
         SolverConfigBuilder::new()
     }
 
-    /// Constraints and costs of the actuation pose.
+    /// Returns the constraints and costs of the actuation pose.
     #[must_use]
     pub fn constraints(&self) -> &[Constraint] {
         &self.constraints
     }
 
-    /// Motions before the actuation pose; the first one is adjacent to it.
+    /// Returns the motions before the actuation pose; the first one is directly before the pose.
     #[must_use]
     pub fn pre(&self) -> &[Motion] {
         &self.pre
     }
 
-    /// Motions after the actuation pose.
+    /// Returns the motions after the actuation pose.
     #[must_use]
     pub fn post(&self) -> &[Motion] {
         &self.post
     }
 
-    /// Finger mode.
+    /// Returns the mode of the fingers.
     #[must_use]
     pub fn gripper(&self) -> Gripper {
         self.gripper
     }
 
-    /// Retreat (m) of the hand along its own z axis after the final release; `None` for no release.
+    /// Returns the distance (m) of the hand's retreat along its own z axis after the release; `None` for no release.
     #[must_use]
     pub fn let_go(&self) -> Option<f64> {
         self.let_go
     }
 
-    /// The original JSON text; empty if the config was built in code.
+    /// Returns the JSON text that the config was read from; empty if the config was built in code.
     #[must_use]
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// Whether the config sets any time.
+    /// Returns whether the config sets any time.
     #[must_use]
     pub fn has_times(&self) -> bool {
         self.actuation_time.is_some() || self.pre_times.is_some() || self.post_times.is_some()
     }
 
-    /// Keyframe times (s) on the config's clock, increasing: pre-actuation, actuation, post-actuation, release. By
-    /// default, the actuation is at 24 s and each motion takes 4 s; the release always takes 4 s.
+    /// Returns the times (s) of all keyframes on the config's clock, increasing. By default, the actuation is at 24 s
+    /// and each motion takes 4 s; the release always takes 4 s.
     ///
     /// # Errors
-    /// The times do not increase from `start`.
+    /// The times do not increase, or the first keyframe is not after `start` (s).
     pub fn clock(&self, start: f64) -> Result<Vec<f64>> {
         const STEP: f64 = 4.0;
         let actuation = self.actuation_time.unwrap_or(24.0);
@@ -341,7 +341,7 @@ impl SolverConfig {
         Ok(out)
     }
 
-    /// Name of the keypoint at the origin of the joint frame: the target of the first point constraint.
+    /// Returns the name of the keypoint at the joint frame's origin: the target of the first point constraint.
     #[must_use]
     pub fn target_keypoint(&self) -> Option<&str> {
         self.constraints.iter().find_map(|c| match c {

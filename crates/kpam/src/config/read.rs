@@ -1,4 +1,4 @@
-//! Reads configs from JSON; each error gives the path of the field.
+//! Reads configs from JSON; each error names the path of the field.
 
 use nalgebra::Vector3;
 use serde_json::{Map, Value};
@@ -32,10 +32,10 @@ const NAMED: &[(&str, [f64; 3])] = &[
 ];
 
 impl SolverConfig {
-    /// Reads a JSON value.
+    /// Reads a config from a JSON value.
     ///
     /// # Errors
-    /// As [`SolverConfig::from_json`].
+    /// The same as for [`SolverConfig::from_json`].
     pub fn from_value(value: &Value) -> Result<Self> {
         let top = object(value, "config")?;
         only(top, TOP, "")?;
@@ -202,8 +202,8 @@ fn frame_of(map: &Map<String, Value>, field: &str, at: &str, default: Option<Fra
         "world" => Ok(Frame::World),
         "object" => Ok(Frame::Object),
         "joint" => Ok(Frame::Joint),
-        // Configs of the original project mistakenly write the constraint's type here; its solver uses world axes for
-        // every value except "object".
+        // Configs of the original GenSim2 mistakenly write the constraint's type in this field. Its solver uses world
+        // axes for every value except "object".
         "frame_axis_parallel" | "frame_axis_orthogonal" => Ok(Frame::World),
         other => Err(ConfigError::new(path, format!("must be world, object or joint, not {other:?}"))),
     }
@@ -252,7 +252,7 @@ fn times(map: &Map<String, Value>, name: &str) -> Result<Option<Vec<f64>>> {
     entries.iter().enumerate().map(|(i, v)| number(v, &format!("{name}[{i}]"))).collect::<Result<Vec<_>>>().map(Some)
 }
 
-/// Returns a field that exists and is not null.
+/// Returns the value of a field that exists and is not null.
 fn present<'a>(map: &'a Map<String, Value>, field: &str) -> Option<&'a Value> {
     map.get(field).filter(|v| !v.is_null())
 }

@@ -1,4 +1,4 @@
-//! Builder for problems in code.
+//! Builder that creates problems in code.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,8 +15,8 @@ use crate::{Bodies, ObjectJoint, Options, ProblemError, SolverConfig};
 pub struct KeypointProblemBuilder(KeypointProblem);
 
 impl KeypointProblem {
-    /// Returns a builder for a robot at joints `q_start` (one entry for each joint), without keypoints, joint or
-    /// bodies, with object and world frame at the base, and default options.
+    /// Returns a builder for a robot with joints at `q_start` (one entry for each joint), without keypoints, object
+    /// joint or bodies. Object frame and world frame equal the base frame, and options have their defaults.
     pub fn builder(robot: Arc<Robot>, config: SolverConfig, q_start: Vec<f64>) -> KeypointProblemBuilder {
         KeypointProblemBuilder(Self {
             robot,
@@ -34,14 +34,14 @@ impl KeypointProblem {
         })
     }
 
-    /// Returns a builder with the values of this problem.
+    /// Returns a builder that starts with the values of this problem.
     pub fn changed(&self) -> KeypointProblemBuilder {
         KeypointProblemBuilder(self.clone())
     }
 }
 
 impl KeypointProblemBuilder {
-    /// Sets the joints at the start, one entry for each joint of the robot.
+    /// Sets the joint positions (rad or m) at the start, one entry for each joint of the robot.
     pub fn q_start(mut self, q: Vec<f64>) -> Self {
         self.0.q_start = q;
         self
@@ -53,61 +53,61 @@ impl KeypointProblemBuilder {
         self
     }
 
-    /// Adds a tool keypoint, in the hand frame (m).
+    /// Adds a keypoint of the tool, with its position in the hand frame (m).
     pub fn tool_keypoint(mut self, name: impl Into<String>, point: Vector3<f64>) -> Self {
         self.0.tool_keypoints.insert(name.into(), point);
         self
     }
 
-    /// Adds tool keypoints, in the hand frame (m).
+    /// Adds keypoints of the tool, with their positions in the hand frame (m).
     pub fn tool_keypoints(mut self, points: impl IntoIterator<Item = (String, Vector3<f64>)>) -> Self {
         self.0.tool_keypoints.extend(points);
         self
     }
 
-    /// Adds an object keypoint, in the base frame (m).
+    /// Adds a keypoint of the object, with its position in the base frame (m).
     pub fn object_keypoint(mut self, name: impl Into<String>, point: Vector3<f64>) -> Self {
         self.0.object_keypoints.insert(name.into(), point);
         self
     }
 
-    /// Adds object keypoints, in the base frame (m).
+    /// Adds keypoints of the object, with their positions in the base frame (m).
     pub fn object_keypoints(mut self, points: impl IntoIterator<Item = (String, Vector3<f64>)>) -> Self {
         self.0.object_keypoints.extend(points);
         self
     }
 
-    /// Sets the object frame in the base frame.
+    /// Sets the pose of the object frame in the base frame.
     pub fn object(mut self, pose: Pose) -> Self {
         self.0.object = pose;
         self
     }
 
-    /// Sets the object's joint; it moves the bodies with the role [`crate::Role::MovingLink`].
+    /// Sets the object's joint, which moves the bodies with the role [`crate::Role::MovingLink`].
     pub fn joint(mut self, joint: ObjectJoint) -> Self {
         self.0.joint = Some(joint);
         self
     }
 
-    /// Sets the axis of "rotate": 0, 1 or 2 of the object frame; default 1.
+    /// Sets the axis of the motion "rotate" in the object frame: 0, 1 or 2; default 1.
     pub fn object_axis(mut self, axis: usize) -> Self {
         self.0.object_axis = axis;
         self
     }
 
-    /// Sets the object's yaw (rad) from the scene's randomization, used only by [`crate::options::Frames::Original`].
+    /// Sets the yaw (rad) of the object in the randomized scene; only [`crate::options::Frames::Original`] uses it.
     pub fn object_yaw(mut self, yaw: f64) -> Self {
         self.0.object_yaw = yaw;
         self
     }
 
-    /// Sets the world frame in the base frame.
+    /// Sets the pose of the world frame in the base frame.
     pub fn world(mut self, pose: Pose) -> Self {
         self.0.world = pose;
         self
     }
 
-    /// Sets the bodies: obstacles, targets and attached bodies.
+    /// Sets the bodies around the robot: obstacles, targets and attached bodies.
     pub fn bodies(mut self, bodies: impl Into<Bodies>) -> Self {
         self.0.bodies = bodies.into();
         self

@@ -1,4 +1,4 @@
-//! Validation that the parts of a problem fit each other, on construction or deserialization.
+//! Checks that the parts of a problem fit each other, whether it is built in code or deserialized.
 
 use super::KeypointProblem;
 use crate::body::{place, rigid};
@@ -8,11 +8,11 @@ use crate::model::Model;
 use crate::world::Schedule;
 use crate::{ProblemError, Role};
 
-/// Tolerance of joint limits and mimic joints (rad or m), since simulators slightly violate both.
+/// Permitted violation (rad or m) of joint limits and mimic relations, since simulators slightly violate both.
 const SLACK: f64 = 0.01;
 
 impl KeypointProblem {
-    /// Validates that all parts fit each other; robot, config, joint and bodies are already valid in themselves.
+    /// Checks that all parts fit each other. Robot, config, joint and bodies have already been validated individually.
     pub(super) fn check(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(field, message));
         let joints = self.robot.joints();
@@ -60,7 +60,7 @@ impl KeypointProblem {
         self.resolve().map(|_| ())
     }
 
-    /// Validates that picked and released bodies exist, and that `joint_travel` has one entry for each motion.
+    /// Checks that picked and released bodies exist, and that `joint_travel` has one entry for each motion.
     fn check_acts(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         for (field, names) in [("pick", &self.options.pick), ("release", &self.options.release)] {
@@ -89,7 +89,7 @@ impl KeypointProblem {
         Ok(())
     }
 
-    /// Validates that mimic joints in the planned motion have the values given by their sources.
+    /// Checks that each mimic joint that planning moves has the value that follows from its source joint.
     fn check_mimics(&self, model: &Model) -> Result<(), ProblemError> {
         let mut q = Vec::new();
         model.map().positions(&model.start(), &mut q);

@@ -1,4 +1,4 @@
-//! The problem: a robot, a config, keypoints, the object's joint, obstacles, options.
+//! The planning problem: a robot, a config, keypoints, the object's joint, obstacles and options.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -39,70 +39,70 @@ pub struct KeypointProblem {
 checked_when_read!(KeypointProblem);
 
 impl KeypointProblem {
-    /// Weights of the variables' squared steps from the start.
+    /// Returns the weight of each variable's squared step from the start in the cost.
     pub(crate) fn joint_weights(&self, model: &Model) -> Row {
         self.options.joint_weights.as_ref().map_or([1.0; MAX_JOINTS], |weights| model.pick(weights))
     }
 
-    /// The robot.
+    /// Returns the robot.
     #[must_use]
     pub fn robot(&self) -> &Arc<Robot> {
         &self.robot
     }
 
-    /// The config.
+    /// Returns the solver config.
     #[must_use]
     pub fn config(&self) -> &SolverConfig {
         &self.config
     }
 
-    /// Joints at the start, one entry for each joint of the robot.
+    /// Returns the joint positions (rad or m) at the start, one entry for each joint of the robot.
     #[must_use]
     pub fn q_start(&self) -> &[f64] {
         &self.q_start
     }
 
-    /// Tool keypoints in the hand frame (m).
+    /// Returns the keypoints of the tool, with their positions in the hand frame (m).
     #[must_use]
     pub fn tool_keypoints(&self) -> &BTreeMap<String, Vector3<f64>> {
         &self.tool_keypoints
     }
 
-    /// Object keypoints in the base frame (m).
+    /// Returns the keypoints of the object, with their positions in the base frame (m).
     #[must_use]
     pub fn object_keypoints(&self) -> &BTreeMap<String, Vector3<f64>> {
         &self.object_keypoints
     }
 
-    /// Object frame in the base frame.
+    /// Returns the pose of the object frame in the base frame.
     #[must_use]
     pub fn object(&self) -> &Pose {
         &self.object
     }
 
-    /// The object's joint.
+    /// Returns the object's joint, if it has one.
     #[must_use]
     pub fn joint(&self) -> Option<&ObjectJoint> {
         self.joint.as_ref()
     }
 
-    /// Obstacles, targets and attached bodies.
+    /// Returns the bodies around the robot: obstacles, targets and attached bodies.
     #[must_use]
     pub fn bodies(&self) -> &Bodies {
         &self.bodies
     }
 
-    /// Options.
+    /// Returns the options.
     #[must_use]
     pub fn options(&self) -> &Options {
         &self.options
     }
 
-    /// Returns the problem with another start state: joints, velocity and acceleration (zero if `None`), and the time
-    /// (s).
+    /// Returns the problem with another state at the start: joint positions, velocities and accelerations (zero if
+    /// `None`), and the start time (s).
     ///
     /// # Errors
-    /// As [`KeypointProblemBuilder::build`].
+    /// The same as for [`KeypointProblemBuilder::build`].
     pub fn with_start(
         &self,
         q: Vec<f64>,
@@ -119,19 +119,19 @@ impl KeypointProblem {
         Ok(out)
     }
 
-    /// The scene of the problem.
+    /// Returns the robot, its bodies and the rules of contact, without the task.
     #[must_use]
     pub fn scene(&self) -> Scene {
         Scene::of(self)
     }
 
-    /// Whether the hand holds a body in some segment of the motion.
+    /// Returns whether the named body is attached to the hand in some segment of the motion.
     pub(crate) fn rides(&self, name: &str) -> bool {
         let attached = |b: &Body| b.name == name && b.role == Role::Attached;
         self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)
     }
 
-    /// Returns the position of a contact window's label in time order: `start`, then the keyframes, then `end`.
+    /// Returns the index of a label of contact windows in time order: `start`, then the keyframes, then `end`.
     pub(crate) fn window_index(&self, label: &str) -> Option<usize> {
         let schedule = Schedule::of(&self.config);
         match label {
@@ -141,7 +141,7 @@ impl KeypointProblem {
         }
     }
 
-    /// The contact point in the hand frame: the tool keypoint of the first point constraint, or the origin without one.
+    /// Returns the tool keypoint of the first point constraint in the hand frame (m), or the origin without one.
     pub(crate) fn contact_point(&self) -> Vector3<f64> {
         self.config
             .constraints

@@ -1,22 +1,22 @@
 //! Dual active-set method of Goldfarb and Idnani (1983): starts at the unconstrained minimum and adds violated bounds
-//! one by one. With a dozen variables, it allocates no memory in its loop and distinguishes infeasible from unsolved.
+//! one by one. Its loop allocates no memory, and it distinguishes infeasible programs from failures.
 
 use super::{Bound, Qp, QpOutcome, QpSolver, dot};
 use crate::model::{MAX_JOINTS, Row};
 
-/// Bounds narrower than this are treated as equalities.
+/// A bound with ends closer to each other than this counts as an equality.
 const EQUALITY: f64 = 1e-12;
-/// Violations below this (for rows scaled to length 1) are ignored.
+/// Violations below this count as zero; rows are scaled to length 1.
 const MET: f64 = 1e-10;
 
-/// The solver with its factors.
+/// The solver with its matrix factors, which are reused between programs.
 pub struct ActiveSet {
-    /// Columns of the inverse transpose of the Cholesky factor, rotated so that the first `active` of them span the
+    /// Columns of the inverse transpose of the Cholesky factor, rotated so that the first `active` columns span the
     /// active rows.
     j: [Row; MAX_JOINTS],
     /// Upper triangular factor of the active rows, by column.
     r: [Row; MAX_JOINTS],
-    /// Active rows: index of the bound and sign (+1 lower end, -1 upper end), with multiplier.
+    /// Active rows: index of the bound, sign (+1 for the lower end, -1 for the upper end), and multiplier.
     active: Vec<Active>,
 }
 
@@ -39,9 +39,9 @@ impl Default for ActiveSet {
 }
 
 impl ActiveSet {
-    /// Factors the Hessian and returns the unconstrained minimizer.
+    /// Factors the Hessian and returns the minimizer without bounds; `None` if the Hessian is not positive definite.
     fn start(&mut self, qp: &Qp<'_>) -> Option<Row> {
-        // Avoids bounds checks.
+        // This lets the compiler omit bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let mut l = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         let mut inverse = [0.0; MAX_JOINTS];
@@ -58,7 +58,7 @@ impl ActiveSet {
                 }
             }
         }
-        // Column c of the inverse of L^T solves L^T y = e_c.
+        // Column c of the inverse of L^T is the solution y of L^T y = e_c.
         self.j = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         for c in 0..n {
             let column = &mut self.j[c];
@@ -82,7 +82,7 @@ impl ActiveSet {
         Some(x)
     }
 
-    /// Rotates columns `c` and `c + 1` of `j` in their plane.
+    /// Rotates columns `c` and `c + 1` of `j` in the plane that they span.
     fn turn(&mut self, n: usize, c: usize, cos: f64, sin: f64) {
         let (head, tail) = self.j.split_at_mut(c + 1);
         for (u, v) in head[c].iter_mut().zip(&mut tail[0]).take(n) {
@@ -90,7 +90,7 @@ impl ActiveSet {
         }
     }
 
-    /// Adds the row whose image under J^T is `d`; returns false if it depends on the active rows.
+    /// Adds the row whose product with J^T is `d`. Returns false if the row depends linearly on the active rows.
     fn add(&mut self, n: usize, d: &mut Row, entry: Active) -> bool {
         let q = self.active.len();
         for k in (q + 1..n).rev() {
@@ -136,15 +136,15 @@ impl ActiveSet {
         }
     }
 
-    /// Enforces one more bound at `x`; `None` if that is impossible.
+    /// Adds one more bound to those that hold at `x`; `None` if the bounds contradict each other.
     fn enforce(&mut self, qp: &Qp<'_>, x: &mut Row, mut entry: Active) -> Option<()> {
-        // Avoids bounds checks.
+        // This lets the compiler omit bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let bound = &qp.bounds[entry.bound];
         let mut normal = bound.row;
         normal.iter_mut().for_each(|v| *v *= entry.sign);
         let end = if entry.sign > 0.0 { bound.low } else { -bound.high };
-        // Every pass adds the bound or drops one of at most n others.
+        // Each pass adds the bound, or drops one of at most n other bounds.
         for _ in 0..4 * MAX_JOINTS {
             let q = self.active.len();
             let mut d = [0.0; MAX_JOINTS];
@@ -207,7 +207,7 @@ impl QpSolver for ActiveSet {
         if !qp.fits() {
             return QpOutcome::Failed;
         }
-        // Avoids bounds checks.
+        // This lets the compiler omit bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let Some(mut x) = self.start(qp) else { return QpOutcome::Failed };
         let is_equality = |b: &Bound| b.high - b.low <= EQUALITY;
@@ -219,7 +219,7 @@ impl QpSolver for ActiveSet {
             let sign = if slack <= 0.0 { 1.0 } else { -1.0 };
             let entry = Active { bound: index, sign, multiplier: 0.0, equality: true };
             if self.enforce(qp, &mut x, entry).is_none() {
-                // A repeated equality is accepted if it already holds.
+                // An equality that depends on earlier ones is accepted if it already holds.
                 let left = dot(n, &bound.row, &x) - bound.low;
                 if left.abs() > 1e-8 {
                     return QpOutcome::Infeasible;

@@ -1,10 +1,10 @@
-//! The smallest step under equalities alone, which suffices for most steps along a hand path.
+//! The smallest step that satisfies equalities. Most steps along a hand path need no inequalities.
 
 use super::dot;
 use crate::ldl::solve_ldl;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Pivots smaller than this share of their row's square show that rows are dependent.
+/// If a pivot is smaller than this fraction of the squared length of its row, the rows count as linearly dependent.
 const DEPENDENT: f64 = 1e-6;
 
 /// Returns the minimizer of `d' d / 2 + g' d` under `rows . d = values`, from the normal equations of the rows; `None`
@@ -15,7 +15,7 @@ pub(crate) fn smallest_step<const M: usize>(
     values: &[f64; M],
     gradient: &Row,
 ) -> Option<Row> {
-    // d = A' y - g with A A' y = b + A g.
+    // Optimality conditions: d = A' y - g with A A' y = b + A g.
     let mut a = [[0.0; M]; M];
     let mut b = [0.0; M];
     for i in 0..M {

@@ -1,4 +1,4 @@
-//! Solves the same quadratic programs with Clarabel's interior-point method, as an independent but slower check.
+//! Solves quadratic programs with Clarabel's interior-point method, to check the active-set method. It is slower.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -8,18 +8,18 @@ use clarabel::solver::{
 use super::{Qp, QpOutcome, QpSolver};
 use crate::model::MAX_JOINTS;
 
-/// Clarabel as a [`QpSolver`].
+/// The solver Clarabel as a [`QpSolver`].
 #[derive(Debug, Clone, Copy, Default)]
 pub struct InteriorPoint;
 
 impl QpSolver for InteriorPoint {
     fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome {
-        // Clarabel accepts neither an empty program nor non-finite numbers.
+        // Clarabel accepts neither a program without variables nor non-finite numbers.
         if !qp.fits() || qp.n == 0 || !qp.is_finite() {
             return QpOutcome::Failed;
         }
         let n = qp.n;
-        // Rows of A x + s = b: equalities first, then upper ends, then lower ends with opposite sign.
+        // Clarabel's form is A x + s = b. Equalities come first, then upper ends, then lower ends with reversed sign.
         let mut rows: Vec<(usize, f64, f64)> = Vec::new();
         let equality = |b: &super::Bound| b.high - b.low <= 1e-12;
         for (i, b) in qp.bounds.iter().enumerate().filter(|(_, b)| equality(b)) {

@@ -1,4 +1,4 @@
-//! Small dense quadratic programs with a common trait for solvers.
+//! Small dense quadratic programs, and a trait that all their solvers implement.
 
 mod active_set;
 mod equalities;
@@ -10,61 +10,61 @@ pub use interior_point::InteriorPoint;
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// Bounds `low <= row . d <= high` of a linear form; equal ends form an equality, infinite ends are ignored.
+/// A bound `low <= row . d <= high` on a linear form of d; equal ends form an equality, infinite ends are ignored.
 #[derive(Debug, Clone, Copy)]
 pub struct Bound {
-    /// Coefficients.
+    /// Coefficients of the linear form.
     pub row: Row,
-    /// Lower end; may be minus infinity.
+    /// Lower end of the bound; may be minus infinity.
     pub low: f64,
-    /// Upper end; may be infinity.
+    /// Upper end of the bound; may be infinity.
     pub high: f64,
 }
 
-/// Minimizes `d' H d / 2 + g' d` under bounds; `H` is symmetric and positive definite.
+/// The program: minimize `d' H d / 2 + g' d` subject to bounds, with symmetric and positive definite `H`.
 #[derive(Debug, Clone)]
 pub struct Qp<'a> {
     /// Number of variables.
     pub n: usize,
-    /// Hessian rows.
+    /// Rows of the Hessian `H`.
     pub hessian: &'a [Row],
-    /// Gradient.
+    /// Gradient `g` at d = 0.
     pub gradient: &'a Row,
-    /// Bounds.
+    /// Bounds on linear forms of d.
     pub bounds: &'a [Bound],
 }
 
-/// Status of a QP.
+/// Result of solving a quadratic program.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum QpOutcome {
-    /// Solved.
+    /// The program has been solved.
     Solved {
-        /// Minimizer.
+        /// The minimizer d.
         step: Row,
-        /// Multiplier of each bound: positive if the lower end is active, negative if the upper end is.
+        /// Lagrange multiplier of each bound: positive if its lower end is active, negative if its upper end is active.
         multipliers: Vec<f64>,
     },
-    /// No point satisfies the bounds.
+    /// No d satisfies all bounds.
     Infeasible,
-    /// The Hessian is not positive definite or too small, the iteration limit was reached, there are more than
-    /// [`MAX_JOINTS`] variables, or a number is not finite.
+    /// No solution was found: the Hessian is not positive definite or too small, the iteration limit was reached, there
+    /// are more than [`MAX_JOINTS`] variables, or a number is not finite.
     Failed,
 }
 
-/// A solver of small dense QPs.
+/// A solver of small dense quadratic programs.
 pub trait QpSolver {
-    /// Solves one QP.
+    /// Solves one quadratic program.
     fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome;
 }
 
 impl Qp<'_> {
-    /// Whether rows and Hessian have room for all variables.
+    /// Returns whether the Hessian has a row for each variable, and there are at most [`MAX_JOINTS`] variables.
     fn fits(&self) -> bool {
         self.n <= MAX_JOINTS && self.n <= self.hessian.len()
     }
 
-    /// Whether all numbers are finite; ends of bounds may be infinite.
+    /// Returns whether all numbers are finite; only ends of bounds may be infinite.
     fn is_finite(&self) -> bool {
         let finite = |row: &Row| row[..self.n].iter().all(|v| v.is_finite());
         finite(self.gradient)
@@ -75,7 +75,7 @@ impl Qp<'_> {
 
 fn dot(n: usize, a: &Row, b: &Row) -> f64 {
     let mut sum = 0.0;
-    // Avoids bounds checks.
+    // This lets the compiler omit bounds checks.
     for i in 0..n.min(MAX_JOINTS) {
         sum += a[i] * b[i];
     }
@@ -134,7 +134,7 @@ mod tests {
             let bounds: Vec<Bound> = rows
                 .iter()
                 .map(|(r, width, middle, equal)| {
-                    // With more than a few equalities the random program would be infeasible.
+                    // With more than three equalities, the random program would be infeasible.
                     let w = if *equal && rows.len() < 3 { 0.0 } else { *width };
                     Bound { row: row(r), low: middle - w, high: middle + w }
                 })

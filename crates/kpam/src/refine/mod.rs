@@ -1,10 +1,10 @@
-//! Trajectory optimization: shortens a plan's waypoint path by sequential quadratic programming.
+//! Trajectory optimization: shortens the path through a plan's waypoints by sequential quadratic programming.
 //!
 //! The cost is the sum of squared joint steps between waypoints, weighted by the problem's `joint_weights` (GenSim2
-//! uses 10 for the first joint and 1 for the others). Hand poses at keyframes are kept (position exactly, orientation
-//! within 0.03 rad), and optionally the hand path after the actuation. Joint limits and clearances are linearized at
-//! each waypoint, clearances also halfway between two waypoints. Each round solves one banded program; its step is
-//! accepted only if the motion becomes cheaper and stays collision-free wherever it was before.
+//! uses 10 for the first joint and 1 for the others). The hand keeps its poses at keyframes (position exactly,
+//! orientation within 0.03 rad) and, optionally, its path after the actuation. Joint limits are linearized at each
+//! waypoint, clearances also halfway between two waypoints. Each round solves one banded quadratic program. Its step is
+//! accepted only if the path becomes cheaper, and no part that was collision-free collides.
 
 mod program;
 
@@ -19,53 +19,53 @@ use crate::world::{Clearance, Margins, MotionSegment, State, Way, World, travel_
 use crate::{KeypointProblem, Plan, ProblemError};
 use program::{Bound, Program};
 
-/// Maximum rotation (rad) of the hand at a keyframe.
+/// Maximum rotation (rad) of the hand from its original pose at a keyframe.
 const TURN: f64 = 0.03;
-/// Tolerance of hand positions (m).
+/// Maximum deviation (m) of the hand's position at a keyframe.
 const EXACT: f64 = 1e-6;
-/// The quadratic program keeps the distance of pairs closer than this (m).
+/// The quadratic program bounds the distances of pairs of bodies that are closer to each other than this (m).
 const REACH: f64 = 0.06;
-/// Initial bound (rad or m) on a joint's step in a round.
+/// Initial bound (rad or m) on the step of a joint in a round.
 const TRUST: f64 = 0.3;
-/// The refinement ends when the bound on a joint's step falls below this value (rad or m).
+/// The refinement ends when the bound on a joint's step has fallen below this value (rad or m).
 const FINEST: f64 = 0.01;
-/// Maximum number of rounds.
+/// Maximum number of rounds, each with one quadratic program.
 const ROUNDS: usize = 5;
-/// The refinement ends after a round that reduces the cost by less than this share.
+/// The refinement ends after a round that reduces the cost by less than this fraction.
 const SMALL: f64 = 5e-3;
-/// Default number of waypoints.
+/// Approximate number of waypoints if the options give no times.
 const WAYPOINTS: f64 = 40.0;
 
 /// Options of a refinement.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct RefineOptions {
-    /// Times (s) of waypoints in the plan's motion, in addition to its start, end and keyframes; about 40 in total if
-    /// `None`.
+    /// Times (s) in the plan's motion at which waypoints are taken, in addition to its start, end and keyframes. If
+    /// `None`, there are about 40 waypoints in total.
     pub times: Option<Vec<f64>>,
-    /// Whether to keep the hand on its lines and arcs after the actuation, not only at keyframes.
+    /// Whether the hand keeps its path after the actuation, and not only its poses at keyframes.
     pub keep_paths: bool,
 }
 
-/// A waypoint path, with its cost before and after.
+/// A refined path, with its cost before and after the refinement.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Refined {
-    /// Joint vectors, the start first.
+    /// Joint vectors (rad or m) of the waypoints; the first one is the start.
     pub waypoints: Vec<Vec<f64>>,
-    /// Times of the plan's motion at which the waypoints were taken.
+    /// Time (s) in the plan's motion at which each waypoint was taken.
     pub times: Vec<f64>,
-    /// Index of the waypoint of each reached keyframe.
+    /// For each keyframe that the motion reaches, the index of its waypoint.
     pub keyframes: Vec<usize>,
-    /// Weighted squared joint steps of the original waypoints.
+    /// Sum of the weighted squared joint steps before the refinement.
     pub cost_before: f64,
-    /// Cost of the refined trajectory; never larger than before.
+    /// The same sum after the refinement; never larger than before.
     pub cost_after: f64,
-    /// Number of solved programs.
+    /// Number of quadratic programs that were solved.
     pub rounds: usize,
 }
 
-/// Position of a waypoint in the motion.
+/// Position of a waypoint in the plan's motion.
 struct Place {
     segment: MotionSegment,
     travel: f64,
@@ -79,15 +79,15 @@ struct Refinement<'p> {
     placed: Placed,
     weights: Row,
     places: Vec<Place>,
-    /// Whether each step between waypoints must stay collision-free.
+    /// Whether the step from each waypoint to the next must stay collision-free.
     free: Vec<bool>,
     margins: Margins,
 }
 
-/// Shortens a plan's waypoint path.
+/// Shortens the path through a plan's waypoints.
 ///
 /// # Errors
-/// The plan has no motion, or times lie outside it; names the field.
+/// The plan has no motion, or a time lies outside its motion; the error names the field.
 pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -> Result<Refined, ProblemError> {
     let (Some(trajectory), Some(q_plan)) = (plan.trajectory(), &plan.q_plan) else {
         return Err(ProblemError::new("plan", "has no motion"));
@@ -105,7 +105,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
     if let Some(time) = times.iter().find(|t| !(begin..=end).contains(*t)) {
         return Err(ProblemError::new("times", format!("{time} is not within the motion, {begin} to {end}")));
     }
-    // Keyframes replace waypoints close to them.
+    // A keyframe replaces a waypoint that is close to it in time.
     let close = 0.2 * (end - begin) / (times.len() + 1) as f64;
     times.retain(|t| met.iter().all(|m| (m - t).abs() > close));
     times.extend_from_slice(&met);
@@ -124,7 +124,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
     let mut places = Vec::with_capacity(times.len());
     let mut former = 0.0;
     for (k, time) in times.iter().enumerate() {
-        // The next keyframe, or the keyframe at this time.
+        // Index of the next keyframe after this time, or of the keyframe at this time.
         let next = plan.keyframes.iter().position(|f| f.time.is_some_and(|t| *time <= t + 1e-9));
         let next = next.unwrap_or(plan.keyframes.len().saturating_sub(1)).max(entry);
         let is_keyframe = met.iter().any(|m| (m - time).abs() < 1e-9) || k + 1 == times.len();
@@ -169,7 +169,7 @@ impl Refinement<'_> {
         steps.map(|w| (0..self.model.n()).map(|v| self.weights[v] * (w[1][v] - w[0][v]).powi(2)).sum::<f64>()).sum()
     }
 
-    /// Returns whether the straight step to waypoint `k` is collision-free.
+    /// Returns whether the straight joint path to waypoint `k` from the previous one is collision-free.
     fn is_free(&mut self, waypoints: &[Row], k: usize) -> bool {
         let travel = [self.places[k - 1].travel, self.places[k].travel];
         let way = Way { waypoints: &waypoints[k - 1..=k], travel: &travel, off: &[] };
@@ -208,8 +208,8 @@ impl Refinement<'_> {
         (waypoints, rounds)
     }
 
-    /// Returns the waypoints after a step, corrected to the required hand poses. Returns `None` if a hand pose cannot
-    /// be reached, a joint limit is exceeded or the path collides.
+    /// Returns the waypoints after a step, corrected so that the hand has its required poses. `None` if a hand pose
+    /// cannot be reached, a joint limit is exceeded or the path collides.
     fn stepped(&mut self, waypoints: &[Row], steps: &[Row]) -> Option<Vec<Row>> {
         let n = self.model.n();
         let mut out = waypoints.to_vec();
@@ -228,7 +228,7 @@ impl Refinement<'_> {
         (1..out.len()).all(|k| !self.free[k - 1] || self.is_free(&out, k)).then_some(out)
     }
 
-    /// Returns joints near `x` with the hand's origin at that of `hand` and the hand's rotation within `TURN` of it.
+    /// Returns joints near `x` with the hand at the position of `hand`, and rotated from it by at most `TURN`.
     fn brought_to(&mut self, hand: &Pose, x: &Row) -> Option<Row> {
         let n = self.model.n();
         let mut x = *x;
@@ -250,7 +250,7 @@ impl Refinement<'_> {
         None
     }
 
-    /// Returns the joint limits, widened to include the waypoint `x`.
+    /// Returns the joint limits, widened if the waypoint `x` lies outside.
     fn limits(&self, x: &Row) -> (Row, Row) {
         let (mut low, mut high) = (*x, *x);
         for v in 0..self.model.n() {
@@ -272,10 +272,10 @@ impl Refinement<'_> {
         waypoints.iter().map(boxed).collect()
     }
 
-    /// Returns the constraints on hand poses and clearances, linearized at the waypoints.
+    /// Returns the bounds on hand poses and clearances, linearized at the waypoints.
     fn bounds(&mut self, waypoints: &[Row]) -> Vec<Bound> {
         let n = self.model.n();
-        // A cube inside the sphere of allowed rotations.
+        // This cube lies inside the sphere of permitted rotations.
         let turn_bound = 0.99 * TURN / 3.0_f64.sqrt();
         let mut out = Vec::new();
         for k in 1..waypoints.len() {

@@ -1,4 +1,4 @@
-//! The banded, sparse quadratic program of one round, solved with Clarabel.
+//! The sparse quadratic program of one round of refinement, solved by Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -7,7 +7,7 @@ use clarabel::solver::{
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// A bound `low <= sum of row . step <= high` over the steps of one or two waypoints.
+/// A bound `low <= sum of row . step <= high`, where the sum is over the steps of one or two waypoints.
 #[derive(Debug, Clone)]
 pub(super) struct Bound {
     pub parts: Vec<(usize, Row)>,
@@ -15,23 +15,23 @@ pub(super) struct Bound {
     pub high: f64,
 }
 
-/// Minimizes weighted squared steps between waypoints, with a fixed first waypoint, under bounds and box constraints.
+/// Minimizes weighted squared joint steps between neighbouring waypoints under bounds; the first waypoint is fixed.
 pub(super) struct Program<'a> {
     pub joints: usize,
     pub weights: &'a Row,
     pub waypoints: &'a [Row],
     pub bounds: &'a [Bound],
-    /// Minimum and maximum step of each waypoint.
+    /// Lower and upper bound on the step of each waypoint.
     pub boxes: &'a [(Row, Row)],
 }
 
 impl Program<'_> {
-    /// Returns the optimal step of every waypoint; `None` if the program has no solution.
+    /// Returns the optimal step of each waypoint; `None` if the program has no solution.
     pub fn solve(&self) -> Option<Vec<Row>> {
         let n = self.joints;
         let count = self.waypoints.len() - 1;
         let variable = |k: usize, v: usize| (k - 1) * n + v;
-        // d/dδ of sum w (x_k+1 + δ_k+1 - x_k - δ_k)^2, halved.
+        // Half of the derivative of sum w (x_k+1 + δ_k+1 - x_k - δ_k)^2 with respect to δ.
         let (mut rows, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
         let mut gradient = vec![0.0; count * n];
         for k in 1..=count {
