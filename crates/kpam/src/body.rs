@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 use crate::ProblemError;
 use crate::checked::checked_when_read;
 
-/// Maximum distance of any point from the base (m); a larger one counts as damaged input.
+/// Maximum distance (m) of a body's points from the base; a larger distance counts as damaged input.
 const FARTHEST: f64 = 1e3;
 
-/// Role of a body in the default contact rules.
+/// Role of a body, which decides by default what it may touch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -22,18 +22,18 @@ pub enum Role {
     Table,
     /// The fixed part of the object.
     ObjectBody,
-    /// The part that the joint moves.
+    /// The part of the object that the object's joint moves.
     MovingLink,
     /// Any other obstacle.
     Rigid,
     /// A rigid object that the hand reaches for and may touch.
     Target,
-    /// A body attached to the hand; its pose is in the hand frame.
+    /// A body attached to the hand; its pose is given in the hand frame.
     Attached,
 }
 
 impl Role {
-    /// Name of the role as used in Python, such as `table`.
+    /// Returns the name of the role as used in Python, such as `table`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -88,43 +88,43 @@ pub struct BodyBuilder {
 }
 
 impl Body {
-    /// Returns a builder for a body at the base, without shapes; its name must be unique in its scene.
+    /// Returns a builder for a body at the base frame, without shapes. The name must be unique in the scene.
     pub fn builder(name: impl Into<String>, role: Role) -> BodyBuilder {
         let (shapes, keypoints) = (Vec::new(), BTreeMap::new());
         BodyBuilder { name: name.into(), role, shapes, pose: Pose::identity(), keypoints }
     }
 
-    /// Unique name.
+    /// Returns the name, which is unique in the scene.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Role.
+    /// Returns the role.
     #[must_use]
     pub fn role(&self) -> Role {
         self.role
     }
 
-    /// Convex shapes in the body frame.
+    /// Returns the convex shapes in the body frame.
     #[must_use]
     pub fn shapes(&self) -> &[Convex] {
         &self.shapes
     }
 
-    /// Pose in the robot base frame, or in the hand frame for an attached body.
+    /// Returns the pose in the robot's base frame, or in the hand frame for an attached body.
     #[must_use]
     pub fn pose(&self) -> &Pose {
         &self.pose
     }
 
-    /// Keypoints in the body frame (m), for scenes.
+    /// Returns the keypoints in the body frame (m). Only scenes use them.
     #[must_use]
     pub fn keypoints(&self) -> &BTreeMap<String, Vector3<f64>> {
         &self.keypoints
     }
 
-    /// Returns the body with another role and pose.
+    /// Returns the body with a new role and a new pose.
     pub(crate) fn placed(&self, role: Role, pose: Pose) -> Result<Self, ProblemError> {
         let body = Self { role, pose, ..self.clone() };
         body.check().map(|()| body)
@@ -147,31 +147,31 @@ impl Body {
 }
 
 impl BodyBuilder {
-    /// Adds a shape, in the body frame.
+    /// Adds a convex shape, given in the body frame.
     pub fn shape(mut self, shape: Convex) -> Self {
         self.shapes.push(shape);
         self
     }
 
-    /// Adds shapes, in the body frame.
+    /// Adds convex shapes, given in the body frame.
     pub fn shapes(mut self, shapes: impl IntoIterator<Item = Convex>) -> Self {
         self.shapes.extend(shapes);
         self
     }
 
-    /// Sets the pose in the robot base frame, or in the hand frame for an attached body.
+    /// Sets the pose in the robot's base frame, or in the hand frame for an attached body.
     pub fn pose(mut self, pose: Pose) -> Self {
         self.pose = pose;
         self
     }
 
-    /// Adds a keypoint, in the body frame (m).
+    /// Adds a keypoint with its position in the body frame (m).
     pub fn keypoint(mut self, name: impl Into<String>, point: Vector3<f64>) -> Self {
         self.keypoints.insert(name.into(), point);
         self
     }
 
-    /// Returns the body.
+    /// Returns the validated body.
     ///
     /// # Errors
     /// The pose is not rigid, or a position or shape is not within 1,000 m.
@@ -182,7 +182,7 @@ impl BodyBuilder {
     }
 }
 
-/// Validates that a position is within the maximum distance.
+/// Checks that a position is at most 1,000 m from the base; `field` is its name in errors.
 pub(crate) fn place(field: &str, p: &Vector3<f64>) -> Result<(), ProblemError> {
     if p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST) {
         return Ok(());
@@ -190,7 +190,7 @@ pub(crate) fn place(field: &str, p: &Vector3<f64>) -> Result<(), ProblemError> {
     Err(ProblemError::new(field, format!("{:?} is not a finite place within {FARTHEST} m", p.as_slice())))
 }
 
-/// Validates that a transform is rigid and within the maximum distance.
+/// Checks that a transform is rigid and at most 1,000 m from the base; `field` is its name in errors.
 pub(crate) fn rigid(field: &str, pose: &Pose) -> Result<(), ProblemError> {
     place(field, &pose.translation.vector)?;
     if is_rigid(pose) { Ok(()) } else { Err(ProblemError::new(field, "has a rotation that is not orthonormal")) }

@@ -1,14 +1,14 @@
-//! Cancellation of planning from another thread.
+//! Lets another thread cancel planning.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A flag that planning checks; clones share it. The flag cannot be cleared.
+/// A flag that cancels planning. Clones share the flag. It cannot be cleared.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel {
     flag: Arc<AtomicBool>,
-    /// Time after which the flag counts as set.
+    /// Time from which on the flag counts as set, whether or not it was set.
     end: Option<Instant>,
 }
 
@@ -19,25 +19,25 @@ impl Cancel {
         Self::default()
     }
 
-    /// Sets the flag: planning ends soon, with [`crate::Status::Cancelled`].
+    /// Sets the flag; planning then ends soon with [`crate::Status::Cancelled`].
     pub fn cancel(&self) {
         self.flag.store(true, Ordering::Relaxed);
     }
 
-    /// Returns the flag with a time after which it counts as set, too.
+    /// Returns the flag with a time from which on it counts as set, too.
     pub(crate) fn until(self, end: Option<Instant>) -> Self {
         Self { end: end.or(self.end), ..self }
     }
 
-    /// Whether the flag is set.
+    /// Returns whether the flag is set.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.flag.load(Ordering::Relaxed) || self.end.is_some_and(|end| Instant::now() >= end)
     }
 }
 
-/// Returns the time at which planning that started at `begun` must end; `None` for no deadline, or one too far for the
-/// clock.
+/// Returns the time at which planning that began at `begun` must end. `None` if there is no deadline, or if the clock
+/// cannot represent its end.
 pub(crate) fn end_of(begun: Instant, deadline: Option<Duration>) -> Option<Instant> {
     deadline.and_then(|time| begun.checked_add(time))
 }

@@ -1,7 +1,7 @@
-//! Validation of deserialized values by the same checks as for values created in code.
+//! Applies the same checks to deserialized values as to values created in code.
 
-/// Implements serde's traits for a type whose derives carry `#[serde(remote = "Self")]`: it is serialized unchanged,
-/// and deserialized only if its `check` passes.
+/// Implements serde's traits for a type whose derives have `#[serde(remote = "Self")]`. A value is serialized as usual,
+/// but deserialized only if its method `check` succeeds.
 macro_rules! checked_when_read {
     ($($name:ty),+) => {$(
         impl serde::Serialize for $name {

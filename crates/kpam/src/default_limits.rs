@@ -1,4 +1,4 @@
-//! Acceleration and jerk limits for robots whose options and URDF give none, which is the case for most URDFs.
+//! Acceleration and jerk limits for robots without such limits in options and URDF; most URDFs have none.
 
 use gensim2_geometry::Robot;
 
@@ -7,19 +7,19 @@ use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::{LimitSet, Options};
 use crate::timing::{Braking, Envelope};
 
-/// Defaults for a joint without known limits (rad/s^2 or m/s^2, and rad/s^3 or m/s^3), equal to those of Franka's
-/// Research 3.
+/// Default limits of acceleration (rad/s^2 or m/s^2) and jerk (rad/s^3 or m/s^3) for a joint without known limits. They
+/// equal those of Franka's Research 3.
 const ACCELERATION: f64 = 10.0;
 const JERK: f64 = 5000.0;
-/// The default acceleration in words.
+/// The default acceleration limit as text for messages.
 const ASSUMED_ACCELERATION: &str = "10 rad/s^2 or m/s^2";
 const ASSUMED_JERK: &str = "5,000 rad/s^3 or m/s^3";
-/// Limits published by Franka for the Panda.
+/// Acceleration limits (rad/s^2) and jerk limits (rad/s^3) that Franka publishes for the Panda.
 const PANDA_ACCELERATION: [f64; 7] = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0];
 const PANDA_JERK: [f64; 7] = [7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0];
 
-/// Limits published by Franka for the Research 3 (rad/s and rad): maximum velocities, and upper, lower, gain and offset
-/// of the position-dependent limits.
+/// Limits that Franka publishes for the Research 3: maximum velocities (rad/s); and upper ends, lower ends, gains and
+/// offsets of the position-dependent velocity limits.
 const FR3_VELOCITY: [f64; 7] = [2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26];
 const FR3_BRAKING: [[f64; 4]; 7] = [
     [2.7501, -2.7501, 12.0, 0.3],
@@ -38,13 +38,13 @@ pub(crate) fn braking(options: &Options) -> Option<Envelope> {
     (options.limits == Some(LimitSet::Fr3)).then(|| Envelope::new(list.len(), &list).ok()).flatten()
 }
 
-/// Returns the velocity limits of the arm named in the options, which hold in addition to the URDF's.
+/// Returns the velocity limits of the arm named in the options, if any. They apply in addition to the URDF's.
 pub(crate) fn greatest_velocity(options: &Options) -> Option<[f64; 7]> {
     (options.limits == Some(LimitSet::Fr3)).then_some(FR3_VELOCITY)
 }
 
-/// Returns the acceleration and jerk limits of the variables if the options give none: the URDF's, then those of the
-/// arm named in the options, then the defaults.
+/// Returns the acceleration and jerk limits of the variables if the options give none: those of the URDF, otherwise
+/// those of the arm named in the options, otherwise the defaults.
 pub(crate) fn default_limits(model: &Model, options: &Options) -> (Row, Row) {
     let (mut acceleration, mut jerk) = ([ACCELERATION; MAX_JOINTS], [JERK; MAX_JOINTS]);
     if options.limits == Some(LimitSet::Panda) {
@@ -60,12 +60,12 @@ pub(crate) fn default_limits(model: &Model, options: &Options) -> (Row, Row) {
     (acceleration, jerk)
 }
 
-/// Returns the names of the limits for which defaults are assumed.
+/// Returns the names of the limits for which defaults apply.
 pub(crate) fn assumed_limits(model: &Model, options: &Options) -> Vec<String> {
     unknown_limits(model, options).into_iter().map(|(name, _)| name.to_owned()).collect()
 }
 
-/// Returns the unknown limits, and the variables that lack them.
+/// Returns the names of the limits that neither options nor URDF give, each with the variables concerned.
 fn unknown_limits(model: &Model, options: &Options) -> Vec<(&'static str, Vec<usize>)> {
     let known = [
         ("acceleration", &options.acceleration_limits, &model.acceleration),
@@ -76,7 +76,7 @@ fn unknown_limits(model: &Model, options: &Options) -> Vec<(&'static str, Vec<us
     open.filter(|(_, joints): &(_, Vec<usize>)| !joints.is_empty()).collect()
 }
 
-/// Returns warnings for any motion of a robot: assumed limits, and links that are never checked for collisions.
+/// Returns warnings about every motion of a robot: default limits, and links without collision checks.
 pub(crate) fn warnings(robot: &Robot, model: &Model, options: &Options) -> Vec<String> {
     let mut out = Vec::new();
     for (name, variables) in unknown_limits(model, options) {
@@ -101,7 +101,7 @@ pub(crate) fn warnings(robot: &Robot, model: &Model, options: &Options) -> Vec<S
     out
 }
 
-/// Returns an error if the options name a seven-joint arm's limits but the robot has another number of joints.
+/// Returns an error if the options name a seven-joint arm but the robot does not have seven joints.
 pub(crate) fn check_limit_set(model: &Model, options: &Options) -> Result<(), ProblemError> {
     let name = match options.limits {
         Some(LimitSet::Panda) => "panda",

@@ -1,4 +1,4 @@
-//! Tests of analytic derivatives against finite differences.
+//! Compares analytic derivatives with finite differences.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -28,8 +28,8 @@ fn arm() -> Arc<Robot> {
     Arc::new(Robot::from_urdf_str(ARM, "arm.urdf", None, "hand", None).unwrap())
 }
 
-/// The same arm, with mimic joints declared before the joints that they follow: j1 follows j4, j4 follows j5, and j3
-/// follows a joint that does not carry the hand.
+/// The same arm, but mimic joints are declared before the joints that they follow: j1 follows j4, j4 follows j5, and j3
+/// follows a joint that does not move the hand.
 fn tangled_arm() -> Arc<Robot> {
     let mimic = |joint: &str, factor: f64| format!(r#"<mimic joint="{joint}" multiplier="{factor}" offset="0.1"/>"#);
     let text = ARM
@@ -62,12 +62,12 @@ fn every_driven_joint_knows_its_variable() {
     assert_eq!(model.map().indices(), [4, 1, 5]);
     let driven: Vec<(&str, usize, usize)> =
         model.map().driven().iter().map(|d| (robot.links()[d.link].name(), d.joint, d.variable)).collect();
-    // The driven joints are in the order of the links that they carry, with the flap's own joint last.
+    // Driven joints are ordered like the links that they move; the joint of the flap is last.
     let carried = [("a", 0, 0), ("b", 1, 1), ("c", 2, 2), ("d", 3, 0), ("hand", 4, 0), ("flap", 5, 2)];
     assert_eq!(driven, carried);
     let factors: Vec<f64> = model.map().driven().iter().map(|d| d.factor).collect();
     assert!((factors[0] - 1.5 * -0.7).abs() < 1e-12 && factors[2] == 2.0, "{factors:?}");
-    // The limits of j1 = -1.05 j5 + 0.25 in [-2, 2] at 1 rad/s bound j5.
+    // Because of j1 = -1.05 j5 + 0.25, the limits [-2, 2] and 1 rad/s of j1 bound j5.
     assert!((model.lower[0] - -1.75 / 1.05).abs() < 1e-12, "{}", model.lower[0]);
     assert!((model.velocity[0] - 1.0 / 1.05).abs() < 1e-12, "{}", model.velocity[0]);
     let (mut q, mut rates) = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! Errors that name the field and the remedy.
+//! Errors that name a field and say how to correct it.
 
 use std::fmt;
 
@@ -8,14 +8,14 @@ macro_rules! field_error {
         #[derive(Debug, Clone, PartialEq, Eq)]
         #[non_exhaustive]
         pub struct $name {
-            /// Path of the field, e.g. `constraint_list[2].tolerance`.
+            /// Path of the invalid field, for example `constraint_list[2].tolerance`.
             pub field: String,
-            /// Fault and remedy.
+            /// What is wrong, and how to correct it.
             pub message: String,
         }
 
         impl $name {
-            /// Creates an error about `field`.
+            /// Creates an error about the field `field`.
             pub fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
                 Self { field: field.into(), message: message.into() }
             }
@@ -32,10 +32,10 @@ macro_rules! field_error {
 }
 
 field_error!(
-    /// A solver config cannot be used.
+    /// A solver config is invalid.
     ConfigError
 );
 field_error!(
-    /// Parts of a problem do not fit each other.
+    /// A problem is invalid, or its parts do not fit each other.
     ProblemError
 );

@@ -1,13 +1,13 @@
-//! Finger joints: the moving joints below the hand. Planning keeps them fixed, at `finger_width` if given.
+//! Finger joints: the moving joints of links below the hand. Planning keeps them fixed, at `finger_width` if given.
 
 use gensim2_geometry::Robot;
 
 use crate::{KeypointProblem, ProblemError};
 
-/// Tolerance of a finger's limits for rounding (rad or m).
+/// Permitted excess (rad or m) over a finger's limits, for rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Moving joints whose links are descendants of the hand.
+/// Returns the moving joints of the links below the hand.
 fn finger_joints(robot: &Robot) -> Vec<usize> {
     let links = robot.links();
     let mut below = vec![false; links.len()];
@@ -19,11 +19,11 @@ fn finger_joints(robot: &Robot) -> Vec<usize> {
     out
 }
 
-/// Returns the full joint vector for planning: the start, with every independent finger joint at `finger_width`, and
-/// the joints that follow them accordingly.
+/// Returns the joint vector of the whole robot for planning. It equals `q_start`, except that `finger_width` (if given)
+/// sets every independent finger joint and the joints that follow them.
 ///
 /// # Errors
-/// The robot has no finger joints, or the width exceeds the limits of one.
+/// The robot has no finger joints, or the width exceeds the limits of one of them.
 pub(crate) fn resting_joints(problem: &KeypointProblem) -> Result<Vec<f64>, ProblemError> {
     let mut rest = problem.q_start.clone();
     let Some(width) = problem.options.finger_width else { return Ok(rest) };

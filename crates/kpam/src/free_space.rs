@@ -1,27 +1,27 @@
-//! Collision-free motion between two joint vectors: the straight segment if possible, otherwise RRT-Connect (Kuffner
-//! and LaValle, 2000) with shortcuts. Samples come from a counter, so the same problem gives the same path.
+//! Searches a collision-free motion between two joint vectors: the straight segment if possible, otherwise a path by
+//! RRT-Connect (Kuffner and LaValle, 2000) with shortcuts. The same problem always gives the same path.
 
 use gensim2_geometry::Robot;
 
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, World};
 
-/// Maximum length of a tree's edge (weighted, m), and the shorter maximum after several blocked edges in a row, because
-/// only short edges are free near obstacles.
+/// Maximum lengths (m) of a tree's edge, measured by `Metric`. The shorter one applies after several blocked edges in a
+/// row, because close to obstacles only short edges are collision-free.
 const EDGE: f64 = 0.3;
 const SHORT_EDGE: f64 = 0.05;
 const STUCK: usize = 16;
-/// Number of directions in which an overlap is left, with growing length, and the maximum length (weighted, m).
+/// Number of directions tried out of an overlap, with growing distance, and the maximum distance (m, by `Metric`).
 const EXITS: usize = 96;
 const EXIT: f64 = 0.6;
-/// Step between checks on the way out of an overlap (weighted, m).
+/// Distance (m, by `Metric`) between checks on the motion out of an overlap.
 const EXIT_STEP: f64 = 0.005;
-/// Number of shortcut attempts.
+/// Number of shortcuts that are tried.
 const SHORTCUTS: usize = 60;
 
 struct Tree {
     nodes: Vec<(Row, usize)>,
-    /// Number of long edges that were blocked since the last free long edge.
+    /// Number of long edges that were blocked since the last collision-free long edge.
     blocked: usize,
 }
 
@@ -30,7 +30,7 @@ impl Tree {
         Self { nodes: vec![(*root, 0)], blocked: 0 }
     }
 
-    /// Whether the tree consists of its root only.
+    /// Returns whether the tree consists of its root only.
     fn is_bare(&self) -> bool {
         self.nodes.len() == 1
     }
@@ -57,8 +57,8 @@ impl Tree {
     }
 }
 
-/// Distance between joint vectors in metres: each joint is weighted by how far it moves the robot's furthest points on
-/// average, so that sliding and rotating joints are comparable.
+/// Distance (m) between joint vectors. Each joint is weighted by the average distance (m) that the robot's furthest
+/// points move per unit of the joint, so that sliding and rotating joints are comparable.
 #[derive(Debug, Clone, Copy)]
 struct Metric {
     n: usize,
@@ -87,16 +87,16 @@ fn between(n: usize, a: &Row, b: &Row, s: f64) -> Row {
     out
 }
 
-/// SplitMix64, a small generator with a fixed sequence.
+/// The random number generator SplitMix64; its numbers depend on the seed only.
 pub(crate) struct Draws(u64);
 
 impl Draws {
-    /// Creates the generator for a purpose and the seed of a problem.
+    /// Creates the generator for one use (`purpose`) of random numbers, with the problem's seed.
     pub fn of(purpose: u64, seed: usize) -> Self {
         Self(purpose ^ ((seed as u64) << 32))
     }
 
-    /// Returns a uniform number in 0..1.
+    /// Returns a random number uniformly distributed in 0..1.
     pub fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
@@ -110,24 +110,24 @@ impl Draws {
 /// Reason why no collision-free motion was found.
 #[derive(Debug, Clone)]
 pub(crate) enum NoWay {
-    /// The start or the goal is in collision.
+    /// The robot collides at the start or at the goal.
     Blocked(Hit),
-    /// The search used up its samples; this obstacle blocks the straight segment.
+    /// The maximum number of samples was reached. This obstacle blocks the straight segment.
     NotFound(Hit),
-    /// Like `NotFound`, but no sample could be connected to the start.
+    /// Like `NotFound`; moreover, no sample could be connected to the start.
     BoxedIn(Hit),
 }
 
-/// Sampling parameters of a search for a collision-free motion.
+/// Parameters of the random samples in a search for a collision-free motion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sampling {
     /// Maximum number of samples of the search.
     pub max_samples: usize,
-    /// Seed of the samples.
+    /// Seed of the random samples.
     pub seed: usize,
 }
 
-/// Returns the vertices of a collision-free joint path from `a` to `b`, including both.
+/// Returns the vertices of a collision-free joint path from `a` to `b`, including `a` and `b`.
 pub(crate) fn connect(
     world: &mut World<'_>,
     model: &Model,
@@ -180,8 +180,8 @@ pub(crate) fn connect(
     Err(if is_boxed { NoWay::BoxedIn(hit) } else { NoWay::NotFound(hit) })
 }
 
-/// For a start in an overlap, returns a collision-free pose nearby. On the straight segment to this pose, the overlap
-/// only decreases, and all other pairs keep the margins.
+/// Returns a collision-free pose near a start at which the robot overlaps a body. Along the straight segment to this
+/// pose, the overlap only decreases, and all other pairs of bodies keep the margins.
 pub(crate) fn way_out(
     world: &mut World<'_>,
     model: &Model,
@@ -211,7 +211,7 @@ pub(crate) fn way_out(
             continue;
         }
         let steps = (length / EXIT_STEP).ceil() as usize;
-        // Each pair is tracked separately: once separated, it must stay separated.
+        // Each overlapping pair is tracked separately: once it is separated, it must stay separated.
         let mut before = world.overlaps(State::still(start), segment);
         let lessens = (1..=steps).all(|i| {
             let next = world.overlaps(State::still(&between(n, start, &end, i as f64 / steps as f64)), segment);
@@ -226,14 +226,14 @@ pub(crate) fn way_out(
     None
 }
 
-/// Returns whether the straight segment between two collision-free joint vectors is collision-free. A few
-/// configurations are checked first, since they reveal most obstacles.
+/// Returns whether the straight segment between two collision-free joint vectors is collision-free. First checks a few
+/// joint vectors on the segment, which find most obstacles quickly.
 fn is_free(world: &mut World<'_>, n: usize, a: &Row, b: &Row, segment: MotionSegment, margins: &Margins) -> bool {
     let blocked = |s: &f64| world.hit_at(State::still(&between(n, a, b, *s)), segment, margins).is_some();
     ![0.5, 0.25, 0.75].iter().any(blocked) && world.sweep(a, b, segment, margins).is_none()
 }
 
-/// Grows a tree by one edge towards `goal`; returns the new node, or `None` if the edge is blocked.
+/// Adds one edge towards `goal` to the tree; returns the new node, or `None` if an obstacle blocks the edge.
 fn grow(
     world: &mut World<'_>,
     metric: &Metric,
@@ -261,7 +261,7 @@ fn grow(
     Some(tree.nodes.len() - 1)
 }
 
-/// Shortens the path: first by skipping vertices, then between random points on the path.
+/// Shortens a path: first by skipping vertices, then by straight segments between random points on the path.
 fn shorten(
     world: &mut World<'_>,
     metric: &Metric,
@@ -318,8 +318,8 @@ mod tests {
     use crate::config::Constraint;
     use crate::{Body, KeypointProblem, Role, SolverConfig};
 
-    /// Searches a path for a 2 cm cube on two slides from the middle of a square chamber, of half inner width `room`
-    /// (m), to a point outside. The wall to the right ends at `door` (m), and a screen stands behind it.
+    /// Searches a path for a cube of 2 cm on two slides, from the middle of a square chamber to a point outside. The
+    /// inner half width is `room` (m). The right wall ends at `door` (m), and a screen stands behind the opening.
     fn out_of_a_chamber(room: f64, door: f64) -> Result<Vec<Row>, NoWay> {
         let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-1.0, 1.0).velocity(1.0);
         let pen = Convex::cuboid([0.01; 3], &Pose::identity()).unwrap();
@@ -358,7 +358,7 @@ mod tests {
 
     #[test]
     fn a_start_with_little_room_takes_short_edges() {
-        // No edge of length 0.3 m leads from the middle past the screen.
+        // No edge of length 0.3 m leads from the middle of the chamber past the screen.
         let path = out_of_a_chamber(0.12, 0.06).unwrap();
         assert!(path.len() > 2, "{path:?}");
     }
@@ -371,7 +371,7 @@ mod tests {
 
     #[test]
     fn joints_count_by_how_far_they_move_the_arm() {
-        // A carriage with an arm of 2 m: one radian of the arm counts like two metres of the carriage.
+        // A carriage with an arm 2 m long: one radian of the arm counts as much as two metres of the carriage.
         let urdf = r#"<robot name="crane"><link name="base"/><link name="carriage"/>
             <link name="arm"><collision><origin xyz="1 0 0"/><geometry><box size="2 0.02 0.02"/></geometry></collision></link>
             <joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>

@@ -1,5 +1,5 @@
-//! Joint motion along a given hand path: small steps, each of which reaches the next hand pose exactly within joint
-//! limits, and uses redundancy to stay away from the limits.
+//! Joint motion for a given hand path. The path is followed in small steps. Each step reaches the next hand pose
+//! exactly and within the joint limits, and uses redundant joints to move away from the limits.
 
 use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
@@ -10,39 +10,39 @@ use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
 use crate::timing::Spline;
 
-/// Maximum translation (m) and rotation (rad) of the hand between waypoints.
+/// Maximum translation (m) and rotation (rad) of the hand between two waypoints.
 const STRIDE: f64 = 0.01;
 const TURN: f64 = 0.05;
-/// A joint that moves more than this between waypoints (rad or m) has switched branches or passed a singularity.
+/// A joint that moves more than this (rad or m) between waypoints has switched branches or passed a singularity.
 const JUMP: f64 = 0.25;
-/// Tolerance of the hand pose at waypoints (m and rad).
+/// Maximum error (m and rad) of the hand pose at a waypoint.
 const EXACT: f64 = 1e-6;
-/// Maximum deviation (m) of the curve through the waypoints from the path.
+/// Maximum distance (m) of the curve through the waypoints from the hand path.
 pub(crate) const OFF_PATH: f64 = 2e-3;
-/// If the curve leaves the path or the joint limits, the waypoint spacing is divided by these factors in turn.
+/// If the curve leaves the hand path or the joint limits, the waypoint spacing is divided by these factors in turn.
 const FINER: [usize; 3] = [1, 4, 16];
-/// Fraction of a step's redundant motion that continues in the next step; less than 1, or the arm would oscillate.
+/// Fraction of a step's redundant motion that continues in the next step. With 1, the arm would oscillate.
 const KEEP: f64 = 0.5;
-/// Redundant motion per step (rad) of a joint pushed away from its limit.
+/// Redundant motion (rad) per step by which a joint moves away from its limit.
 const PUSH: f64 = 0.03;
-/// Weight of the step size if the hand pose cannot be reached exactly and the error is minimized.
+/// Weight of the step's size when the hand pose cannot be reached exactly and its error is minimized.
 const FREE_WEIGHT: f64 = 1e-8;
-/// Margin to the joint limits, so that the spline between waypoints stays inside (rad or m).
+/// Distance (rad or m) that waypoints keep from the joint limits, so that the spline between them stays inside.
 pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
 
-/// Waypoints along a path, as far as the arm can follow it.
+/// Waypoints along a hand path up to the point where the arm cannot follow it any further.
 pub(crate) struct Followed {
-    /// Joints at even steps of the path, including its start.
+    /// Joint vectors at equal steps of the path, including its start.
     pub waypoints: Vec<Row>,
-    /// Fraction of the path that was followed; 1 if all of it was.
+    /// Fraction of the path that the arm can follow; 1 for the complete path.
     pub fraction: f64,
 }
 
-/// A path of the hand over 0..1.
+/// A path of the hand with a parameter from 0 to 1.
 pub(crate) trait Guide {
-    /// Returns the pose at `s` in 0..1.
+    /// Returns the hand pose at the parameter `s`, 0 to 1.
     fn at(&self, s: f64) -> Pose;
-    /// Returns the length of the hand origin's path (m) and the rotation (rad).
+    /// Returns the length (m) of the path of the hand's origin, and the angle (rad) by which the hand rotates.
     fn length(&self) -> (f64, f64);
 }
 
@@ -69,16 +69,16 @@ impl<'p> Follower<'p> {
         Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new() }
     }
 
-    /// Returns the hand pose at `x`.
+    /// Returns the hand pose at the joint vector `x`.
     pub fn hand(&mut self, x: &Row) -> Pose {
         self.placed.place(&self.problem.robot, self.model, x);
         self.placed.hand
     }
 
-    /// Follows `path` from `x`, which is at its start (or, with `backwards`, at its end).
+    /// Follows `path` from `x`, at which the hand is at the start of the path (at its end if `backwards` is set).
     ///
     /// The motion runs along the spline through the waypoints, which must stay on the path and within the joint limits
-    /// between waypoints, too. If it does not, the waypoints are spaced more closely, or the followed part ends there.
+    /// between waypoints, too. If it does not, the waypoints are placed closer together, or the result ends there.
     pub fn follow(&mut self, path: &impl Guide, x: &Row, backwards: bool) -> Followed {
         let (way, turn) = path.length();
         let steps = ((way / STRIDE).max(turn / TURN).ceil() as usize).max(1);
@@ -94,7 +94,7 @@ impl<'p> Follower<'p> {
 
     fn follow_in(&mut self, path: &impl Guide, x: &Row, backwards: bool, strides: usize, finer: usize) -> Followed {
         let steps = strides * finer;
-        // The push per step is divided among finer steps, so that joints are pushed equally far along the path.
+        // Smaller steps share the redundant motion of a full step, so that joints move equally far in total.
         let keep = KEEP.powf(1.0 / finer as f64);
         let push = PUSH * (1.0 - keep) / finer as f64;
         let mut waypoints = vec![*x];
@@ -115,7 +115,7 @@ impl<'p> Follower<'p> {
         Followed { waypoints, fraction: 1.0 }
     }
 
-    /// Returns the first waypoint after which the curve leaves the path or the joint limits.
+    /// Returns the first waypoint after which the spline leaves the hand path or the joint limits.
     fn strays(&mut self, path: &impl Guide, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
         let n = self.model.n();
         let waypoints = &followed.waypoints;
@@ -134,8 +134,8 @@ impl<'p> Follower<'p> {
         })
     }
 
-    /// Returns joints near `from` with the hand at `goal`; `drift` is the continued redundant motion of the previous
-    /// step, and `push` the strength with which joints are pushed away from their limits.
+    /// Returns a joint vector near `from` with the hand at `goal`. `drift` is the part of the previous step's redundant
+    /// motion that continues, and `push` the strength with which joints move away from their limits.
     fn reach(&mut self, goal: &Pose, from: &Row, drift: &Row, push: f64) -> Option<Row> {
         let n = self.model.n();
         let mut x = *from;
@@ -157,7 +157,7 @@ impl<'p> Follower<'p> {
                     gradient[v] = -drift[v] - push * self.limit_push(v, &x);
                 }
             }
-            // Most steps reach no joint limit and need no active set.
+            // In most steps no joint reaches a limit, so equalities suffice.
             let step = match smallest_step(n, &rows, &values, &gradient) {
                 Some(step) if self.within_limits(&x, &step) => step,
                 _ => self.limited_step(&x, &rows, &values, &gradient)?,
@@ -172,8 +172,8 @@ impl<'p> Follower<'p> {
         None
     }
 
-    /// Returns the largest steps of joint `v` from `x` in both directions that keep a margin to its limits; 0 in a
-    /// direction in which the joint already exceeds the margin.
+    /// Returns how far joint `v` may move from `x` in both directions while it keeps a margin to its limits. The value
+    /// is 0 in a direction in which it is already closer to the limit than the margin.
     fn room(&self, v: usize, x: &Row) -> (f64, f64) {
         let (low, high) = (self.model.lower[v] + LIMIT_MARGIN, self.model.upper[v] - LIMIT_MARGIN);
         (low.min(x[v]) - x[v], high.max(x[v]) - x[v])
@@ -186,7 +186,7 @@ impl<'p> Follower<'p> {
         })
     }
 
-    /// Returns the smallest step with `rows . step = values` within joint limits. With fewer than six joints the rows
+    /// Returns the smallest step with `rows . step = values` within joint limits. With fewer than six joints, the rows
     /// are dependent and contradict each other by rounding, so the step with the smallest error is returned.
     fn limited_step(&mut self, x: &Row, rows: &[Row; 6], values: &[f64; 6], gradient: &Row) -> Option<Row> {
         let n = self.model.n();
@@ -219,7 +219,7 @@ impl<'p> Follower<'p> {
         }
     }
 
-    /// Returns direction and strength of a joint's push from its limits towards the middle, which grows near them.
+    /// Returns the strength with which a joint moves away from its limits; it grows near them and has a sign.
     fn limit_push(&self, v: usize, x: &Row) -> f64 {
         let (low, high) = (self.model.lower[v], self.model.upper[v]);
         if !(low.is_finite() && high.is_finite() && low < high) {

@@ -1,38 +1,38 @@
-//! Full joint vectors as an affine function of the joints that planning moves: `q = A x + b`. Every joint is driven by
-//! at most one variable, directly or through a mimic, so `A` is a list of factors.
+//! Maps the variables x of planning to joint vectors q of the whole robot: `q = A x + b`. At most one variable drives
+//! each joint, directly or as a mimic joint, so `A` is stored as a list of factors.
 
 use gensim2_geometry::Robot;
 use serde::{Deserialize, Serialize};
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// A joint of the robot that a variable drives: `q[joint] = factor * x[variable] + offset`.
+/// A joint of the robot that follows a variable: `q[joint] = factor * x[variable] + offset`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DrivenJoint {
-    /// Index in the full joint vector.
+    /// Index of the joint in the joint vector of the whole robot.
     pub joint: usize,
-    /// The variable that drives it.
+    /// Index of the variable that drives the joint.
     pub variable: usize,
-    /// 1 for the joint of the variable itself, the composed multiplier for a mimic joint; never 0.
+    /// 1 for the variable's own joint; for a mimic joint, the multiplier of its whole chain of mimics; never 0.
     pub factor: f64,
-    /// 0 for the joint of the variable itself, the composed offset (rad or m) for a mimic joint.
+    /// 0 for the variable's own joint; for a mimic joint, the offset (rad or m) of the whole chain of mimics.
     pub offset: f64,
-    /// The link that the joint carries; links below it move with it.
+    /// Index of the link that the joint moves; links below it move with it.
     pub link: usize,
 }
 
-/// Map from variables to full joint vectors; joints that no variable drives keep their values.
+/// Map from variables to joint vectors of the whole robot. Joints that no variable drives keep fixed values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointMap {
     rest: Vec<f64>,
-    /// Index in the full joint vector of each variable.
+    /// For each variable, the index of its own joint in the joint vector of the whole robot.
     indices: Vec<usize>,
     driven: Vec<DrivenJoint>,
 }
 
 impl JointMap {
-    /// Creates the map for the independent joints `indices` of a robot; other joints keep the values of the full vector
-    /// `rest`.
+    /// Creates a map with the independent joints `indices` of a robot as variables. Joints that they do not drive keep
+    /// the values in `rest`, a joint vector of the whole robot.
     pub(crate) fn new(robot: &Robot, indices: Vec<usize>, rest: &[f64]) -> Self {
         let mut driven = Vec::new();
         for (link, joint) in robot.links().iter().enumerate().filter_map(|(l, link)| Some((l, link.joint()?))) {
@@ -46,13 +46,13 @@ impl JointMap {
         Self { rest: rest.to_vec(), indices, driven }
     }
 
-    /// Creates the map in which every joint is its own variable.
+    /// Creates a map in which every joint is a variable of its own.
     pub(crate) fn each(joints: usize, rest: &[f64]) -> Self {
         let own = |joint| DrivenJoint { joint, variable: joint, factor: 1.0, offset: 0.0, link: joint };
         Self { rest: rest.to_vec(), indices: (0..joints).collect(), driven: (0..joints).map(own).collect() }
     }
 
-    /// Whether the map refers only to existing joints and variables, and its numbers are finite.
+    /// Returns whether all indices refer to existing joints and variables, and all numbers are finite.
     pub(crate) fn is_sound(&self) -> bool {
         let (joints, variables) = (self.rest.len(), self.indices.len());
         let drives = |d: &DrivenJoint| {
@@ -64,31 +64,31 @@ impl JointMap {
             && self.driven.iter().all(drives)
     }
 
-    /// Length of a full joint vector.
+    /// Returns the number of joints of the whole robot.
     #[must_use]
     pub fn joints(&self) -> usize {
         self.rest.len()
     }
 
-    /// Index in the full joint vector of each variable.
+    /// Returns, for each variable, the index of its own joint in the joint vector of the whole robot.
     #[must_use]
     pub fn indices(&self) -> &[usize] {
         &self.indices
     }
 
-    /// Full joint vector with the values of undriven joints.
+    /// Returns the joint vector of the whole robot that holds the values of the joints that no variable drives.
     #[must_use]
     pub fn rest(&self) -> &[f64] {
         &self.rest
     }
 
-    /// Every driven joint, in the order of the links that they carry (parents first).
+    /// Returns every driven joint. They are ordered like the links that they move, parents first.
     #[must_use]
     pub fn driven(&self) -> &[DrivenJoint] {
         &self.driven
     }
 
-    /// Returns the variables of a full joint vector of positions or rates.
+    /// Returns the variables of a joint vector of the whole robot, or their rates from a vector of rates.
     #[must_use]
     pub fn pick(&self, full: &[f64]) -> Row {
         let mut x = [0.0; MAX_JOINTS];
@@ -98,7 +98,7 @@ impl JointMap {
         x
     }
 
-    /// Computes full joint positions (rad or m) from variables `x`.
+    /// Computes the positions (rad or m) of all joints from variables `x`.
     pub fn positions(&self, x: &Row, out: &mut Vec<f64>) {
         out.clear();
         out.extend_from_slice(&self.rest);
@@ -107,7 +107,7 @@ impl JointMap {
         }
     }
 
-    /// Computes full joint rates (velocity, acceleration or jerk) from rates of the variables; undriven joints get 0.
+    /// Computes the rates (velocity, acceleration or jerk) of all joints from those of the variables; others get 0.
     pub fn rates(&self, rates: &Row, out: &mut Vec<f64>) {
         out.clear();
         out.resize(self.rest.len(), 0.0);
@@ -116,8 +116,8 @@ impl JointMap {
         }
     }
 
-    /// Writes full position, velocity and acceleration from rows of the variables into slices of [`JointMap::joints`]
-    /// numbers.
+    /// Writes positions, velocities and accelerations of all joints into slices of [`JointMap::joints`] numbers, given
+    /// those of the variables.
     pub(crate) fn fill(&self, state: &[Row; 3], position: &mut [f64], velocity: &mut [f64], acceleration: &mut [f64]) {
         position.copy_from_slice(&self.rest);
         velocity.fill(0.0);
@@ -129,8 +129,8 @@ impl JointMap {
         }
     }
 
-    /// Returns the maximum rate of each variable at which no driven joint exceeds its own limit; `limit(joint)` is the
-    /// limit of a joint of the full vector.
+    /// Returns, for each variable, the maximum rate at which no joint driven by it exceeds its limit. `limit(joint)`
+    /// returns the limit of a joint by its index in the joint vector of the whole robot.
     #[must_use]
     pub fn least(&self, limit: impl Fn(usize) -> f64) -> Row {
         let mut out = [f64::INFINITY; MAX_JOINTS];

@@ -1,9 +1,9 @@
-//! Small symmetric linear systems.
+//! Solves small symmetric linear systems.
 
-/// Solves `a x = b` in the first `n` variables by an LDL factorization; `a` is given by its lower triangle. `None` if a
-/// pivot is not larger than `least(i)`, that is, if `a` is not positive definite, or nearly so.
+/// Solves `a x = b` for the first `n` variables by LDL factorization; only the lower triangle of `a` is used. Returns
+/// `None` if pivot `i` is not larger than `least(i)`, which means that `a` is not positive definite, or nearly so.
 ///
-/// The function is inlined, so that the loops of a caller with known `n` are unrolled.
+/// The function is inlined, so that the compiler unrolls the loops if the caller's `n` is a constant.
 #[inline(always)]
 pub(crate) fn solve_ldl<const M: usize>(
     n: usize,
@@ -13,7 +13,7 @@ pub(crate) fn solve_ldl<const M: usize>(
 ) -> Option<[f64; M]> {
     let n = n.min(M); // avoids bounds checks
     let mut l = [[0.0; M]; M];
-    // L times D.
+    // The product of L and D.
     let mut scaled = [[0.0; M]; M];
     let mut inverse = [1.0; M];
     let mut x = [0.0; M];

@@ -1,4 +1,4 @@
-//! The joints that planning moves, and the hand as a function of them.
+//! The joints that planning moves, and the hand pose as a function of these joints.
 
 use std::f64::consts::{PI, TAU};
 
@@ -8,10 +8,10 @@ use nalgebra::Vector3;
 use crate::ProblemError;
 pub(crate) use crate::joint_map::{DrivenJoint, JointMap};
 
-/// Maximum number of joints that planning moves; buffers of this length are allocated on the stack.
+/// Maximum number of joints that planning moves. Buffers of this length are allocated on the stack.
 pub const MAX_JOINTS: usize = 12;
 
-/// Joint values, velocities or a Jacobian row of the moving joints; entries past their number are zero.
+/// Positions, velocities or a Jacobian row of the joints that planning moves; unused entries at the end are zero.
 pub type Row = [f64; MAX_JOINTS];
 
 /// The joints that move the hand, as independent variables. Mimic joints are not variables: they follow the variables
@@ -19,31 +19,31 @@ pub type Row = [f64; MAX_JOINTS];
 #[derive(Debug, Clone)]
 pub struct Model {
     map: JointMap,
-    /// Lower limits (rad or m), including those of mimic joints.
+    /// Lower position limits (rad or m), tightened by the limits of mimic joints.
     pub lower: Row,
-    /// Upper limits (rad or m).
+    /// Upper position limits (rad or m), tightened by the limits of mimic joints.
     pub upper: Row,
-    /// Velocity limits (rad/s or m/s), including those of mimic joints.
+    /// Velocity limits (rad/s or m/s), reduced by the limits of mimic joints.
     pub velocity: Row,
-    /// Acceleration limits (rad/s^2 or m/s^2) of the URDF, including those of mimic joints; infinity for none.
+    /// Acceleration limits (rad/s^2 or m/s^2) in the URDF, reduced by those of mimic joints; infinity without a limit.
     pub acceleration: Row,
-    /// Jerk limits (rad/s^3 or m/s^3) of the URDF, including those of mimic joints; infinity for none.
+    /// Jerk limits (rad/s^3 or m/s^3) in the URDF, reduced by those of mimic joints; infinity without a limit.
     pub jerk: Row,
-    /// Variables that are periodic with a full turn.
+    /// Whether a full turn of each variable leaves all poses unchanged.
     endless: [bool; MAX_JOINTS],
-    /// Half width of the sampling range of variables with open limits (rad or m).
+    /// Half the width (rad or m) of the range in which variables without limits are sampled.
     reach: Row,
-    /// Joints of the chain to the hand that variables drive: index in the chain, variable and factor.
+    /// Joints of the chain from base to hand that variables drive: index in the chain, variable, and mimic factor.
     columns: Vec<(usize, usize, f64)>,
 }
 
 impl Model {
-    /// Creates the variables of `robot`; joints that do not move the hand keep the values of the full joint vector
-    /// `rest`.
+    /// Creates the variables of `robot`. Joints that do not move the hand keep the values in `rest`, a joint vector of
+    /// the whole robot.
     ///
     /// # Errors
     /// No joint moves the hand, more than [`MAX_JOINTS`] do, `rest` has the wrong length, or a variable's own limits
-    /// and those of its mimics contradict each other.
+    /// contradict those of its mimic joints.
     pub fn new(robot: &Robot, rest: &[f64]) -> Result<Self, ProblemError> {
         let joints = robot.joints();
         if rest.len() != joints.len() {
@@ -79,7 +79,7 @@ impl Model {
                 return Err(ProblemError::new("robot", message));
             }
             reach[v] = if joints[*j].kind() == JointKind::Revolute { PI } else { 0.5 };
-            // A variable is periodic if every joint that it drives makes whole turns.
+            // A variable is periodic if a full turn leaves the pose of every joint that it drives unchanged.
             endless[v] = map.driven().iter().filter(|d| d.variable == v).all(|d| {
                 let joint = &joints[d.joint];
                 let open = joint.lower() == f64::NEG_INFINITY && joint.upper() == f64::INFINITY;
@@ -92,14 +92,14 @@ impl Model {
         Ok(Self { map, lower, upper, velocity, acceleration, jerk, endless, reach, columns })
     }
 
-    /// Map from variables to full joint vectors.
+    /// Returns the map from variables to joint vectors of the whole robot.
     #[must_use]
     pub fn map(&self) -> &JointMap {
         &self.map
     }
 
-    /// Returns the mean displacement (m) of the robot's furthest points per unit of each variable, averaged over the
-    /// joints' ranges.
+    /// Returns, for each variable, the average distance (m per rad or m) that the robot's furthest points move per unit
+    /// of the variable. The average is over the joints' ranges.
     #[must_use]
     pub fn mean_levers(&self, robot: &Robot) -> Row {
         let mut out = [0.0; MAX_JOINTS];
@@ -109,43 +109,43 @@ impl Model {
         out
     }
 
-    /// Joints of the chain to the hand that variables drive: index in the chain, variable and factor.
+    /// Returns the chain's joints that variables drive: index in the chain, variable, and mimic factor.
     pub(crate) fn columns(&self) -> &[(usize, usize, f64)] {
         &self.columns
     }
 
-    /// Variables that are periodic with a full turn.
+    /// Returns for each variable whether a full turn leaves all poses unchanged.
     pub(crate) fn endless(&self) -> &[bool; MAX_JOINTS] {
         &self.endless
     }
 
-    /// Number of variables.
+    /// Returns the number of variables.
     #[must_use]
     pub fn n(&self) -> usize {
         self.map.indices().len()
     }
 
-    /// Variables of a full joint vector.
+    /// Returns the variables of a joint vector of the whole robot.
     #[must_use]
     pub fn pick(&self, q: &[f64]) -> Row {
         self.map.pick(q)
     }
 
-    /// Returns the variables at the start of planning.
+    /// Returns the variables at the start of the motion.
     #[must_use]
     pub fn start(&self) -> Row {
         self.map.pick(self.map.rest())
     }
 
-    /// Computes the hand frames at `x`.
+    /// Computes the frames of the chain from base to hand at the variables `x`.
     pub fn forward(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>, frames: &mut ChainFrames) {
         self.map.positions(x, q);
         let placed = robot.chain().forward(q, frames);
         debug_assert!(placed.is_ok(), "a model's map has an entry for each joint of its robot");
     }
 
-    /// Returns the sampling range of a variable: its limits, or half a turn (half a metre) to either side of the start
-    /// for a variable without limits.
+    /// Returns the range (rad or m) in which a variable is sampled: its limits, or half a turn (half a metre) to either
+    /// side of the start for a variable without limits.
     #[must_use]
     pub fn range(&self, v: usize) -> (f64, f64) {
         let (lower, upper) = (self.lower[v], self.upper[v]);
@@ -157,8 +157,8 @@ impl Model {
         (middle - half, middle + half)
     }
 
-    /// Returns whether two joint vectors differ by less than `limit` (rad or m) in every variable, ignoring whole turns
-    /// of periodic ones.
+    /// Returns whether two vectors of variables differ by less than `limit` (rad or m) in every variable. Whole turns
+    /// of periodic variables do not count as a difference.
     #[must_use]
     pub fn are_near(&self, a: &Row, b: &Row, limit: f64) -> bool {
         (0..self.n()).all(|v| {
@@ -168,8 +168,8 @@ impl Model {
         })
     }
 
-    /// Returns `x` with periodic variables shifted to within half a turn of `center`, which keeps the pose of every
-    /// link.
+    /// Returns `x` with periodic variables shifted by whole turns to within half a turn of `center`. The pose of every
+    /// link stays the same.
     #[must_use]
     pub fn unwound(&self, x: &Row, center: &Row) -> Row {
         let mut out = *x;
@@ -180,23 +180,23 @@ impl Model {
     }
 }
 
-/// A hand point or direction in the base frame, and the vector that weights its second derivatives.
+/// A point or direction fixed to the hand, in the base frame, and the vector that weights its second derivatives.
 pub(crate) type Weighed = (Vector3<f64>, Vector3<f64>);
 
-/// The hand pose at a joint vector, with its derivatives.
+/// The hand pose at a joint vector, with its derivatives with respect to the variables.
 #[derive(Debug, Clone)]
 pub struct Placed {
-    /// The joint vector.
+    /// The variables at which the hand was placed.
     pub x: Row,
-    /// The hand in the base frame.
+    /// The hand pose in the base frame.
     pub hand: Pose,
     columns: Vec<Column>,
     q: Vec<f64>,
     frames: ChainFrames,
 }
 
-/// Motion of the hand per unit of one chain joint: angular velocity, and velocity of the hand point at the base's
-/// origin.
+/// Motion of the hand per unit of one joint of the chain: angular velocity, and velocity of the hand point at the
+/// base's origin.
 #[derive(Debug, Clone, Copy)]
 struct Column {
     variable: usize,
@@ -217,7 +217,7 @@ impl Default for Placed {
 }
 
 impl Placed {
-    /// Moves the hand to `x`; does nothing if the hand is already at `x`.
+    /// Computes the hand pose and its derivatives at `x`, unless they were computed for `x` before.
     pub fn place(&mut self, robot: &Robot, model: &Model, x: &Row) {
         if self.x == *x {
             return;
@@ -237,7 +237,7 @@ impl Placed {
         }
     }
 
-    /// Returns the gradient of `direction . p` for a point `p` fixed to the hand, given in the base frame (m).
+    /// Returns the gradient of `direction . p` for a point `p` fixed to the hand and given in the base frame (m).
     #[must_use]
     pub fn linear_row(&self, point: &Vector3<f64>, direction: &Vector3<f64>) -> Row {
         let moment = point.cross(direction);
@@ -261,7 +261,7 @@ impl Placed {
         rows
     }
 
-    /// Returns the gradient of the hand's rotation about `direction`.
+    /// Returns the gradient of the hand's rotation angle about `direction`.
     #[must_use]
     pub fn angular_row(&self, direction: &Vector3<f64>) -> Row {
         let mut row = [0.0; MAX_JOINTS];
@@ -271,10 +271,10 @@ impl Placed {
         row
     }
 
-    /// Adds to `h` the second derivatives of `sum f . p + sum m . a` over points `p` and directions `a` fixed to the
-    /// hand, given as (point, f) and (direction, m) in the base frame.
+    /// Adds to `h` the second derivatives of `sum f . p + sum m . a`. The points `p` and directions `a` are fixed to
+    /// the hand, and given as (point, f) and (direction, m) in the base frame.
     ///
-    /// For joints i before j, d²p/dq_i dq_j = z_i × (dp/dq_j), and the same holds for directions.
+    /// For joints i before j, d²p/dq_i dq_j = z_i × (dp/dq_j); the same holds for directions.
     pub(crate) fn second_derivatives(&self, points: &[Weighed], axes: &[Weighed], h: &mut [Row; MAX_JOINTS]) {
         for (j, moving) in self.columns.iter().enumerate() {
             let mut w = Vector3::zeros();
