@@ -1,4 +1,4 @@
-//! Plans the motion of a Panda to a handle: `cargo run --release -p gensim2-kpam --example reach -- panda_v2.urdf`.
+//! Plans a motion of a Panda arm to a handle: `cargo run --release -p gensim2-kpam --example reach -- panda_v2.urdf`.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Hand poses of the keyframes, and hand paths between them, computed from an actuation pose and the config.
+//! Computes hand poses at keyframes, and hand paths between them, from an actuation pose and the config.
 
 use gensim2_geometry::{Pose, rotation_about, rotation_log, screw_about};
 use nalgebra::{Rotation3, Translation3, Vector3};
@@ -8,26 +8,26 @@ use crate::options::{Frames, RotatePath};
 use crate::world::{Schedule, joint_steps};
 use crate::{KeypointProblem, ObjectJointKind};
 
-/// A named hand pose.
+/// A named hand pose that the motion passes.
 #[derive(Debug, Clone)]
 pub(crate) struct Keyframe {
     pub label: String,
     pub hand: Pose,
 }
 
-/// Motion of the hand between keyframes.
+/// Path of the hand between two keyframes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum HandPath {
-    /// Straight line with uniform rotation.
+    /// The hand moves along a straight line and rotates uniformly.
     Line { from: Pose, to: Pose },
-    /// Rigid rotation about a line.
+    /// The hand moves rigidly on an arc about the line through `point` along `axis`.
     Arc { from: Pose, point: Vector3<f64>, axis: Vector3<f64>, angle: f64 },
-    /// The hand point `tip` moves around a line while the hand keeps its orientation.
+    /// The hand point `tip` moves on such an arc, while the hand keeps its orientation.
     Trace { from: Pose, tip: Vector3<f64>, point: Vector3<f64>, axis: Vector3<f64>, angle: f64 },
 }
 
 impl HandPath {
-    /// Returns the pose at `s` in 0..1.
+    /// Returns the hand pose at the parameter `s`, 0 to 1.
     pub fn at(&self, s: f64) -> Pose {
         match self {
             Self::Line { from, to } => {
@@ -45,7 +45,7 @@ impl HandPath {
         }
     }
 
-    /// Returns the length of the hand origin's path (m) and the rotation (rad).
+    /// Returns the length (m) of the path of the hand's origin, and the angle (rad) by which the hand rotates.
     pub fn length(&self) -> (f64, f64) {
         match self {
             Self::Line { from, to } => (
@@ -64,32 +64,32 @@ impl HandPath {
     }
 }
 
-/// Keyframes in time order (pre_{n-1}, ..., pre_0, actuation, post_0, ..., let_go) and the paths between them: path i
-/// leads from keyframe i to i + 1.
+/// Keyframes in time order (pre_{n-1}, ..., pre_0, actuation, post_0, ..., let_go), and hand paths between them. Path i
+/// leads from keyframe i to keyframe i + 1.
 #[derive(Clone)]
 pub(crate) struct Motions {
     pub keyframes: Vec<Keyframe>,
     pub paths: Vec<HandPath>,
     pub actuation: usize,
-    /// Index of the keyframe at which the hand releases the object, if it does.
+    /// Index of the keyframe at which the hand releases the object at the end; `None` for no release.
     pub lets_go_at: Option<usize>,
 }
 
 impl Motions {
-    /// Returns the hand pose at the release, if any.
+    /// Returns the hand pose at the release, if there is one.
     pub fn letting_go(&self) -> Option<&Pose> {
         self.lets_go_at.map(|k| &self.keyframes[k].hand)
     }
 }
 
-/// Returns the motions around an actuation pose of the hand.
+/// Returns keyframes and hand paths for a hand pose at the actuation.
 pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
     let config = &problem.config;
     let schedule = Schedule::of(config);
     let before = schedule.actuation();
     let mut keyframes = vec![Keyframe { label: schedule.label(before), hand: *actuation }];
     let mut paths = Vec::new();
-    // Pre-actuation motions are applied one after another from the actuation pose, backwards in time.
+    // The config lists motions before the actuation from the actuation pose backwards in time.
     for (i, motion) in config.pre.iter().enumerate() {
         let next = keyframes[0].hand;
         let (hand, path) = match *motion {
@@ -106,7 +106,7 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
                 let hand = shifted(&next, &v);
                 (hand, HandPath::Line { from: hand, to: next })
             }
-            // The config's validation rejects these motions before the actuation.
+            // Validation rejects configs with these motions before the actuation.
             Motion::FollowJoint(_) | Motion::FollowJointTo(_) | Motion::TraceJoint(_) | Motion::TraceJointTo(_) => {
                 (next, HandPath::Line { from: next, to: next })
             }
@@ -161,7 +161,8 @@ fn rotation_path(problem: &KeypointProblem, arc: HandPath) -> HandPath {
     }
 }
 
-/// Returns the hand path along the joint over `value`: rigid if `turning`, otherwise only of the contact point.
+/// Returns the hand path for the travel `value` of the object's joint. The hand moves rigidly with the joint if
+/// `turning` is set; otherwise only its contact point follows the joint.
 fn follow(problem: &KeypointProblem, from: Pose, value: f64, turning: bool) -> HandPath {
     match problem.joint {
         Some(j) if j.kind == ObjectJointKind::Revolute => {
@@ -173,7 +174,7 @@ fn follow(problem: &KeypointProblem, from: Pose, value: f64, turning: bool) -> H
             HandPath::Trace { from, tip, point, axis, angle: value }
         }
         Some(j) => HandPath::Line { from, to: shifted(&from, &(j.axis * value)) },
-        // Validation rejects a config that follows a joint if the problem has none.
+        // Validation rejects a config that follows the object's joint if there is none, so this path is never used.
         None => HandPath::Line { from, to: from },
     }
 }

@@ -7,19 +7,19 @@ use crate::ProblemError;
 use crate::body::place;
 use crate::checked::checked_when_read;
 
-/// Tolerance of the unit length of axes.
+/// Permitted deviation of an axis's length from 1.
 const UNIT: f64 = 1e-6;
 
-/// Kind of an object's joint.
+/// Type of an object's joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ObjectJointKind {
-    /// Turns (rad).
+    /// The joint rotates (rad).
     Revolute,
-    /// Slides (m).
+    /// The joint slides (m).
     Prismatic,
 }
 
-/// An object's moving joint in the robot base frame.
+/// The moving joint of an object, given in the robot's base frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct ObjectJoint {
@@ -34,8 +34,8 @@ pub struct ObjectJoint {
 checked_when_read!(ObjectJoint);
 
 impl ObjectJoint {
-    /// Creates a joint about or along the direction `axis` through `origin` (m), with current value `value` (rad or m).
-    /// `lower` is its value at openness 0, `upper` at openness 1.
+    /// Creates a joint that rotates about `axis` or slides along it. The axis passes through `origin` (m). `value` is
+    /// the joint's current value (rad or m), `lower` its value at openness 0, and `upper` its value at openness 1.
     ///
     /// # Errors
     /// The axis is zero, the limits are inverted, or a number is not finite.
@@ -51,31 +51,31 @@ impl ObjectJoint {
         joint.check().map(|()| joint)
     }
 
-    /// Kind.
+    /// Returns the type of the joint.
     #[must_use]
     pub fn kind(&self) -> ObjectJointKind {
         self.kind
     }
 
-    /// Point on the axis (m).
+    /// Returns a point on the axis (m, base frame).
     #[must_use]
     pub fn origin(&self) -> &Vector3<f64> {
         &self.origin
     }
 
-    /// Unit axis; the joint opens in the positive direction.
+    /// Returns the unit vector of the axis in the base frame; the joint opens in this direction.
     #[must_use]
     pub fn axis(&self) -> &Vector3<f64> {
         &self.axis
     }
 
-    /// Current value (rad or m).
+    /// Returns the current value (rad or m).
     #[must_use]
     pub fn value(&self) -> f64 {
         self.value
     }
 
-    /// Values (rad or m) at openness 0 and 1.
+    /// Returns the values (rad or m) at openness 0 and 1.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
         [self.lower, self.upper]

@@ -9,161 +9,161 @@ use crate::ProblemError;
 use crate::default_limits::{check_limit_set, greatest_velocity};
 use crate::model::Model;
 
-/// Minimum limit (per second, and its powers), so that motions have a duration that can be stored.
+/// Minimum joint limit (per second, or its powers); with lower limits, motions would be too long to be stored.
 const GENTLEST: f64 = 1e-3;
 /// Maximum joint velocity at the start of a motion (rad/s or m/s).
 const FASTEST: f64 = 100.0;
 /// Maximum joint acceleration at the start of a motion (rad/s^2 or m/s^2).
 const HARDEST: f64 = 1e4;
 
-/// Timing of keyframes.
+/// Source of the times of keyframes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum Timing {
-    /// As fast as velocity, acceleration and jerk limits allow.
+    /// The motion is as fast as the velocity, acceleration and jerk limits allow.
     Limits,
-    /// At the times given in the config.
+    /// The motion reaches keyframes at the times given in the config.
     Config,
 }
 
-/// Acceleration and jerk limits for arms whose URDF lacks them.
+/// Acceleration and jerk limits for arms whose URDF has none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum LimitSet {
-    /// Limits published by Franka for the Panda: 7.5 to 20 rad/s^2, 3,750 to 10,000 rad/s^3.
+    /// Limits that Franka publishes for the Panda: 7.5 to 20 rad/s^2 and 3,750 to 10,000 rad/s^3.
     Panda,
-    /// Limits published by Franka for the Research 3: 10 rad/s^2, 5,000 rad/s^3, and velocity limits that decrease
+    /// Limits that Franka publishes for the Research 3: 10 rad/s^2, 5,000 rad/s^3, and velocity limits that decrease
     /// towards the ends of the joints' ranges.
     Fr3,
     /// The same acceleration and jerk limits for every joint: 10 rad/s^2 and 5,000 rad/s^3, or m/s^2 and m/s^3.
     Plain,
 }
 
-/// Frame of translations after the actuation that the config writes as lists, such as `["translate_z", 0.1]`.
+/// Frame of post-actuation translations that the config writes as lists, such as `["translate_z", 0.1]`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum Frames {
-    /// In the hand frame.
+    /// Translations are in the hand frame.
     Object,
-    /// In the hand frame rotated by the object's yaw about the hand's z axis.
+    /// Translations are in the hand frame, rotated about its z axis by the object's yaw, as in the original GenSim2.
     Original,
 }
 
-/// Path of the hand between the keyframes of "rotate".
+/// Path of the hand in the motion "rotate".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum RotatePath {
-    /// On the arc about the object's axis.
+    /// The hand moves on the arc about the object's axis.
     Arc,
-    /// On the straight line between the ends.
+    /// The hand moves on the straight line between the ends of the arc.
     Chord,
 }
 
-/// Bodies that may overlap between two keyframes.
+/// A permission for links and bodies to overlap between two keyframes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContactWindow {
-    /// Links of the robot, and attached bodies.
+    /// Names of robot links and attached bodies.
     pub links: Vec<String>,
-    /// Bodies of the scene.
+    /// Names of bodies in the scene.
     pub bodies: Vec<String>,
     /// First keyframe of the window: one of `start`, ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ..., in time order.
     pub from: String,
     /// Last keyframe of the window, or `end`.
     pub to: String,
-    /// Maximum overlap (m), 0 to 1; default: `contact_depth`.
+    /// Maximum overlap (m), 0 to 1; by default that of the option `contact_depth`.
     #[serde(default)]
     pub depth: Option<f64>,
 }
 
-/// Options of a problem. Omitted fields have the defaults below; unknown fields are refused.
+/// Options of a problem. Omitted fields have the defaults given below; unknown fields are errors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Options {
-    /// Timing of keyframes; default: the config's times if it sets any, otherwise the limits.
+    /// Source of the keyframe times; default: the config if it sets any time, otherwise the joint limits.
     pub timing: Option<Timing>,
-    /// Start time of the motion (s) on the config's clock, from -1e6 to 1e6.
+    /// Time (s) at which the motion starts on the config's clock, from -1e6 to 1e6.
     pub start_time: f64,
-    /// Fraction of the velocity limits, 0.001 to 1.
+    /// Fraction of the velocity limits that the motion may use, 0.001 to 1.
     pub velocity_scale: f64,
-    /// Fraction of the acceleration and jerk limits, 0.001 to 1.
+    /// Fraction of the acceleration and jerk limits that the motion may use, 0.001 to 1.
     pub acceleration_scale: f64,
-    /// Velocity limits (rad/s or m/s) for each joint, 0.001 to 1e9; default: the URDF's.
+    /// Velocity limit (rad/s or m/s) of each joint, 0.001 to 1e9; default: the URDF's.
     pub velocity_limits: Option<Vec<f64>>,
-    /// Acceleration limits (rad/s^2 or m/s^2) for each joint, 0.001 to 1e9; default: the URDF's, else those of
-    /// `limits`.
+    /// Acceleration limit (rad/s^2 or m/s^2) of each joint, 0.001 to 1e9; default: the URDF's, otherwise that of the
+    /// option `limits`.
     pub acceleration_limits: Option<Vec<f64>>,
-    /// Jerk limits (rad/s^3 or m/s^3) for each joint, 0.001 to 1e9; default: the URDF's, else those of `limits`.
+    /// Jerk limit (rad/s^3 or m/s^3) of each joint, 0.001 to 1e9; default: the URDF's, otherwise that of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
-    /// Torque limits (N m; N for sliding joints) for each joint, 0.001 to 1e9; default: torques are not limited.
+    /// Torque limit (N m; N for sliding joints) of each joint, 0.001 to 1e9; default: torques are not limited.
     pub torque_limits: Option<Vec<f64>>,
-    /// Source of missing acceleration and jerk limits; default: `Plain`, which the plan reports as assumed.
+    /// Acceleration and jerk limits where URDF and options give none; default: `Plain`, with a note in the plan.
     pub limits: Option<LimitSet>,
-    /// Velocity of each joint at the start, within 100 rad/s or m/s; default: at rest.
+    /// Velocity of each joint at the start, at most 100 rad/s or m/s; default: zero.
     pub start_velocity: Option<Vec<f64>>,
-    /// Acceleration of each joint at the start, within 1e4 rad/s^2 or m/s^2; default: none.
+    /// Acceleration of each joint at the start, at most 1e4 rad/s^2 or m/s^2; default: zero.
     pub start_acceleration: Option<Vec<f64>>,
-    /// Maximum speed (m/s) of the contact point from the actuation on, 0.001 to 1,000; null for no limit.
+    /// Maximum speed (m/s) of the tool's contact point from the actuation on, 0.001 to 1,000; null for no limit.
     pub contact_speed: Option<f64>,
     /// Frame of post-actuation translations that the config writes as lists.
     pub frames: Frames,
-    /// Hand path of "rotate".
+    /// Path of the hand in the motion "rotate".
     pub rotate_path: RotatePath,
-    /// Weight of each joint's squared step in the cost of the actuation pose, 0.001 to 1e6; default: 1.
+    /// Weight of each joint's squared step from the start in the cost of the actuation pose, 0.001 to 1e6; default: 1.
     pub joint_weights: Option<Vec<f64>>,
-    /// Number of start values for the actuation pose, including the current joints: 1 to 1,000.
+    /// Number of start values in the search for the actuation pose, including the current joints: 1 to 1,000.
     pub num_seeds: usize,
-    /// Number of feasible poses, cheapest first, that are optimized: 1 to 1,000.
+    /// Number of poses that meet the constraints and whose cost is then minimized, cheapest first: 1 to 1,000.
     pub num_refinements: usize,
-    /// Bounds of the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for none.
+    /// Box for the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for no box.
     pub workspace: Option<[[f64; 3]; 2]>,
-    /// Clearance (m) of the whole motion from bodies that it may not touch, 0 to 0.2. A pair that is closer at the
-    /// start or end of a segment keeps at least this smaller distance along the segment; the plan reports such pairs.
+    /// Clearance (m), 0 to 0.2, of robot and attached bodies from bodies that they may not touch. A pair that is closer
+    /// at the start or end of a segment keeps at least that distance on the segment; the plan reports such pairs.
     pub margin: f64,
-    /// Smaller clearance (m) for a second attempt if no motion keeps `margin`, 0 to `margin`; default: no second
+    /// Smaller clearance (m), 0 to `margin`, for a second attempt if no motion keeps `margin`; default: no second
     /// attempt.
     pub least_margin: Option<f64>,
-    /// Maximum overlap (m) of pairs that may touch, 0 to 1; null for no limit. Contact windows may set their own limit.
+    /// Maximum overlap (m) of pairs that may touch, 0 to 1; null for no limit. A contact window may set another limit.
     pub contact_depth: Option<f64>,
-    /// Maximum overlap (m) of arm or attached bodies with the moving link if its travel is estimated, 0 to 0.1.
+    /// Maximum overlap (m), 0 to 0.1, of arm or attached bodies with the moving link if its travel is estimated.
     pub guess_depth: f64,
-    /// Maximum overlap (m) of the robot at the start, 0 to 1; the motion first leaves the overlap. Planning fails if
-    /// the overlap is deeper.
+    /// Maximum overlap (m) of the robot with a body at the start, 0 to 1. The motion first leaves the overlap. Planning
+    /// fails if an overlap is deeper.
     pub start_depth: f64,
-    /// Clearance (m) of robot and attached bodies from the handled bodies (moving link, targets, picked bodies) up to
-    /// the actuation pose, 0 to 0.05. By default, hand and fingers may touch these bodies in the last segment before
-    /// the actuation pose, and targets always.
+    /// Clearance (m), 0 to 0.05, that robot and attached bodies keep from the handled bodies (moving link, targets,
+    /// picked bodies) until the actuation pose. By default, hand and fingers may touch these bodies in the last segment
+    /// before the actuation pose, and may always touch targets.
     pub reach_clearance: Option<f64>,
-    /// Whether to accept the longest part of the motion if the rest after the actuation pose is unreachable or blocked.
+    /// Whether to return the longest part of the motion if a part after the actuation pose is unreachable or blocked.
     pub allow_partial: bool,
-    /// Value of the finger joints (joints below the hand) during the motion (m or rad), within their limits; mimic
-    /// joints follow. Default: as in `q_start`.
+    /// Value (m or rad) of the finger joints, which are the joints below the hand, during the motion. It must be within
+    /// their limits; mimic joints follow. By default, they keep their values in `q_start`.
     pub finger_width: Option<f64>,
     /// Maximum number of actuation poses for which planning the whole motion is attempted: 1 to 1,000.
     pub candidates: usize,
-    /// Number of additional start values if no pose from `num_seeds` allows the whole motion: at most 100,000.
+    /// Maximum number of additional start values if no pose from `num_seeds` allows the motion: at most 100,000.
     pub extra_seeds: usize,
-    /// Maximum number of overlapping poses that are moved out of contact if all other poses fail: at most 1,000.
+    /// Maximum number of poses that are moved out of an overlap with a body if all other poses fail: at most 1,000.
     pub clearings: usize,
-    /// Maximum number of samples of the path planner for each pose: at most 1,000,000.
+    /// Maximum number of random samples of the path planner for each pose: at most 1,000,000.
     pub samples: usize,
-    /// Seed of start values and samples, 0 to 1,000,000; another seed may give another motion.
+    /// Seed of start values and random samples, 0 to 1,000,000; another seed may give another motion.
     pub seed: usize,
-    /// Whether collisions are avoided; otherwise they are only reported.
+    /// Whether the motion must avoid collisions; otherwise the plan only reports them.
     pub avoid_collisions: bool,
-    /// Contact windows that replace the default rules; null for the defaults.
+    /// Contact windows that replace the default rules of contact; null for the default rules.
     pub contacts: Option<Vec<ContactWindow>>,
-    /// Bodies that the hand picks at the actuation pose; they are attached to the hand from there on.
+    /// Names of bodies that the hand picks up at the actuation pose; from then on they are attached to the hand.
     pub pick: Vec<String>,
-    /// Attached bodies that the hand releases at the actuation pose; they stay in place from there on.
+    /// Names of attached bodies that the hand releases at the actuation pose; from then on they stay where they are.
     pub release: Vec<String>,
-    /// Travel of the object's joint (rad or m) in each post-actuation motion. By default, motions that follow or trace
-    /// the joint define it, and other motions move the joint with the contact point.
+    /// Travel (rad or m) of the object's joint in each post-actuation motion. By default, a motion that follows or
+    /// traces the joint determines the travel, and in other motions the contact point moves the joint.
     pub joint_travel: Option<Vec<f64>>,
 }
 
@@ -211,7 +211,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Validates each option against its range, and the robot's own velocity limits against the minimum.
+    /// Checks that each option is in its range, and that the URDF's velocity limits are not too low.
     pub(crate) fn check(&self, robot: &Robot, model: &Model) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         let numbers = [
@@ -288,8 +288,8 @@ impl Options {
     }
 }
 
-/// Returns an error for velocity limits so low that motions would take too long to be stored, and for missing velocity
-/// limits, without which only the acceleration would limit the speed.
+/// Returns an error for velocity limits that are so low that motions would be too long to be stored, and for missing
+/// velocity limits, without which only acceleration limits would bound the speed.
 fn check_speeds(robot: &Robot, model: &Model, options: &Options) -> Result<(), ProblemError> {
     let mut velocity = options.velocity_limits.as_ref().map_or(model.velocity, |l| model.map().least(|j| l[j]));
     if let Some(most) = greatest_velocity(options) {

@@ -1,4 +1,4 @@
-//! The constraints of a problem as numbers: names are resolved, and frames are converted to base axes.
+//! Turns the constraints of a problem into numbers: names become positions, and directions are converted to base axes.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ impl KeypointProblem {
         look_up(&self.object_keypoints, "object_keypoints", name)
     }
 
-    /// Returns the axes of a frame in the base frame, as columns.
+    /// Returns the axes of a frame as the columns of a matrix in the base frame.
     fn axes(&self, frame: Frame, field: &str) -> Result<nalgebra::Matrix3<f64>, ProblemError> {
         match frame {
             Frame::World => Ok(*self.world.rotation.matrix()),
@@ -26,7 +26,7 @@ impl KeypointProblem {
         }
     }
 
-    /// Returns the joint frame at the config's target keypoint, as columns x, y, z in the base frame.
+    /// Returns the joint frame at the config's target keypoint; columns are its axes x, y, z in the base frame.
     fn joint_frame(&self, field: &str) -> Result<nalgebra::Matrix3<f64>, ProblemError> {
         let joint = self
             .joint
@@ -56,7 +56,7 @@ impl KeypointProblem {
         Ok(nalgebra::Matrix3::from_columns(&[y.cross(&z), y, z]))
     }
 
-    /// Returns the constraints with all names and frames replaced by numbers.
+    /// Returns the constraints with numbers in place of names and frames.
     pub(crate) fn resolve(&self) -> Result<Resolved, ProblemError> {
         let mut out = Resolved::default();
         for (i, c) in self.config.constraints.iter().enumerate() {
@@ -127,7 +127,7 @@ fn direction(v: Vector3<f64>, field: &str, from: &str, to: &str) -> Result<Vecto
     Err(ProblemError::new(field, format!("{from:?} and {to:?} coincide, so the axis between them has no direction")))
 }
 
-/// A hand point constrained to a box.
+/// A point of the hand that must lie in a box.
 #[derive(Debug, Clone)]
 pub(crate) struct PointBound {
     pub entry: usize,
@@ -136,7 +136,7 @@ pub(crate) struct PointBound {
     pub tolerance: f64,
 }
 
-/// A hand direction constrained to a range of angles from a direction.
+/// A direction of the hand whose angle from a fixed direction must lie in a range.
 #[derive(Debug, Clone)]
 pub(crate) struct AxisBound {
     pub entry: usize,
@@ -147,14 +147,14 @@ pub(crate) struct AxisBound {
 }
 
 impl AxisBound {
-    /// Distance of the angle from the target angle (rad).
+    /// Returns the difference (rad) of the angle from the target angle.
     pub fn residual(&self, hand: &Pose) -> f64 {
         let a = hand.rotation * self.on_hand;
         (a.cross(&self.target).norm().atan2(a.dot(&self.target)) - self.center).abs()
     }
 }
 
-/// Weighted squared distance of a point of the hand from a plane.
+/// A cost: weight times the squared distance of a point of the hand from a plane.
 #[derive(Debug, Clone)]
 pub(crate) struct PlaneTerm {
     pub on_hand: Vector3<f64>,
@@ -163,7 +163,7 @@ pub(crate) struct PlaneTerm {
     pub weight: f64,
 }
 
-/// Constraints as numbers.
+/// All constraints and costs of a problem, as numbers.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Resolved {
     pub points: Vec<PointBound>,

@@ -1,4 +1,4 @@
-//! Grasps of shapes with known answers, checked independently of the search.
+//! Tests grasps of shapes for which the possible grasps are known, without using the search's own checks.
 
 #![allow(clippy::unwrap_used)]
 
@@ -12,8 +12,8 @@ use proptest::prelude::*;
 
 const STROKE: f64 = 0.08;
 
-/// Returns default options changed by `set`. The gripper below has pads of 20 x 20 mm, fingers of 15 x 50 mm, and a
-/// palm.
+/// Returns the default options, changed by `set`. The gripper in the tests has pads of 20 x 20 mm, fingers of 15 x 50
+/// mm, and a palm.
 fn options(set: impl FnOnce(&mut GraspOptions)) -> GraspOptions {
     let mut options = GraspOptions::default();
     set(&mut options);
@@ -49,7 +49,7 @@ fn table() -> Body {
     )
 }
 
-/// Returns grasps of a body among others. The robot is far away from them.
+/// Returns grasps of `object` among the bodies `others`. The robot's arm is far away from them.
 fn grasps(object: &Body, others: &[Body], options: &GraspOptions) -> Result<Vec<Grasp>, ProblemError> {
     let slide = Joint::prismatic("x", Vector3::x()).limits(-1.0, 1.0);
     let robot = Robot::builder("cart").link(Link::base("rail")).link(Link::below("rail", "cart").moved_by(slide));
@@ -76,15 +76,15 @@ fn a_box_is_held_across_its_narrow_sides() {
     let all = found(&object, &[], &options(|o| o.up = None));
     assert!(all.len() > 20, "{}", all.len());
     for grasp in &all {
-        // Opposite faces are parallel, so the contacts are aligned. Only the widths of 40 and 60 mm fit between the
-        // pads.
+        // Opposite faces are parallel, so the pads close perpendicular to them. Only the widths of 40 and 60 mm fit
+        // between the pads.
         let axis = closing(grasp).abs();
         let wide = if axis.x > 0.999 { 0.04 } else { 0.06 };
         assert!(axis.x > 0.999 || axis.z > 0.999, "{axis}");
         assert!((grasp.width - wide).abs() < 1e-9, "{}", grasp.width);
         assert!((grasp.quality.friction_margin - 0.6f64.atan()).abs() < 1e-6);
         assert!(grasp.opening > grasp.width && grasp.opening <= STROKE);
-        // Midway between the faces.
+        // The pads are centred on the middle between the faces.
         let middle = between_pads(grasp);
         assert!(if axis.x > 0.999 { middle.x.abs() } else { middle.z.abs() } < 1e-9);
     }
@@ -99,7 +99,7 @@ fn what_is_wider_than_the_stroke_is_not_held() {
         .iter()
         .flat_map(|(x, z)| [-0.05, 0.05].map(|y| Point3::new(*x, y, *z)))
         .collect();
-    // The sides of a wedge are 118 degrees apart, beyond any friction cone; its ends are too wide.
+    // The sides of a wedge are 118 degrees apart, too much for the friction; its ends are too far apart.
     let wedge = body(Role::Target, vec![Convex::hull(&wedge).unwrap()], Pose::identity());
     assert!(found(&wedge, &[], &options(|o| o.friction = 0.3)).is_empty());
 }
@@ -132,7 +132,7 @@ fn a_standing_cylinder_is_held_across_its_axis_from_above() {
 
 #[test]
 fn thin_walls_are_held_from_both_sides() {
-    // Four walls, 4 mm thick, around a space of 100 mm, on a floor.
+    // A box without a lid: four walls of 4 mm around a square of 100 mm, and a floor.
     let wall = |x: f64, y: f64| {
         let half = if x == 0.0 { [0.052, 0.002, 0.03] } else { [0.002, 0.052, 0.03] };
         Convex::cuboid(half, &Pose::translation(x, y, 0.0)).unwrap()
@@ -180,7 +180,7 @@ fn bad_input_names_its_field() {
     assert_eq!(error.field, "body.shapes");
 }
 
-/// Returns the minimum distance of the hand from bodies, in small steps along the approach and while the fingers close.
+/// Returns the minimum distance of the hand from bodies, in small steps of the approach and of closing the fingers.
 fn least_distance(grasp: &Grasp, bodies: &[&Body], approach: f64) -> f64 {
     let gripper = gripper();
     let mut least = f64::INFINITY;
@@ -269,7 +269,7 @@ fn a_knob_is_found_where_every_part_is_sampled_equally_often() {
 
 #[test]
 fn as_many_grasps_lean_as_are_asked_for() {
-    // For an upright block, a hundred grasps from above rank higher than the best one from the side.
+    // For an upright block, a hundred grasps from above rank higher than the best grasp from the side.
     let object = cuboid([0.02, 0.02, 0.05], Pose::translation(0.4, 0.0, 0.05));
     let leaning = |grasp: &Grasp| (0.6..=1.6).contains(&grasp.quality.tilt);
     let all = found(&object, &[table()], &options(|o| o.count = 60));

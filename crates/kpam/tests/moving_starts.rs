@@ -1,4 +1,4 @@
-//! Plans from a moving start begin in its state, keep the given times, are collision-free and slow enough in contact.
+//! Plans for a robot that moves at the start. They begin in its state, keep times and limits, and avoid collisions.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 
 const GOAL: [f64; 3] = [1.2, 0.32, 0.0];
 
-/// A small cube on three slides that brakes slowly, moves to the goal and then as far again. `obstacle` is the position
-/// and half width of a wall.
+/// A small cube on three sliding joints with low acceleration limits. It moves to the goal, and then as far again.
+/// `obstacle` is the centre and half width of a wall.
 fn problem(times: Option<(f64, f64)>, options: Options, obstacle: Option<([f64; 2], f64)>) -> KeypointProblem {
     let cube = |width: f64| Convex::cuboid([0.01, width, 0.01], &Pose::identity()).unwrap();
     let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-3.0, 3.0).velocity(1.0);
@@ -49,7 +49,7 @@ fn slow() -> Options {
     options
 }
 
-/// Returns the state of a plan's motion at a time.
+/// Returns positions, velocities and accelerations of a plan's motion at a time (s).
 fn state(plan: &Plan, time: f64) -> [Vec<f64>; 3] {
     let sample = plan.trajectory().unwrap().sample(time);
     [sample.position, sample.velocity, sample.acceleration]
@@ -66,7 +66,7 @@ fn assert_near(a: &[f64], b: &[f64]) {
     assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6), "{a:?} {b:?}");
 }
 
-/// Returns the time halfway along the motion to a keyframe.
+/// Returns the time (s) in the middle of the motion to a keyframe.
 fn halfway(former: &Plan, keyframe: usize) -> f64 {
     let begin = if keyframe == 0 { 0.0 } else { former.keyframes[keyframe - 1].time.unwrap() };
     0.5 * (begin + former.keyframes[keyframe].time.unwrap())
@@ -100,7 +100,7 @@ fn a_start_under_way_keeps_the_clock() {
     for (keyframe, due) in found.keyframes.iter().zip([4.0, 8.0]) {
         assert!((keyframe.time.unwrap() - due).abs() < 1e-9, "{:?}", keyframe.time);
     }
-    // The time needed to stop counts as part of the motion.
+    // The times of the config include the time needed for braking.
     let short = problem(Some((2.4, 8.0)), slow(), None);
     assert_eq!(plan(&short).status(), Status::Solved);
     assert_eq!(plan(&short.with_start(vec![0.0; 3], velocity, None, 0.0).unwrap()).status(), Status::TooFast);
@@ -117,7 +117,7 @@ fn a_free_motion_goes_on_past_what_is_in_the_way_of_the_stop() {
         let found = go_on(&question, &former, now, &start, resume);
         assert_eq!(found.status(), Status::Solved, "{resume}: {}", found.reason);
         assert!((found.trajectory().unwrap().end() - former.trajectory().unwrap().end()).abs() < 1e-6);
-        // If the former motion is blocked as well, no motion is found.
+        // If the motion that the robot executes is blocked as well, planning finds no motion.
         let way = state(&former, now + 0.12)[0].clone();
         let found = go_on(&problem(None, slow(), Some(([way[0], way[1]], 0.01))), &former, now, &start, resume);
         assert!(found.trajectory().is_none(), "{resume}: {}", found.reason);

@@ -1,4 +1,4 @@
-//! No public function panics on unsuitable arguments.
+//! Checks that no public function panics on unsuitable arguments.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -39,7 +39,7 @@ fn name() -> impl Strategy<Value = String> {
         .prop_map(str::to_owned)
 }
 
-/// A gantry with shapes.
+/// Returns a gantry robot whose links have shapes.
 fn robot() -> Arc<Robot> {
     let link = |i: usize| {
         format!(r#"<link name="l{i}"><collision><geometry><box size="0.05 0.05 0.2"/></geometry></collision></link>"#)
@@ -57,7 +57,7 @@ fn robot() -> Arc<Robot> {
     Arc::new(Robot::from_urdf_str(&text, "gantry.urdf", None, "l3", None).unwrap())
 }
 
-/// Returns `None` if the pose is invalid.
+/// Returns a body; `None` if the pose is invalid.
 fn body(name: &str, role: Role, pose: Pose) -> Option<Body> {
     let shape = Convex::cuboid([0.05; 3], &Pose::identity()).unwrap();
     let builder = Body::builder(name, role).shape(shape).keypoint("top", Vector3::new(0.0, 0.0, 0.05));
@@ -206,7 +206,7 @@ proptest! {
         let _ = plan_with(&wrong, &request);
         let _ = right.with_start(q.clone(), velocity.clone(), velocity.clone(), odd[3]).map(|p| plan(&p));
         let _ = wrong.scene();
-        // A plan of another problem.
+        // A plan that belongs to another problem.
         let _ = joint_travel(&wrong, former, &odd);
         let _ = min_clearance(&wrong, former, odd[0].max(0.5), &Cancel::new());
         let _ = refine(&wrong, former, &RefineOptions::default());
@@ -226,7 +226,7 @@ proptest! {
         (options.times, options.keep_paths) = (Some(times), keep);
         let _ = refine(problem, plan, &options);
         let mut other = plan.clone();
-        // A modified plan with an arbitrary time.
+        // A plan in which the time of a keyframe was changed arbitrarily.
         other.keyframes[0].time = Some(step * 1e9);
         other.q_plan = Some(q.clone());
         let mut request = Request::default();

@@ -1,5 +1,5 @@
-//! Deserialized values pass the same checks as constructed ones: damaged data give an error that names the fault, and
-//! accepted values can be used for planning.
+//! Checks that deserialized values pass the same checks as values created in code: damaged data cause an error that
+//! names what is wrong, and accepted values can be used for planning.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -20,7 +20,7 @@ fn cube(half: f64) -> Convex {
     Convex::cuboid([half; 3], &Pose::identity()).unwrap()
 }
 
-/// A gantry with a mimic joint.
+/// Returns a gantry robot with a mimic joint.
 fn robot() -> Robot {
     let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-2.0, 2.0).velocity(2.0);
     let link =
@@ -67,7 +67,7 @@ fn problem() -> KeypointProblem {
         .unwrap()
 }
 
-/// Pseudorandom numbers from a fixed seed.
+/// Pseudorandom number generator with a fixed seed.
 struct Draw(u64);
 
 impl Draw {
@@ -77,7 +77,7 @@ impl Draw {
     }
 }
 
-/// Returns the bytes of a value with a few of them changed, removed or inserted.
+/// Returns a copy of `bytes` in which a few bytes are changed, removed or inserted.
 fn damaged(bytes: &[u8], draw: &mut Draw) -> Vec<u8> {
     let mut out = bytes.to_vec();
     for _ in 0..1 + draw.below(3) {
@@ -85,7 +85,7 @@ fn damaged(bytes: &[u8], draw: &mut Draw) -> Vec<u8> {
         match draw.below(8) {
             0 => out.truncate(at.max(1)),
             1 => out.insert(at, draw.below(256) as u8),
-            // Special numbers: not finite, huge, negative.
+            // Replace eight bytes by a special number: not finite, huge and negative, or zero.
             2 if at + 8 <= out.len() => {
                 let odd = [f64::NAN, f64::INFINITY, -1e300, 0.0][draw.below(4)];
                 out[at..at + 8].copy_from_slice(&odd.to_le_bytes());
@@ -97,8 +97,8 @@ fn damaged(bytes: &[u8], draw: &mut Draw) -> Vec<u8> {
     out
 }
 
-/// Reads `rounds` damaged copies of a value and calls `with` on the accepted ones; returns the numbers of accepted and
-/// refused copies.
+/// Deserializes `rounds` damaged copies of a value, and calls `with` on each accepted one. Returns how many copies were
+/// accepted and how many were refused.
 fn read_damaged<T: Serialize + DeserializeOwned>(value: &T, rounds: usize, with: impl Fn(&T)) -> (usize, usize) {
     let bytes = postcard::to_stdvec(value).unwrap();
     let whole: T = postcard::from_bytes(&bytes).unwrap();
@@ -174,7 +174,7 @@ fn damaged_plans_are_refused_or_looked_at() {
     assert!(counts.0 > 50 && counts.1 > 200, "{counts:?}");
 }
 
-/// Returns the error from reading a value with one part of its JSON replaced.
+/// Returns the error from deserializing a value after one part of its JSON has been replaced.
 fn refusal<T: Serialize + DeserializeOwned>(value: &T, part: &str, by: Value) -> String {
     let mut text = serde_json::to_value(value).unwrap();
     *text.pointer_mut(part).unwrap() = by;

@@ -1,4 +1,4 @@
-//! A robot in a closed space: after the search has failed for some poses, planning gives up on all others at once.
+//! A robot in a closed chamber: after the search has failed for some poses, planning does not search for the others.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
@@ -9,8 +9,8 @@ use gensim2_kpam::config::Constraint;
 use gensim2_kpam::{Body, KeypointProblem, Request, Role, SolverConfig, Status, plan_with};
 use nalgebra::Vector3;
 
-/// A bar on two slides and a pivot in a chamber that it nearly fills; its middle should reach a point outside, at any
-/// of many angles.
+/// A bar on two slides and a pivot in a chamber that is hardly larger. Its middle should reach a point outside, at one
+/// of many permitted angles.
 fn problem() -> KeypointProblem {
     let bar = Convex::cuboid([0.1, 0.01, 0.01], &Pose::identity()).unwrap();
     let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-1.0, 1.0).velocity(1.0);
@@ -49,7 +49,7 @@ fn problem() -> KeypointProblem {
 #[test]
 fn no_pose_costs_a_search_of_its_own() {
     let mut request = Request::default();
-    // A third of these checks is enough; separate searches for all poses take more than ten times as many.
+    // Planning needs a third of these checks; separate searches for all poses need more than ten times as many.
     request.max_checks = Some(30_000);
     let (plan, _) = plan_with(&problem(), &request).unwrap();
     assert_eq!(plan.status(), Status::NotFound, "{}", plan.reason);
