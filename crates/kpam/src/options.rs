@@ -146,7 +146,7 @@ pub struct Options {
     pub finger_width: Option<f64>,
     /// Maximum number of actuation poses for which planning the whole motion is attempted: 1 to 1,000.
     pub candidates: usize,
-    /// Maximum number of additional start values if no pose from `num_seeds` allows the motion: at most 100,000.
+    /// Maximum number of further start values if no pose from the first `num_seeds` allows the motion: at most 100,000.
     pub extra_seeds: usize,
     /// Maximum number of poses that are moved out of an overlap with a body if all other poses fail: at most 1,000.
     pub clearings: usize,

@@ -148,7 +148,7 @@ impl ActuationSearch<'_> {
         self.violation(x).max(0.0)
     }
 
-    /// Linearizes the constraints at `x` as bounds on the step. The frames must be those of `x`.
+    /// Linearizes the constraints at `x` as bounds on the step. The link frames must already be placed at `x`.
     pub(super) fn linearize(&mut self, x: &Row, out: &mut Vec<Bound>) {
         self.place(x);
         out.clear();

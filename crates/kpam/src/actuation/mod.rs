@@ -59,7 +59,7 @@ pub(crate) struct ActuationSearch<'p> {
     /// Point within the tolerances that projections aim at.
     aim: Aim,
     placed: Placed,
-    /// The joint vector evaluated last with its violation; then the same for its cost.
+    /// Joint vectors for which violation and cost were computed last, each with its value.
     violated: (Row, f64),
     cost_at: (Row, f64),
     batch: BatchProjection,

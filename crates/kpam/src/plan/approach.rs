@@ -13,8 +13,8 @@ const CURVED: f64 = 1e-3;
 const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
 pub(super) const WIDE: f64 = 0.5;
 pub(super) const NEAR: f64 = 0.04;
-/// Number of consecutive searches in which no sample could be connected to the start, after which the search is
-/// abandoned.
+/// After this number of consecutive searches in which no sample could be connected to the start, the search for a free
+/// motion is given up.
 const BOXED_IN: usize = 3;
 
 /// A free motion to the first keyframe.
@@ -40,7 +40,7 @@ impl Planner<'_> {
             if self.stop.is_empty() || self.warm_start.is_none() || self.world.start_overlap > TOUCH {
                 return Err(NoWay::Blocked(hit.clone()));
             }
-            // If the stop is blocked, only the current motion may still be free; it is swept when it is resumed.
+            // If braking is blocked, only the motion under execution may be free; it is swept when it is resumed.
             let kept = self.margins(&start, goal, segment, self.margin, false);
             let pieces = vec![straight(&[start, *goal])];
             return Ok(Approach { pieces, corners: Vec::new(), kept, hit: None });

@@ -46,7 +46,7 @@ pub(super) struct Attempt {
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
     pub failure: Option<Failure>,
-    /// The same numbers without regard to obstacles, and the reason why the hand cannot go further.
+    /// Values of `after` without regard to obstacles, and the reason why the hand cannot go further.
     pub reach: ((usize, f64), Option<Failure>),
     /// Path and waypoint beyond which the motion is blocked, if an obstacle is known.
     seen: Option<(usize, usize)>,

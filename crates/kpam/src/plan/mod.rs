@@ -129,7 +129,7 @@ pub struct TriedPose {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Plan {
-    /// Version of this type's layout.
+    /// Version number of the layout in which plans are serialized.
     pub schema_version: u32,
     /// Status of planning, with the motion if there is one.
     pub outcome: Outcome,

@@ -59,7 +59,7 @@ pub struct Refined {
     pub keyframes: Vec<usize>,
     /// Sum of the weighted squared joint steps before the refinement.
     pub cost_before: f64,
-    /// The same sum after the refinement; never larger than before.
+    /// Sum of the weighted squared joint steps after the refinement; never larger than before it.
     pub cost_after: f64,
     /// Number of quadratic programs that were solved.
     pub rounds: usize,
