@@ -114,7 +114,7 @@ pub(crate) enum NoWay {
     Blocked(Hit),
     /// The maximum number of samples was reached. This obstacle blocks the straight segment.
     NotFound(Hit),
-    /// Like `NotFound`; moreover, no sample could be connected to the start.
+    /// The maximum number of samples was reached, and no sample could be connected to the start.
     BoxedIn(Hit),
 }
 

@@ -22,7 +22,7 @@ pub(crate) enum HandPath {
     Line { from: Pose, to: Pose },
     /// The hand moves rigidly on an arc about the line through `point` along `axis`.
     Arc { from: Pose, point: Vector3<f64>, axis: Vector3<f64>, angle: f64 },
-    /// The hand point `tip` moves on such an arc, while the hand keeps its orientation.
+    /// The hand point `tip` moves on an arc about a line, while the hand keeps its orientation.
     Trace { from: Pose, tip: Vector3<f64>, point: Vector3<f64>, axis: Vector3<f64>, angle: f64 },
 }
 

@@ -118,8 +118,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Resumes a motion after the actuation pose: overlaps at the current pose may persist, and the stop is swept. If
-    /// it is blocked, the paths are followed from the current pose, since the current motion may still be free.
+    /// Resumes a motion after the actuation pose: overlaps at the current pose may persist, and the braking motion is
+    /// swept. If it is blocked, the paths are followed from the current pose; the motion under execution may be free.
     fn take_up(&mut self, out: &mut Attempt) {
         let path = self.entry - 1;
         let segment = self.world.schedule.along(path);

@@ -135,7 +135,7 @@ impl Planner<'_> {
             }
             let Some(pose) = search.sample(start) else { continue };
             let attempt = self.followed_and_seen(&pose.x);
-            // Only poses without an overlap count, because rejecting an overlapping pose takes hardly any time.
+            // Only poses without an overlap count here, because an overlapping pose is rejected in hardly any time.
             extra += usize::from(!attempt.overlaps);
             self.try_followed(attempt, samples, &mut trials);
         }

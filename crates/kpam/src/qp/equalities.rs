@@ -1,4 +1,4 @@
-//! The smallest step that satisfies equalities. Most steps along a hand path need no inequalities.
+//! Computes the smallest step that satisfies linear equalities. Most steps along a hand path need no inequalities.
 
 use super::dot;
 use crate::ldl::solve_ldl;

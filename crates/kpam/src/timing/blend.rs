@@ -10,7 +10,7 @@ use crate::model::Row;
 /// number of bisections between the first start time that keeps the limits and the previous one.
 const TRIES: u32 = 12;
 const HALVINGS: usize = 6;
-/// Fraction of the jerk limit reserved for rounding errors; nodes too close in time for it are dropped.
+/// Fraction of the jerk limit reserved for rounding errors; nodes closer in time than it permits are dropped.
 const ROUNDED: f64 = 1e-7;
 /// Rounding error of a quintic's jerk times the cube of its duration (rad or m).
 const ROUNDING: f64 = 3e-14;

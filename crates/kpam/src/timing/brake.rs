@@ -1,4 +1,4 @@
-//! Fastest way to stop a motion along its path.
+//! Finds the fastest way to stop a motion along its path.
 
 use super::by_length::{LONGEST, Path, STILL, norm};
 use super::limits::TOLERANCE;

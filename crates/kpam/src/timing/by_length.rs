@@ -87,7 +87,7 @@ impl<'m> Path<'m> {
 fn measure(motion: &Trajectory, places: &mut Vec<(f64, f64)>) {
     let speed = |t: f64| norm(motion, &motion.moving_with_rates(t)[1]);
     let (mut from, mut length) = places[0];
-    // Between these times the motion is one polynomial. Pieces may overlap in time, so the times at which the
+    // Between the times `corners`, the motion is one polynomial. Pieces may overlap in time, so the times at which the
     // trajectory switches to the next piece are included.
     let pieces = motion.from(from);
     let mut corners: Vec<f64> =

@@ -167,7 +167,7 @@ impl Limits {
         self.averaged_within(AVERAGING_DEVIATION)
     }
 
-    /// Like `averaged`, with `most` as the maximum deviation (rad or m) of a joint from its path.
+    /// Does the same as `averaged`, with `most` as the maximum deviation (rad or m) of a joint from its path.
     pub(crate) fn averaged_within(&self, most: f64) -> Option<(f64, Self)> {
         let rows = 0..self.joints;
         let width = rows.clone().map(|v| 2.0 * self.acceleration[v] / self.jerk[v]).fold(0.0, f64::max);

@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn known_times() {
-        // Four phases of equal duration t with 2 j t^3 = d; the maximum acceleration is not reached.
+        // Four phases of equal duration t with 2 j t^3 = d; the motion never reaches the maximum acceleration.
         let along = Along { velocity: 10.0, acceleration: 100.0, jerk: 2.0 };
         let short = along.profile(0.5, 0.0).unwrap();
         assert!((short[short.len() - 1].time - 4.0 * 0.125f64.cbrt()).abs() < 1e-9);

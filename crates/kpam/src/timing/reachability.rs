@@ -18,7 +18,7 @@ struct Band {
     above: f64,
 }
 
-/// Ranges of u for all cells in one list, and the maximum x by the rows without u.
+/// Ranges of u for all cells in one list, and the maximum x that the rows without u allow in each cell.
 struct Bands {
     bands: Vec<Band>,
     ends: Vec<usize>,

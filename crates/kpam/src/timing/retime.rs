@@ -45,9 +45,9 @@ pub struct Retimed {
 }
 
 /// Returns the fastest motion found along the cubic spline through joint waypoints, within velocity, acceleration and
-/// jerk limits, at rest at the stops and at the end. From a moving start to a single other waypoint, it is the fastest
-/// possible motion, independent of the path. Through several waypoints, it joins a motion along the path before the
-/// second waypoint.
+/// jerk limits. It is at rest at the stops and at the end. A moving start with one further waypoint gives the fastest
+/// possible motion to that waypoint, which follows no path. With several further waypoints, the motion leaves the path
+/// at first, and joins it before the second waypoint.
 ///
 /// The speed is time-optimal within the velocity and acceleration limits. A moving average then bounds the jerk, which
 /// moves joints off the path and its waypoints by at most 1e-4 rad or m. If the deviation would be larger, jerk is

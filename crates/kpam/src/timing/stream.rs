@@ -142,7 +142,7 @@ mod tests {
         assert!(spliced.sample_into(t, &mut q[..1], &mut v, &mut a).is_err());
         // At another time, `next` does not continue the state of the motion.
         assert!(whole.splice(&next, t + 0.05).is_err());
-        // Only the past may be missing.
+        // `since` may drop only the part of the motion before its start.
         let since = spliced.since(t - 0.1).unwrap();
         assert_eq!((since.start(), since.end()), (t - 0.1, spliced.end()));
         for k in 0..=1000 {

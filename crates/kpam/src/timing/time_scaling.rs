@@ -27,7 +27,7 @@ const ROUNDS: usize = 6;
 const AIM: f64 = 0.998;
 /// No further round is needed if slowing the whole motion by at most this factor suffices.
 const NEGLIGIBLE: f64 = 1.003;
-/// A path is impassable if its motion would have to be slowed by this factor: a joint may not move there.
+/// A path is impassable if its motion would have to be slowed by this factor, since a joint may not move there.
 pub(crate) const IMPASSABLE: f64 = 1.5;
 /// Factor by which a cell exceeds a velocity limit in a place where a joint may not move at all.
 pub(crate) const HOPELESS: f64 = 1e4;

@@ -13,7 +13,7 @@ use crate::Options;
 use crate::joint_map::JointMap;
 use crate::model::{MAX_JOINTS, Model, Row};
 
-/// Usable fraction, at samples, of the torque that gravity leaves; the remainder covers the motion between samples.
+/// Fraction of the torque left after gravity that samples may use; the remainder is for the motion between samples.
 pub(crate) const SAMPLED: f64 = 0.9995;
 /// Maximum time between samples (s).
 const STEP: f64 = 1e-3;
