@@ -1,4 +1,4 @@
-//! Search from many start values that optimizes only a few of them: a pose that is expensive after one step onto the
+//! Searches from many start values, but optimizes only a few of them: a pose that is expensive after one step onto the
 //! constraints usually stays expensive, and most projections lead to the same few optima.
 
 use std::ops::Range;

@@ -41,7 +41,7 @@ impl Default for ActiveSet {
 impl ActiveSet {
     /// Factors the Hessian and returns the minimizer without bounds; `None` if the Hessian is not positive definite.
     fn start(&mut self, qp: &Qp<'_>) -> Option<Row> {
-        // This lets the compiler omit bounds checks.
+        // The known bound of `n` lets the compiler omit bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let mut l = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         let mut inverse = [0.0; MAX_JOINTS];
@@ -138,7 +138,7 @@ impl ActiveSet {
 
     /// Adds one more bound to those that hold at `x`; `None` if the bounds contradict each other.
     fn enforce(&mut self, qp: &Qp<'_>, x: &mut Row, mut entry: Active) -> Option<()> {
-        // This lets the compiler omit bounds checks.
+        // The known bound of `n` lets the compiler omit bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let bound = &qp.bounds[entry.bound];
         let mut normal = bound.row;
@@ -207,7 +207,7 @@ impl QpSolver for ActiveSet {
         if !qp.fits() {
             return QpOutcome::Failed;
         }
-        // This lets the compiler omit bounds checks.
+        // The known bound of `n` lets the compiler omit bounds checks.
         let n = qp.n.min(MAX_JOINTS);
         let Some(mut x) = self.start(qp) else { return QpOutcome::Failed };
         let is_equality = |b: &Bound| b.high - b.low <= EQUALITY;

@@ -1,4 +1,5 @@
-//! Solves quadratic programs with Clarabel's interior-point method, to check the active-set method. It is slower.
+//! Solves quadratic programs with Clarabel's interior-point method, which is slower and serves to check the active-set
+//! method.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{

@@ -75,7 +75,7 @@ impl Qp<'_> {
 
 fn dot(n: usize, a: &Row, b: &Row) -> f64 {
     let mut sum = 0.0;
-    // This lets the compiler omit bounds checks.
+    // The known bound of `n` lets the compiler omit bounds checks.
     for i in 0..n.min(MAX_JOINTS) {
         sum += a[i] * b[i];
     }
