@@ -28,7 +28,7 @@ pub(super) struct Surroundings {
 }
 
 impl Surroundings {
-    /// Prepares `object` in its own frame, and `others` with their poses in the object frame.
+    /// Prepares `object` in its own frame, and the bodies `others`, each with its pose in the object frame.
     pub fn new(object: &[Convex], others: &[(&[Convex], Pose)]) -> Self {
         let moved: Vec<Convex> =
             others.iter().flat_map(|(shapes, pose)| shapes.iter().map(|s| s.moved(pose))).collect();
@@ -72,7 +72,7 @@ impl Surroundings {
     }
 }
 
-/// Hulls of a gripper, swept along its approach, in the hand frame.
+/// Convex hulls around the parts of a gripper, swept along its approach, in the hand frame.
 pub(super) struct HandSweep<'g> {
     gripper: &'g ParallelGripper,
     palm: Vec<Convex>,
@@ -94,7 +94,8 @@ impl<'g> HandSweep<'g> {
         })
     }
 
-    /// Returns the minimum distance (m, at most `FAR`) of the palm on its approach; `None` if it is below `least`.
+    /// Returns the minimum distance (m, at most `FAR`) between the palm on its approach and the surrounding bodies;
+    /// `None` if the distance is below `least`.
     pub fn palm(&mut self, around: &Surroundings, grip: &Pose, least: f64) -> Option<f64> {
         let hand = grip * self.gripper.grip().inverse();
         kept(&self.palm, &hand, around, &mut self.corners, least)

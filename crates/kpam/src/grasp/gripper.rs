@@ -9,7 +9,7 @@ use crate::checked::checked_when_read;
 
 /// Minimum cosine between a finger's sliding direction and the closing axis.
 const ALONG: f64 = 0.99;
-/// Vertices of a finger within this distance of its innermost one belong to its pad (m).
+/// Vertices of a finger belong to its pad if they lie within this distance (m) of the innermost vertex.
 const PAD_DEPTH: f64 = 1e-3;
 
 /// Keypoints of a gripper in the hand frame (m).
@@ -17,9 +17,9 @@ const PAD_DEPTH: f64 = 1e-3;
 pub struct GripperKeypoints {
     /// Midpoint between the fingertips.
     pub head: Vector3<f64>,
-    /// Midpoint between the finger bases; the fingers point from here to `head`.
+    /// Midpoint between the finger bases. The fingers point from `tail` to `head`.
     pub tail: Vector3<f64>,
-    /// Point beside `head`, in the opening direction of one finger.
+    /// Point next to `head`, in the opening direction of one finger.
     pub side: Vector3<f64>,
 }
 
@@ -47,7 +47,7 @@ struct FingerJoint {
     index: usize,
     /// Value (m) at the smallest opening.
     closed: f64,
-    /// Change of the value per change of the opening.
+    /// Change of the joint value per change of the opening.
     slope: f64,
 }
 
@@ -103,8 +103,8 @@ impl ParallelGripper {
         Ok(Pose::from_parts(Translation3::from(keypoints.head), axes))
     }
 
-    /// Derives the gripper of a robot: its fingers are the links below the hand that slide along the closing axis, one
-    /// to each side; pads and stroke follow from their shapes and limits.
+    /// Derives the gripper of a robot. Its fingers are the links below the hand that slide along the closing axis, one
+    /// to each side. Pads and stroke follow from the fingers' shapes and joint limits.
     ///
     /// # Errors
     /// The keypoints are collinear, or the hand has no two such fingers with shapes and limits.
@@ -161,7 +161,7 @@ impl ParallelGripper {
         };
         let fingers = [placed(left), placed(right)];
         let (low, high) = (inner_face(&fingers[0], -1.0), inner_face(&fingers[1], 1.0));
-        // Half extents of the overlap of both pads, across and along the fingers.
+        // Half extents of the region in which both pads overlap, across and along the fingers.
         let overlap = |k: usize| (low.lower[k].max(high.lower[k]), low.upper[k].min(high.upper[k]));
         let ((y0, y1), (z0, z1)) = (overlap(1), overlap(2));
         let shift = Vector3::new(0.5 * (high.lower.x + low.upper.x), 0.5 * (y0 + y1), 0.5 * (z0 + z1));
@@ -214,7 +214,7 @@ impl ParallelGripper {
         }
     }
 
-    /// Fixed parts, hand frame.
+    /// Shapes that do not move with the fingers, hand frame.
     #[must_use]
     pub fn palm(&self) -> &[Convex] {
         &self.palm

@@ -1,20 +1,20 @@
-//! Contacts of two closing pads, computed along an even grid of lines between the faces of the pads.
+//! Contacts of two closing pads, found along a regular grid of lines from one pad's face to the other's.
 
 use gensim2_geometry::Pose;
 use nalgebra::{Point3, Vector3};
 
 use super::surface::{Span, Surface};
 
-/// Number of lines across and along the fingers.
+/// Number of lines in the grid, across and along the fingers.
 const LINES: [usize; 2] = [3, 11];
-/// Material within this distance of the first contact also counts as touched (m), because pads and objects are slightly
+/// Material within this distance of the first contact (m) also counts as touched, because pads and objects are slightly
 /// soft.
 const GIVE: f64 = 5e-4;
 
-/// Contact of one pad.
+/// Contact between one pad and the object.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
-    /// Fraction of the pad in contact, 0..1.
+    /// Fraction of the pad's area in contact, 0..1.
     pub share: f64,
     /// Centre of the contact points, object frame (m).
     pub center: Point3<f64>,
@@ -25,9 +25,9 @@ pub(super) struct Patch {
 /// Contacts of an object between closed pads.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hold {
-    /// Distance of the pads (m).
+    /// Distance between the pads (m).
     pub width: f64,
-    /// Centre between the pads, from the grip frame's origin along the closing axis (m).
+    /// Midpoint between the pads as a position on the closing axis (m), measured from the grip frame's origin.
     pub offset: f64,
     /// Contacts of the pad on the negative and of the pad on the positive side of the closing axis.
     pub patches: [Patch; 2],
@@ -39,11 +39,11 @@ pub(super) struct Hold {
 /// Travel of a pad until contact, the contact point, and the normal at this point.
 type Touch = (f64, Point3<f64>, Vector3<f64>);
 
-/// Memory reused between grasps.
+/// Buffers that are reused between grasps.
 #[derive(Default)]
 pub(super) struct Lines {
     spans: Vec<Span>,
-    /// Contacts of each line that meets material, on both sides.
+    /// Contacts on the lines that meet material, for each of both pads.
     touched: [Vec<Touch>; 2],
 }
 

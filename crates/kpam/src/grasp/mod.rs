@@ -41,13 +41,13 @@ pub struct GraspOptions {
     pub friction: f64,
     /// Length (m) of the straight approach of the open hand along its fingers.
     pub approach: f64,
-    /// Clearance (m) of the hand until the pads touch.
+    /// Minimum distance (m) between the hand and all bodies until the pads touch the object.
     pub clearance: f64,
     /// Direction against gravity, base frame, or `None`. With gravity, grasps from above and close to the centre of
     /// mass rank higher.
     pub up: Option<[f64; 3]>,
-    /// Minimum and maximum angle (rad) between the approach and straight down; other grasps are not returned. Ignored
-    /// without gravity.
+    /// Minimum and maximum angle (rad) between the approach direction and straight down; other grasps are not returned.
+    /// Ignored without gravity.
     pub tilt: [f64; 2],
 }
 
@@ -77,13 +77,13 @@ pub struct Grasp {
     pub base_hand: Pose,
     /// Unit direction in which the hand approaches, base frame.
     pub approach: Vector3<f64>,
-    /// Distance of the pads in the grasp (m).
+    /// Distance between the pads in the grasp (m).
     pub width: f64,
-    /// Distance of the pads during the approach (m).
+    /// Distance between the pads during the approach (m).
     pub opening: f64,
-    /// Rank: 0 to 1, higher is better.
+    /// Score from 0 to 1; grasps with a higher score rank first.
     pub score: f64,
-    /// Terms of the rank.
+    /// Quantities from which the score is computed.
     pub quality: Quality,
 }
 

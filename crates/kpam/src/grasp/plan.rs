@@ -13,7 +13,7 @@ use crate::{
     plan_timed,
 };
 
-/// Tolerances of the hand's pose (m, rad).
+/// Tolerances of the position (m) and the orientation (rad) of the hand.
 const PLACE: f64 = 2e-4;
 const DIRECTION: f64 = 5e-3;
 /// Distance (m) from the keypoint at the hand's frame to the keypoints that define its directions.
@@ -57,19 +57,20 @@ impl GraspTask {
         self
     }
 
-    /// Sets the motion (m, base frame) of the hand after the grasp, which is reversed for the approach to targets.
+    /// Sets the translation (m, base frame) of the hand after the grasp. Targets are approached by the reverse
+    /// translation.
     pub fn lift(mut self, way: Vector3<f64>) -> Self {
         self.lift = way;
         self
     }
 
-    /// Adds a target pose after the previous ones.
+    /// Adds a target pose, which is reached after those added before.
     pub fn target(mut self, target: Target) -> Self {
         self.targets.push(target);
         self
     }
 
-    /// Sets the options of every plan; a moving start applies to the pick only.
+    /// Sets the options of every plan. A start velocity or acceleration applies to the pick only.
     pub fn options(mut self, options: Options) -> Self {
         self.options = options;
         self
@@ -93,7 +94,7 @@ impl GraspTask {
     }
 }
 
-/// A grasp with its planned motions.
+/// A grasp with the planned motions of the pick and its placements.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct GraspPlan {
@@ -158,7 +159,7 @@ impl Asked<'_> {
         Ok(Some((pick, carries)))
     }
 
-    /// Returns the bodies of the scene, in which the picked body gets a role and a pose.
+    /// Returns the bodies of the scene, with the given role and pose of the picked body.
     fn bodies(&self, role: Role, pose: impl Fn(&Pose) -> Pose) -> Result<Bodies, ProblemError> {
         self.scene.with_bodies(|body| body.name == self.task.body, role, pose)
     }
@@ -225,7 +226,7 @@ impl Asked<'_> {
     }
 }
 
-/// Returns the joints at the end of a solved plan.
+/// Returns the joint values at the end of a solved plan.
 fn end(plan: &Plan) -> Option<Vec<f64>> {
     let Outcome::Solved(trajectory) = &plan.outcome else { return None };
     Some(trajectory.sample(trajectory.end()).position)

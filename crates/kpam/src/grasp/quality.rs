@@ -6,30 +6,30 @@ use serde::{Deserialize, Serialize};
 
 use super::hold::Hold;
 
-/// Terms of a grasp's rank.
+/// Quantities from which the score of a grasp is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Quality {
     /// Angle (rad) between the line of the contacts and the edge of the narrower friction cone.
     pub friction_margin: f64,
-    /// Fraction of the pad in contact, 0..1, on the side where it is smaller.
+    /// Fraction of a pad's area in contact, 0..1; the smaller value of both pads.
     pub contact: f64,
-    /// Lever arm (m) of gravity about the midpoint between the pads; without gravity the distance of the centre of
-    /// mass.
+    /// Lever arm (m) of gravity about the midpoint between the pads; without gravity, the distance between the centre
+    /// of mass and this midpoint.
     pub lever: f64,
-    /// Clearance (m) of the open hand on its approach, from the object and all other bodies.
+    /// Minimum distance (m) between the open hand on its approach and the object or any other body.
     pub clearance: f64,
-    /// Angle (rad) between the approach and straight down; 0 without gravity.
+    /// Angle (rad) between the approach direction and straight down; 0 without gravity.
     pub tilt: f64,
 }
 
-/// Contact fraction above which the score no longer increases.
+/// Contact fraction beyond which the score no longer increases.
 const FULL_CONTACT: f64 = 0.4;
-/// Lever arm at which the score is halved (m).
+/// Lever arm (m) that halves its term of the score.
 const LEVER: f64 = 0.04;
-/// Clearance above which the score no longer increases (m).
+/// Clearance (m) beyond which the score no longer increases.
 const ROOMY: f64 = 0.006;
-/// Weights of margin, contact, lever, clearance and tilt; they add up to 1.
+/// Weights of friction margin, contact, lever, clearance and tilt in the score; they add up to 1.
 const WEIGHTS: [f64; 5] = [0.25, 0.25, 0.3, 0.1, 0.1];
 
 /// Properties of a grasped object.
@@ -38,7 +38,7 @@ pub(super) struct Physics {
     pub cone: f64,
     /// Direction against gravity in the object frame, if any.
     pub up: Option<Vector3<f64>>,
-    /// Object frame (m).
+    /// Centre of mass in the object frame (m).
     pub center_of_mass: Point3<f64>,
 }
 
@@ -48,8 +48,8 @@ pub(super) fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 }
 
 impl Quality {
-    /// Rates contacts in the grip frame `grip` (object frame) with the clearance of the hand (m); `None` outside the
-    /// friction cone.
+    /// Rates contacts for the grip frame `grip` (object frame), given the clearance of the hand (m); `None` if the
+    /// contact line is outside the friction cone.
     pub(super) fn of(hold: &Hold, grip: &Pose, physics: &Physics, clearance: f64) -> Option<Self> {
         let [first, second] = &hold.patches;
         let axis = grip.rotation * Vector3::x();
@@ -61,8 +61,8 @@ impl Quality {
         (friction_margin > 0.0).then_some(Self { friction_margin, contact, lever, clearance, tilt })
     }
 
-    /// Returns an upper bound of the quality for contacts at two points that deviate by `off` (rad) from the closing
-    /// axis.
+    /// Returns an upper bound of the quality for two contact points whose normals deviate by `off` (rad) from the
+    /// closing axis.
     pub(super) fn at_best(middle: &Point3<f64>, grip: &Pose, off: f64, physics: &Physics) -> Self {
         let (lever, tilt) = physics.lever_and_tilt(middle, grip);
         Self { friction_margin: physics.cone - off, contact: 1.0, lever, clearance: ROOMY, tilt }

@@ -11,31 +11,32 @@ use super::quality::{Physics, Quality, angle};
 use super::surface::{ON_SURFACE, Span, Surface};
 use crate::ProblemError;
 
-/// Number of approach directions about a closing axis.
+/// Number of approach directions that are tried around each closing axis.
 const TURNS: usize = 12;
-/// Depths of the pads beyond the contact points, as fractions of a pad's length, deepest first.
+/// Depths of the pads beyond the contact points that are tried, as fractions of a pad's length, deepest first.
 const DEPTHS: [f64; 4] = [0.75, 0.5, 0.3, 0.15];
-/// Minimum depth, as a fraction of a pad's length.
+/// Minimum depth of the pads beyond the contact points, as a fraction of a pad's length.
 const SHALLOWEST: f64 = 0.04;
 /// Number of bisections in the search for the maximum depth above an obstacle.
 const HALVINGS: usize = 5;
-/// Minimum room between the object and each open pad (m).
+/// Minimum distance between the object and each open pad (m).
 const ROOM: f64 = 0.006;
-/// Openings beyond the object's width that are tried after the full stroke, widest first (m).
+/// Excess of the opening over the object's width (m) in the attempts after the one with the full stroke, widest first.
 const OPENINGS: [f64; 4] = [0.04, 0.024, 2.0 * ROOM, ROOM];
-/// Clearance (m) that is sufficient, so that narrower openings are not tried.
+/// If an opening gives at least this clearance (m), narrower openings are not tried.
 const COMFORTABLE: f64 = 0.005;
-/// Grasps closer than this to a better one, in position and direction, count as the same (m, cosine).
+/// A grasp counts as the same as a better grasp if the hands are closer than this in position (m) and direction
+/// (cosine).
 const SAME: (f64, f64) = (0.006, 0.95);
-/// Lines closer than this count as the same (m, cosine).
+/// Two lines count as the same if they are closer than this in position (m) and direction (cosine).
 const SAME_LINE: (f64, f64) = (0.002, 0.99);
 
-/// Two opposite surface points.
+/// Two opposite surface points between which the pads can close.
 struct Pair {
     middle: Point3<f64>,
     axis: Vector3<f64>,
     width: f64,
-    /// Maximum angle (rad) between the axis and the normals.
+    /// Maximum angle (rad) between the line through both points and the surface normals.
     off: f64,
 }
 
@@ -66,7 +67,7 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Returns distinct reachable grasps, best first.
+    /// Returns distinct collision-free grasps, best first.
     pub fn run(&self) -> Result<Vec<Found>, ProblemError> {
         let mut sweep = HandSweep::new(self.gripper, self.options.approach)?;
         let mut lines = Lines::default();
@@ -144,7 +145,8 @@ impl Search<'_> {
         Some(Found { grip, width: hold.width, opening, score: quality.score(&self.physics), quality })
     }
 
-    /// Returns pairs of opposite points within the friction cone and closer than the maximum opening.
+    /// Returns pairs of opposite surface points with normals within the friction cone and a distance below the maximum
+    /// opening.
     fn pairs(&self) -> Vec<Pair> {
         let cone = self.physics.cone;
         let (mut out, mut spans): (Vec<Pair>, Vec<_>) = (Vec::new(), Vec::new());
@@ -196,8 +198,8 @@ impl Search<'_> {
         }
     }
 
-    /// Returns a clearance of the hand (m) and the opening (m) that gives it: the widest opening with a comfortable
-    /// clearance, otherwise the opening with the largest clearance.
+    /// Returns the clearance of the hand (m) and the opening (m) that gives this clearance: the widest opening with a
+    /// sufficient clearance, otherwise the opening with the largest clearance.
     fn room(&self, sweep: &mut HandSweep<'_>, grip: &Pose, width: f64) -> Option<(f64, f64)> {
         let full = self.gripper.stroke()[1];
         let palm = sweep.palm(self.around, grip, self.options.clearance)?;
@@ -218,7 +220,7 @@ impl Search<'_> {
 }
 
 impl Pair {
-    /// Whether two lines and their ends coincide, in either order of the ends.
+    /// Whether two lines coincide and end at the same points, in either order.
     fn is(&self, other: &Self) -> bool {
         (self.middle - other.middle).norm_squared() < SAME_LINE.0 * SAME_LINE.0
             && self.axis.dot(&other.axis).abs() > SAME_LINE.1

@@ -6,12 +6,12 @@ use nalgebra::{Point3, Vector3};
 use crate::ProblemError;
 use crate::actuation::seeds::halton;
 
-/// Gaps between two pieces of material narrower than this are ignored (m).
+/// Gaps between two pieces of material are ignored if they are narrower than this (m).
 const JOIN: f64 = 1e-4;
-/// Points closer to the surface than this lie on it (m).
+/// A point lies on the surface if it is closer to the surface than this (m).
 pub(super) const ON_SURFACE: f64 = 1e-6;
-/// Weight of a horizontal face relative to a vertical one: objects rest on horizontal faces, and are grasped at the
-/// sides.
+/// Sampling weight of a horizontal face relative to a vertical one: objects rest on horizontal faces, and are grasped
+/// at the sides.
 const LEVEL: f64 = 0.2;
 /// Planes closer than this count as one plane.
 const SAME_PLANE: f64 = 1e-7;
@@ -23,7 +23,7 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    /// Height of a point over the plane (m).
+    /// Height of a point above the plane (m).
     pub fn height(&self, point: &Point3<f64>) -> f64 {
         self.normal.dot(&point.coords) - self.offset
     }
@@ -31,7 +31,7 @@ impl Plane {
 
 #[derive(Debug)]
 enum Piece {
-    /// The region below all planes.
+    /// A convex region: all points below these planes.
     Hull(Vec<Plane>),
     /// A triangle of a closed mesh.
     Triangle([Point3<f64>; 3]),
@@ -40,25 +40,25 @@ enum Piece {
 /// An interval of a line inside material.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Span {
-    /// Line parameter (m) at its start.
+    /// Position on the line (m) where the interval starts.
     pub enter: f64,
-    /// Line parameter (m) at its end.
+    /// Position on the line (m) where the interval ends.
     pub exit: f64,
-    /// Outward normal at its start.
+    /// Outward surface normal at the start.
     pub enter_normal: Vector3<f64>,
-    /// Outward normal at its end.
+    /// Outward surface normal at the end.
     pub exit_normal: Vector3<f64>,
 }
 
-/// The surface of a body given by convex parts, by triangles of closed meshes, or both.
+/// The surface of a body of convex parts, triangles of closed meshes, or both.
 #[derive(Debug)]
 pub(super) struct Surface {
     pieces: Vec<Piece>,
     tree: Bvh,
     triangles: Vec<[Point3<f64>; 3]>,
-    /// Cumulative weights of the triangles.
+    /// Cumulative sampling weights of the triangles.
     weights: Vec<f64>,
-    /// Centroid of the volume.
+    /// Centroid of the body's volume.
     pub center: Point3<f64>,
     /// Whether there are mesh triangles, whose normals may point inwards.
     pub meshes: bool,
@@ -121,7 +121,7 @@ impl Surface {
         Ok(Self { pieces, tree: Bvh::new(&boxes), triangles, weights, center, meshes })
     }
 
-    /// Returns point `index` of an even sampling of the surface, with the normal there.
+    /// Returns the surface point with number `index` in an evenly spread sequence, with the normal at the point.
     pub fn sample(&self, index: usize) -> Option<(Point3<f64>, Vector3<f64>)> {
         let total = *self.weights.last()?;
         let wanted = total * halton(index + 1, 0);
@@ -140,7 +140,7 @@ impl Surface {
         Some((p, if enters { -normal } else { normal }))
     }
 
-    /// Computes the intervals of a line inside material, in order.
+    /// Computes the intervals of a line that are inside material, in order along the line.
     pub fn spans(&self, origin: &Point3<f64>, direction: &Vector3<f64>, out: &mut Vec<Span>) {
         out.clear();
         let mut crossings: Vec<(f64, Vector3<f64>)> = Vec::new();

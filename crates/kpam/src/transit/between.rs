@@ -1,20 +1,20 @@
-//! Bounds of the motion between two configurations. The points of a group move nearly straight between their two
-//! positions; lever arms bound the deviation. Pairs of groups are checked with Quinlan's bubbles.
+//! Upper bounds on the movement between two configurations. The points of a group move nearly straight between their
+//! two positions; lever arms bound the deviation. Quinlan's bubbles bound the approach of two groups.
 
 use super::sweep::{Look, Sweep};
 use crate::Trajectory;
 use crate::world::TOUCH;
 
-/// Bound of the rounding error in single precision (m).
+/// Upper bound on the rounding error of positions in single precision (m).
 const ROUNDING: f32 = 2e-5;
 /// Total rotation of all joints (rad) between two configurations beyond which no bound is computed.
 const MOST_TURN: f32 = 0.8;
 
 /// Movement of the joints between two checked configurations.
 pub(super) struct Travel {
-    /// Maximum travel of each joint (rad or m).
+    /// Upper bound on the movement of each joint between the configurations (rad or m).
     pub gone: Vec<f32>,
-    /// Difference of each joint's values.
+    /// Distance between each joint's values at the two configurations (rad or m).
     apart: Vec<f32>,
     /// Maximum deviation of each joint from the straight line in joint space (rad or m).
     off: Vec<f32>,
@@ -39,7 +39,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Returns whether the gaps of a pair in both configurations suffice for the movement between them.
+    /// Returns whether the gaps of a pair at both configurations exclude a collision while moving between them.
     pub fn covers(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &Travel) -> bool {
         if place >= groups {
             return self.used(a, b, place, groups, &travel.gone);
@@ -48,9 +48,9 @@ impl Sweep<'_> {
         if !(one > 0.0 && two > 0.0) {
             return false;
         }
-        // A point moves a straight distance c between its two positions. At fraction s of it, the gap is at least one -
-        // s c and at least two - (1 - s) c, so at least the mean of both. The point deviates from the straight line by
-        // at most the bend.
+        // A point moves a distance c along the straight line between its positions. After a fraction s of the line, the
+        // gap is at least one - s c and at least two - (1 - s) c, hence at least the mean of both bounds. The bend is
+        // the point's maximum deviation from the straight line.
         let way = furthest(&a.corners[place], &b.corners[place]);
         let (one, two) = (one.max(two - way), two.max(one - way));
         let Some(bend) = self.bend(a, b, place, travel) else { return false };
@@ -105,8 +105,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Returns whether the gaps of a pair in both configurations suffice for the movement between them. A point at
-    /// distance r from a joint's axis moves at most r + d per radian while it stays within d of its position.
+    /// Returns whether the gaps of a pair at both configurations exclude a collision while moving between them. A point
+    /// at distance r from a joint's axis moves at most r + d per radian while it stays within d of its position.
     fn used(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
         let (one, two) = (a.gaps[place], b.gaps[place]);
         if !(one > 0.0 && two > 0.0) {
@@ -121,7 +121,7 @@ impl Sweep<'_> {
         shares <= 1.999
     }
 
-    /// Returns whether two valid configurations are so close that the movement between them is within rounding.
+    /// Returns whether two collision-free configurations are so close that rounding exceeds the movement between them.
     pub fn is_still(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
         if !(a.gaps[place] >= -1e-7 && b.gaps[place] >= -1e-7) {
             return false;

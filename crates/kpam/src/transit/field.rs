@@ -1,5 +1,5 @@
-//! Collision checks of configurations and straight edges in a search: eight configurations at a time in single
-//! precision, and exactly if the result is undecided.
+//! Collision checks of configurations and straight edges during a search. Eight configurations at a time are screened
+//! in single precision; undecided pairs are measured exactly.
 
 use std::time::Instant;
 
@@ -11,16 +11,16 @@ use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::Compiled;
 use crate::{Cancel, Scene};
 
-/// Distance (weighted, m) between the checked configurations of an edge.
+/// Distance (m) between neighbouring checked configurations of an edge; each variable is multiplied by its weight.
 pub(super) const RESOLUTION: f64 = 0.05;
 
-/// Factor by which the edges of a final path are checked more finely.
+/// Factor by which the edges of a final path are checked more densely than those of the search.
 const FINER: f64 = 4.0;
 
-/// Number of recent obstacles that are checked first.
+/// Number of most recently hit obstacles that are checked before all others.
 const LATEST: usize = 6;
 
-/// Lower bounds of gaps below this (m) usually mean an overlap.
+/// If the lower bound of a gap is below this value (m), the bodies usually overlap.
 const DEEP: f32 = -0.02;
 
 /// Conditions that end a search early.
@@ -46,19 +46,19 @@ pub(super) struct Field<'s> {
     pub scene: &'s Scene,
     pub world: &'s Compiled,
     pub model: &'s Model,
-    /// Margins to keep.
+    /// Required distance of each checked pair.
     pub needs: Needs,
-    /// Mean displacement (m) of the robot's furthest points per unit of each variable: the metric of the search.
+    /// Weight of each variable in lengths: mean displacement (m) of the robot's furthest point per unit.
     pub weights: Row,
     pub resolution: f64,
     /// Path constraints.
     pub along: Option<Along>,
-    /// Number of checked configurations.
+    /// Number of configurations checked so far.
     pub checks: u64,
     ending: Ending,
     batch: Batch,
     suspects: Vec<Suspect>,
-    /// Recent collisions (group and obstacle), the latest first.
+    /// Most recent collisions as (group, obstacle), the latest first.
     latest: Vec<(usize, Other)>,
     poses: Vec<Pose>,
     q: Vec<f64>,
@@ -97,7 +97,7 @@ impl<'s> Field<'s> {
         self.along.as_mut().is_none_or(|along| along.pull(self.model, x))
     }
 
-    /// Weighted length (m) of a straight edge.
+    /// Returns the length (m) of a straight edge; each variable is multiplied by its weight.
     pub fn length(&self, a: &Row, b: &Row) -> f64 {
         (0..self.model.n()).map(|v| (self.weights[v] * (b[v] - a[v])).powi(2)).sum::<f64>().sqrt()
     }
@@ -112,7 +112,7 @@ impl<'s> Field<'s> {
         }
         let world = self.world;
         for lane in 0..LANES {
-            // Unused lanes repeat another row.
+            // Lanes without a configuration repeat the first one.
             self.model.map().positions(&self.rows[if lane < count { lane } else { 0 }], &mut self.q);
             self.batch.set(&world.screen, lane, &self.q);
         }
@@ -124,7 +124,7 @@ impl<'s> Field<'s> {
             Compiled::poses(scene, q, poses);
             world.screen.keeps(s.group, s.other, poses, world.screen.needed(needs, s.group, s.other))
         };
-        // Finds a lane in which a pair is surely too close; a pair that seems to overlap deeply is measured at once.
+        // Finds a lane in which a pair is certainly too close. A pair that probably overlaps deeply is measured.
         let mut struck = |s: &Suspect| {
             let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);
             (0..count)
@@ -155,7 +155,7 @@ impl<'s> Field<'s> {
         if hit.is_some() || suspects.is_empty() {
             return hit;
         }
-        // The deepest suspects are the likeliest collisions.
+        // Pairs with the deepest estimated overlap are measured first, because they are the likeliest collisions.
         let deepest = |s: &Suspect| s.gap[..count].iter().copied().fold(f32::INFINITY, f32::min);
         self.suspects.sort_by(|a, b| deepest(a).total_cmp(&deepest(b)));
         let mut posed = usize::MAX;
@@ -180,7 +180,7 @@ impl<'s> Field<'s> {
         None
     }
 
-    /// Returns the index of a configuration of a curve that is not free, if any.
+    /// Returns the index of a configuration of a curve that is in collision, if any.
     pub fn blocked_at(&mut self, curve: &[Row]) -> Option<usize> {
         let batches = curve.len().div_ceil(LANES);
         for batch in 0..batches {
@@ -196,7 +196,7 @@ impl<'s> Field<'s> {
         None
     }
 
-    /// Returns whether the edges of a path are free, checked more finely than in the search.
+    /// Returns whether the edges of a path are free. They are checked more densely than during the search.
     pub fn is_way_free(&mut self, way: &[Row]) -> bool {
         let usual = self.resolution;
         self.resolution = usual / FINER;
@@ -205,8 +205,8 @@ impl<'s> Field<'s> {
         stands
     }
 
-    /// Returns whether configurations along the straight edge from `a`, which is free, to `b` are free, including `b`.
-    /// They are spread over the whole edge first, then increasingly dense.
+    /// Returns whether the configurations checked along the straight edge from `a` to `b` are free; `a` is known to be
+    /// free. They are spread over the whole edge first, then increasingly dense, and include `b`.
     pub fn is_edge_free(&mut self, a: &Row, b: &Row) -> bool {
         let steps = ((self.length(a, b) / self.resolution).ceil() as usize).max(1);
         let batches = steps.div_ceil(LANES);
@@ -238,7 +238,7 @@ impl<'s> Field<'s> {
     }
 }
 
-/// Moves an obstacle to the front of the list of obstacles that were hit last.
+/// Moves an obstacle to the front of the list of recently hit obstacles.
 fn remember(latest: &mut Vec<(usize, Other)>, by: (usize, Other)) {
     match latest.iter().position(|other| *other == by) {
         Some(k) => latest[..=k].rotate_right(1),

@@ -14,33 +14,33 @@ use crate::{Cancel, ProblemError, Scene};
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Goal {
-    /// One of these joint vectors, with one entry for each joint.
+    /// The motion may end at any of these joint vectors. Each has one entry for each joint.
     Joints(Vec<Vec<f64>>),
-    /// A pose of a link in the base frame; default: the hand.
+    /// The motion ends with a link at this pose in the base frame.
     Pose {
         /// Target pose of the link.
         pose: Pose,
-        /// Name of the link.
+        /// Name of the link; the hand if `None`.
         link: Option<String>,
     },
 }
 
-/// Maximum number of joint vectors computed for a pose.
+/// Maximum number of inverse kinematics solutions that a caller may request for a pose.
 pub const MAX_SOLUTIONS: usize = 256;
-/// Number of joint vectors used for a pose as a goal.
+/// Number of inverse kinematics solutions that serve as goals for a pose.
 const GOALS: usize = 16;
 /// Number of start values for each requested solution, and minimum number of solutions to search for.
 const SEEDS: usize = 8;
 const LEAST: usize = 16;
-/// Maximum number of iterations from one start value.
+/// Maximum number of Levenberg-Marquardt iterations from one start value.
 const ROUNDS: usize = 60;
-/// Tolerance of a pose (m and rad).
+/// A pose counts as reached if its error is below this value (m and rad).
 const MET: f64 = 1e-7;
-/// Solutions closer than this count as the same (rad or m).
+/// Two solutions closer than this (rad or m) count as the same solution.
 const SAME: f64 = 0.05;
 
 impl Goal {
-    /// Returns the goal joint vectors as variables; empty if a pose is unreachable.
+    /// Returns the joint vectors of the goals as variables; empty if a goal pose is unreachable.
     pub(super) fn joints(
         &self,
         scene: &Scene,
@@ -70,7 +70,7 @@ impl Goal {
                     .collect()
             }
             Self::Pose { pose, link } => {
-                // The end of the current motion is a solution that the motion may continue to.
+                // The motion may also end where the current motion ends.
                 let last = options.warm_start.as_ref().filter(|motion| motion.joints() == q_start.len());
                 let first: Vec<Row> =
                     last.map(|motion| model.pick(&motion.sample(motion.end()).position)).into_iter().collect();
@@ -82,7 +82,7 @@ impl Goal {
     }
 }
 
-/// Returns an error if a goal changes a joint that planning does not move: a fixed or a mimic joint.
+/// Returns an error if `q` changes a joint that planning does not move.
 fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<(), ProblemError> {
     let (mut reached, joints) = (Vec::new(), scene.robot().joints());
     model.map().positions(&model.pick(q), &mut reached);
@@ -97,7 +97,7 @@ fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<
 
 /// Returns distinct joint vectors (one entry for each joint) that bring a link, by default the hand, to a pose in the
 /// base frame: at most `max_solutions`, closest to `q_start` first. Joints that do not move the hand keep their values.
-/// For a redundant arm the result is a sample. Obstacles are ignored.
+/// A redundant arm has infinitely many solutions, of which a sample is returned. Obstacles are ignored.
 ///
 /// # Errors
 /// The pose is not rigid, the link is unknown, the start is invalid, or the number of solutions is out of range.
@@ -127,13 +127,13 @@ pub fn solutions(
         .collect())
 }
 
-/// Problem of inverse kinematics for a link.
+/// Inverse kinematics problem of one link.
 struct Ask<'a> {
     pose: &'a Pose,
     link: Option<&'a str>,
     max_solutions: usize,
     seed: usize,
-    /// First start values.
+    /// Start values that are tried first.
     first: &'a [Row],
     over: &'a Cancel,
 }
@@ -192,7 +192,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Returns the error to the goal: translation (m) and rotation (rad), base frame.
+    /// Returns the error of the link's pose at `x`: translation (m) and rotation (rad) in the base frame.
     fn left(&mut self, x: &Row) -> Vector6<f64> {
         self.model.map().positions(x, &mut self.q);
         let placed = self.chain.forward(&self.q, &mut self.frames);
@@ -203,7 +203,7 @@ impl Search<'_> {
         Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
     }
 
-    /// Runs Levenberg-Marquardt within the limits from a start value; `None` if it does not reach the goal.
+    /// Runs Levenberg-Marquardt from a start value, within the joint limits; `None` if it does not reach the goal pose.
     fn from(&mut self, x: &Row) -> Option<Row> {
         let n = self.model.n();
         let (mut x, mut damping) = (*x, 1e-2);
@@ -230,7 +230,7 @@ impl Search<'_> {
                     column[k + 3] += driven.factor * angular[k];
                 }
             }
-            // Joints at a limit that would exceed it stay fixed.
+            // A joint that is at a limit, and that the step would move beyond the limit, stays fixed.
             let mut normal = Matrix6::identity() * (damping * left.norm_squared().min(1.0) + 1e-10);
             let pull = |v: usize, force: &Vector6<f64>| columns[v].dot(force);
             let free: Vec<bool> = (0..n)

@@ -1,5 +1,5 @@
-//! Collision-free motions from one joint vector to one of several goals. They are timed, keep a clearance, and are
-//! proven collision-free along the whole motion.
+//! Plans collision-free motions from one joint vector to one of several goals. Each motion is timed, keeps a clearance,
+//! and is proven collision-free along its whole length.
 
 mod between;
 mod field;
@@ -32,28 +32,29 @@ use rounding::Rounding;
 use sweep::Sweep;
 use tree::Manner;
 
-/// Extra clearance of the search beyond the margin (m), because corners of the path are rounded.
+/// Clearance (m) that the search keeps in addition to the margin, because rounded corners may come closer to obstacles.
 const CURVED: f64 = 1e-3;
-/// Maximum measured overlap of bodies in contact (m), due to rounding.
+/// Bodies in contact may appear to overlap by up to this depth (m) because of rounding.
 const CONTACT: f64 = 1e-7;
 /// Tolerance of joint values (rad or m) for rounding.
 const SLACK: f64 = 1e-6;
-/// Maximum number of searches.
+/// Maximum number of searches for one motion.
 const TRIES: usize = 200;
 /// Number of samples of the shortest search. Search times have a heavy tail, so many short searches with occasional
 /// longer ones succeed where one long search fails (Luby, Sinclair and Zuckerman, 1993).
 const SHORTEST: usize = 1000;
-/// Number of samples of the first search, without the thorough search's extensions, which solves most problems.
+/// Number of samples of the first search, which is plain rather than thorough and solves most problems.
 const PLAIN: usize = 250;
-/// Maximum factor by which edges are checked more finely.
+/// Maximum factor by which failed searches refine the checks of edges.
 const FINEST: f64 = 8.0;
 
-/// Plans a motion from `q_start` (one entry per joint) to rest at one of the goals, the easiest to reach. Joints that
-/// do not move the hand keep their values, which goals must repeat. The motion begins at rest, or with the velocity and
-/// acceleration in the options.
+/// Plans a motion from `q_start` (one entry per joint) that ends at rest at whichever goal is easiest to reach. Joints
+/// that do not move the hand keep their values, and goals must contain the same values. The motion begins at rest, or
+/// with the velocity and acceleration in the options.
 ///
-/// From a moving start, the planner first tries the fastest motion to each goal and the rest of the current motion, if
-/// given. It returns the one that ends first among those free of collisions, or searches a path around the obstacles.
+/// From a moving start, the candidates are the fastest motion to each goal, regardless of obstacles, and the rest of
+/// the current motion, if given. The planner returns the collision-free candidate that ends first. If every candidate
+/// collides, it searches for a path around the obstacles.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -139,17 +140,17 @@ struct Transit<'a> {
     along: Option<Along>,
 }
 
-/// Reason why a path could not be turned into a motion.
+/// Reason why a path cannot be turned into a motion.
 enum Stuck {
     Near(Approached),
     /// The curve violates the path constraints.
     Off,
     Untimed,
-    /// Planning must end.
+    /// Planning was cancelled, or a limit of the search was reached.
     Over,
 }
 
-/// Pairs closer than the margin at an end of a motion: group, other body, and distance.
+/// Pairs of bodies closer than the margin at an end of a motion, as (group, other body, distance in m).
 type Close = Vec<(usize, Other, f64)>;
 
 impl Transit<'_> {
@@ -188,7 +189,7 @@ impl Transit<'_> {
         let nearer = |closes: &[&Close], clearance: f64| {
             let mut needs = world.needs(clearance);
             for (group, other, distance) in closes.iter().copied().flatten() {
-                // Overlaps have no bounds in the screen, so contact is the smallest required distance.
+                // The screening cannot bound the depth of an overlap, so the required distance is never below contact.
                 let need = (distance - TOUCH).min(clearance).max(0.0);
                 let place = match world.screen.body(*other) {
                     Some(body) => &mut needs.bodies[group * world.screen.bodies() + body],
@@ -248,14 +249,14 @@ impl Transit<'_> {
                 if left == 0 || field.is_over() {
                     break;
                 }
-                // Reduce the extra clearance, which is not required, after a failed search.
+                // After a failed search, reduce the clearance that is kept in addition to the margin.
                 field.needs = nearer(&all, margin + 0.2 * CURVED);
                 continue;
             };
             let last = path[path.len() - 1];
             let Some((number, _, close)) = open.iter().find(|g| g.1 == last) else { break };
             shorten::shorten(&mut field, &mut path, &pace, seed);
-            // Try the tightened path first; the looser one is the fallback if no motion along it is found.
+            // Try the tightened path first. The path before tightening is the fallback if no motion is found along it.
             let taut = shorten::tauten(&mut field, &path, &pace);
             for path in taut.iter().chain(std::iter::once(&path)) {
                 if !field.is_way_free(path) {
@@ -289,7 +290,7 @@ impl Transit<'_> {
         q
     }
 
-    /// Returns all pairs closer than the margin in a configuration.
+    /// Returns all pairs closer than the margin at a configuration.
     fn close(&self, x: &Row) -> Close {
         let world = self.scene.compiled();
         let reach = self.options.margin + CURVED;
@@ -311,7 +312,7 @@ impl Transit<'_> {
             .collect()
     }
 
-    /// Returns where a search begins: where a moving start would stop, or at the start if the stop is blocked.
+    /// Returns the configuration at which a search begins: where a moving arm would stop, or the start.
     fn beginning(&self, field: &mut Field<'_>) -> Row {
         let [position, velocity, acceleration] = &self.state;
         let nodes = stop(&self.limits, position, velocity, acceleration);
@@ -341,8 +342,8 @@ impl Transit<'_> {
             .cancelled_by(Some(self.over.clone()))
     }
 
-    /// Returns the motion along a path: with corners rounded as widely as possible, else with a stop at each corner.
-    /// Returns the obstacle if neither motion is collision-free.
+    /// Returns a motion along a path. Its corners are rounded as widely as possible; if this fails, the motion stops at
+    /// each corner. Returns the obstacle if neither motion is collision-free.
     fn timed(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);

@@ -12,32 +12,33 @@ use crate::Trajectory;
 use crate::model::{MAX_JOINTS, Row};
 use crate::timing::{Blend, Builder, Node, Spline, distance, gone_over, keeps, to_rest, to_state};
 
-/// Maximum difference (rad or m, and rates) of two states that count as equal.
+/// Two states count as equal if no value or rate of a joint differs by more than this (rad or m; per second).
 const SAME: f64 = 1e-6;
-/// The current motion continues unless another one saves at least this much time (s).
+/// Another motion replaces the current motion only if it ends at least this much earlier (s).
 const SAVES: f64 = 1e-6;
-/// Maximum number of positions on a path's first edge to which a motion leads.
+/// Maximum number of positions on the first edge of a path at which a motion from a moving start may enter the path.
 const PLACES: usize = 4;
-/// Number of searches for paths around an obstacle, samples of each, and number of paths that are timed. A single
-/// search would find a different path at each replanning, and a motion that keeps changing its path never arrives.
+/// Number of searches for paths around an obstacle, samples of each search, and number of paths that are timed. A
+/// single search would find a different path at each replanning, and a motion that keeps changing its path never
+/// arrives.
 const WAYS: usize = 8;
 const SAMPLES: usize = 500;
 const DRIVEN: usize = 3;
 /// Number of checked configurations after which no further search for a path begins.
 const CHECKS: u64 = 6000;
-/// Number of states of a motion at which another one may join it.
+/// Number of instants of a motion at which another motion is tried to join it.
 const STATES: usize = 40;
-/// Number of configurations of a joining motion that are checked first.
+/// Number of configurations checked on the joining part of a motion before the whole motion is proven.
 const LOOKS: usize = 16;
-/// Maximum number of proof attempts for motions that join one other motion.
+/// Maximum number of candidates for a joining motion that the planner tries to prove collision-free.
 const PROOFS: usize = 6;
 
 /// State of the moving joints: position, velocity and acceleration.
 pub(super) type State = [Row; 3];
 
 impl Transit<'_> {
-    /// Returns the fastest motion from the start to rest at a configuration, ignoring obstacles; `None` if it would
-    /// exceed the joint limits.
+    /// Returns the fastest motion from the start state that ends at rest at `goal`, ignoring obstacles; `None` if this
+    /// motion exceeds the joint limits.
     fn straight_to(&self, goal: &Row) -> Option<Trajectory> {
         let [position, velocity, acceleration] = &self.state;
         let nodes = to_rest(&self.limits, position, velocity, acceleration, goal);
@@ -60,8 +61,8 @@ impl Transit<'_> {
         self.builder().bears(&rest).then_some(rest)
     }
 
-    /// Returns the earliest of the collision-free motions that need no search, with the index of its goal among `open`;
-    /// `None` if all are blocked.
+    /// Returns the collision-free motion that ends first among those that need no search, and the index of its goal
+    /// among `open`; `None` if all of them collide.
     pub(super) fn at_once(
         &self,
         field: &mut Field<'_>,
@@ -93,7 +94,7 @@ impl Transit<'_> {
         None
     }
 
-    /// Returns the earliest-ending motion around the obstacles from a moving start, with its corners. Several paths are
+    /// Returns the motion around the obstacles from a moving start that ends first, with its corners. Several paths are
     /// searched from the start position, and the fastest few are timed and proven.
     pub(super) fn around(
         &self,
@@ -133,7 +134,7 @@ impl Transit<'_> {
         soonest
     }
 
-    /// Estimates the duration of a path, including the turn into it.
+    /// Estimates the duration of a path, including the time to turn the start velocity into its direction.
     fn effort(&self, pace: &Row, way: &[Row]) -> f64 {
         let n = self.model.n();
         let edges: f64 = way.windows(2).map(|edge| shorten::effort(n, pace, &edge[0], &edge[1])).sum();
@@ -144,8 +145,8 @@ impl Transit<'_> {
         edges + (0..n).map(turn).fold(0.0, f64::max)
     }
 
-    /// Returns the earliest collision-free motion that joins, while in progress, the motion along `corners` from rest
-    /// at the start position.
+    /// Returns a collision-free motion that joins the motion along `corners`, which starts at rest, while that motion
+    /// is in progress. The candidate that ends first is preferred.
     fn going_over(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
@@ -170,7 +171,7 @@ impl Transit<'_> {
         Err(stuck)
     }
 
-    /// Returns the earliest collision-free motion that joins another motion in progress.
+    /// Returns the collision-free motion that joins the motion `along` before its end and ends first.
     fn gone_over_to(
         &self,
         field: &mut Field<'_>,
@@ -216,8 +217,8 @@ impl Transit<'_> {
     }
 
     /// Returns the motion from a moving start along corners: first to a position on the first edge, then along a
-    /// rounded curve, which begins while the first motion still brakes. If no such motion is collision-free, it stops
-    /// at every corner.
+    /// rounded curve, which begins while the first motion still brakes. If no such motion is collision-free, the
+    /// returned motion stops at every corner.
     pub(super) fn blended(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
@@ -259,8 +260,8 @@ impl Transit<'_> {
         self.proven(field, &mut sweep, &motion).map(|()| motion)
     }
 
-    /// Returns the nodes of the fastest motion from the start to rest at a position, if it stays within the joint
-    /// limits.
+    /// Returns the nodes of the fastest motion from the start state that ends at rest at `place`, if it stays within
+    /// the joint limits.
     fn lead(&self, place: &Row) -> Option<Vec<Node>> {
         let [position, velocity, acceleration] = &self.state;
         let nodes = to_rest(&self.limits, position, velocity, acceleration, place);
@@ -271,7 +272,7 @@ impl Transit<'_> {
         Blend { lead, limits: &self.limits, room: [&self.model.lower, &self.model.upper], earliest: 0.0 }
     }
 
-    /// Returns the motion to the first waypoint and along the curve through the others, as early as the limits allow.
+    /// Returns the motion to the first waypoint that joins the curve through the others as early as the limits allow.
     fn past(&self, waypoints: &[Row], is_checked: bool) -> Option<Trajectory> {
         let n = self.model.n();
         let lead = self.lead(&waypoints[0])?;

@@ -1,5 +1,5 @@
-//! Path constraints of a free motion: directions of the tool keep an angle to directions of the base, as in a config's
-//! axis constraints. For example, a carried glass stays upright.
+//! Path constraints of a motion to a goal: a direction of the tool keeps its angle to a direction of the base, as in a
+//! config's axis constraints. For example, a carried glass stays upright.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,17 +11,17 @@ use crate::config::{Constraint, Frame, TargetAxis};
 use crate::model::{MAX_JOINTS, Model, Placed, Row};
 use crate::{ProblemError, Scene, SolverConfig, Trajectory};
 
-/// Share of the tolerance that a search keeps; the rest is for rounding the corners.
+/// Fraction of the tolerance that a search may use; the rest is reserved for rounding the corners.
 const SEARCHED: f64 = 0.85;
-/// Share of the tolerance that a correction aims for.
+/// Fraction of the tolerance to which a correction reduces the error.
 const PULLED: f64 = 0.6;
-/// Maximum number of correction iterations, and their damping.
+/// Maximum number of iterations of a correction, and the damping of each iteration.
 const ROUNDS: usize = 12;
 const DAMPING: f64 = 1e-6;
 /// Violations of a tolerance (rad) below this are rounding errors.
 const ROUNDING: f64 = 1e-6;
 
-/// A direction that keeps an angle to another.
+/// A tool direction that keeps its angle to a target direction.
 #[derive(Debug, Clone)]
 struct Axis {
     name: String,
@@ -29,7 +29,7 @@ struct Axis {
     tool: Vector3<f64>,
     /// Unit target direction in the base frame.
     target: Vector3<f64>,
-    /// Angle between both directions, and its tolerance (rad).
+    /// Required angle between both directions, and its tolerance (rad).
     angle: f64,
     tolerance: f64,
 }
@@ -81,14 +81,14 @@ impl Along {
         Ok((!axes.is_empty()).then(|| Self { axes, robot, placed: Placed::default() }))
     }
 
-    /// Returns the largest deviation of an axis as a share of its tolerance.
+    /// Returns the largest error of an axis's angle as a fraction of its tolerance.
     fn share(&mut self, model: &Model, x: &Row) -> f64 {
         let Self { axes, robot, placed } = self;
         placed.place(robot, model, x);
         axes.iter().map(|a| a.off(&(placed.hand.rotation * a.tool)).abs() / a.tolerance).fold(0.0, f64::max)
     }
 
-    /// Returns whether a configuration keeps the share of the tolerances that a search must keep.
+    /// Returns whether the errors at a configuration are within the fraction of the tolerances that a search may use.
     pub fn keeps(&mut self, model: &Model, x: &Row) -> bool {
         self.share(model, x) <= SEARCHED
     }
@@ -123,7 +123,7 @@ impl Along {
                 if off.abs() <= PULLED * axis.tolerance {
                     continue;
                 }
-                // The rotation about the common perpendicular that removes the excess angle.
+                // A rotation by the error of the angle, about the common perpendicular of both directions.
                 let about = now.cross(&axis.target);
                 let square = Unit::try_new(about, 1e-9).unwrap_or_else(|| Unit::new_normalize(perpendicular(&now)));
                 let turn = off - (PULLED * axis.tolerance).copysign(off);
@@ -145,7 +145,7 @@ impl Along {
     }
 
     /// Returns whether a motion keeps the constraints throughout, given that the hand rotates no faster than the sum of
-    /// the joints; false if the search must end first.
+    /// the joints; false if planning ends before the proof.
     pub fn proves(&mut self, model: &Model, trajectory: &Trajectory, is_over: &impl Fn() -> bool) -> bool {
         let most: f64 =
             model.map().driven().iter().map(|d| d.factor.abs() * trajectory.limits().velocity[d.variable]).sum();
@@ -177,7 +177,7 @@ impl Along {
             let hand = self.placed.hand.rotation;
             self.axes.iter().map(|a| a.tolerance - a.off(&(hand * a.tool)).abs()).fold(f64::INFINITY, f64::min)
         };
-        // The rotation since the last checked end, extended to the whole interval.
+        // The hand rotates by at most `2.0 * turn` in the interval; `room` is the remaining tolerance at its end.
         if 2.0 * turn <= room.max(ROUNDING) {
             return true;
         }
@@ -188,13 +188,13 @@ impl Along {
 }
 
 impl Axis {
-    /// Returns the excess (rad) of the angle to the target.
+    /// Returns the angle between a tool direction and its target minus the required angle (rad).
     fn off(&self, now: &Vector3<f64>) -> f64 {
         now.cross(&self.target).norm().atan2(now.dot(&self.target)) - self.angle
     }
 }
 
-/// Returns some perpendicular direction.
+/// Returns a direction perpendicular to `to`.
 fn perpendicular(to: &Vector3<f64>) -> Vector3<f64> {
     let least = to.iamin();
     to.cross(&Vector3::ith(least, 1.0))

@@ -1,4 +1,4 @@
-//! Options of a motion to a goal, and its result or reason for failure.
+//! Options of planning a motion to a goal, and its result or the reason for its failure.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,23 +10,23 @@ use crate::checked::checked_when_read;
 use crate::options::LimitSet;
 use crate::{Cancel, CannotStop, Options, ProblemError, SolverConfig, Trajectory};
 
-/// Maximum seed.
+/// Largest permitted seed.
 const MAX_SEED: usize = 1_000_000;
 
-/// Options of a motion to a goal.
+/// Options of planning a motion to a goal.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct TransitOptions {
-    /// Minimum distance (m) along the whole motion, 5 mm by default. A pair that is closer at the start or at a goal
-    /// keeps its distance there.
+    /// Minimum distance (m) between the bodies of each checked pair along the whole motion, 5 mm by default. A pair
+    /// that is closer at the start or at a goal keeps the smaller distance.
     pub margin: f64,
-    /// Maximum number of samples of a search.
+    /// Maximum number of random samples of a search.
     pub samples: usize,
-    /// Seed of the samples.
+    /// Seed of the random samples.
     pub seed: usize,
-    /// Fraction of the velocity limits.
+    /// Fraction of the velocity limits that the motion may use.
     pub velocity_scale: f64,
-    /// Fraction of the acceleration and jerk limits.
+    /// Fraction of the acceleration and jerk limits that the motion may use.
     pub acceleration_scale: f64,
     /// Acceleration and jerk limits of a known arm.
     pub limits: Option<LimitSet>,
@@ -47,14 +47,14 @@ pub struct TransitOptions {
     pub start_velocity: Option<Vec<f64>>,
     /// Acceleration at the start (rad/s^2 or m/s^2), one entry for each joint; default: zero.
     pub start_acceleration: Option<Vec<f64>>,
-    /// Time of the start (s).
+    /// Time at which the motion starts (s).
     pub start_time: f64,
-    /// The current motion. If it passes the start at `start_time` and is still free, it continues unless another one
-    /// ends earlier.
+    /// The current motion. If it passes through the start at `start_time` and is still collision-free, it is continued
+    /// unless another motion ends earlier.
     pub warm_start: Option<Trajectory>,
-    /// Maximum number of checked configurations.
+    /// Maximum number of configurations checked for collisions.
     pub max_checks: Option<u64>,
-    /// Time limit of the search; without one, the result is reproducible.
+    /// Wall-clock limit of the search; without a limit, the result is reproducible.
     pub deadline: Option<Duration>,
     /// Flag that ends the search from another thread.
     pub cancel: Option<Cancel>,
@@ -90,9 +90,9 @@ impl Default for TransitOptions {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Approached {
-    /// Link or attached body, and body or link.
+    /// Names of a link or attached body, and of the body or link close to it.
     pub bodies: [String; 2],
-    /// Signed distance (m).
+    /// Signed distance of the two bodies (m).
     pub distance: f64,
 }
 
@@ -103,13 +103,13 @@ pub struct Approached {
 pub struct Motion {
     /// The motion, which begins at the start time.
     pub trajectory: Trajectory,
-    /// Index of the reached goal among the given ones.
+    /// Index, in the list of goals, of the goal at which the motion ends.
     pub goal: usize,
     /// Vertices of the path that the motion follows, with one entry for each joint.
     pub corners: Vec<Vec<f64>>,
-    /// Pairs closer than the margin at the start or at that goal, with the distance that they keep.
+    /// Pairs closer than the margin at the start or at the reached goal, with the distance that the motion keeps.
     pub nearer: Vec<Approached>,
-    /// Number of checked configurations.
+    /// Number of configurations checked for collisions.
     pub checks: u64,
     /// Limits ("acceleration", "jerk") for which defaults are assumed because neither the options nor the URDF give
     /// them.
@@ -131,17 +131,17 @@ impl Motion {
     }
 }
 
-/// Reason why there is no motion.
+/// Reason why no motion was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum NoMotion {
     /// Bodies overlap at the start.
     StartBlocked(Approached),
-    /// Bodies overlap at every goal; this is the pair at the first goal.
+    /// Bodies overlap at every goal; contains the overlapping pair of the first goal.
     GoalsBlocked(Approached),
     /// No goal can be reached: no joint values within the limits bring the link there.
     Unreachable,
-    /// The samples or checks are used up; a motion may exist. Contains the obstacle of the last timed motion.
+    /// The samples or checks were used up; a motion may exist. Contains the last timed motion's obstacle.
     NotFound(Option<Approached>),
     /// A free path was found, but no motion along it within the limits of velocity, acceleration, jerk and torque.
     Untimed,
@@ -181,7 +181,7 @@ impl std::fmt::Display for NoMotion {
 }
 
 impl TransitOptions {
-    /// Returns the timing options as [`Options`] of a problem.
+    /// Returns the timing options as [`Options`] of a keypoint problem.
     pub(super) fn limits(&self) -> Options {
         Options {
             velocity_scale: self.velocity_scale,

@@ -6,15 +6,15 @@ use crate::timing::{Spline, distance};
 
 /// Initial spacing of waypoints (rad or m), which determines how far before and after a corner the curve bends.
 const WIDEST: f64 = 0.6;
-/// Minimum spacing; tighter corners are slower than stops.
+/// Minimum spacing of waypoints (rad or m). A curve with tighter corners would be slower than a stop at each corner.
 const TIGHTEST: f64 = 0.02;
-/// Spacing of checked configurations (rad or m).
+/// Distance between neighbouring checked configurations of a curve (rad or m).
 const LOOKS: f64 = 0.05;
 
 /// A sequence of curves along a path, each tighter than the previous one.
 pub(super) struct Rounding<'c> {
     corners: &'c [Row],
-    /// Spacing of waypoints on each edge.
+    /// Distance between neighbouring waypoints of each edge (rad or m).
     spacing: Vec<f64>,
 }
 
@@ -23,8 +23,8 @@ impl<'c> Rounding<'c> {
         Self { corners, spacing: vec![WIDEST; corners.len().saturating_sub(1)] }
     }
 
-    /// Returns the next curve that is free as far as checked, its waypoints, and the number of waypoints after the
-    /// first on the same edge; `None` if a corner would have to be too tight.
+    /// Returns the next curve whose checked configurations are free, its waypoints, and the number of waypoints after
+    /// the first on the same edge; `None` if a corner would have to be too tight.
     pub fn next(&mut self, field: &mut Field<'_>, n: usize, model: &Model) -> Option<(Spline, Vec<Row>, usize)> {
         loop {
             if self.spacing.iter().any(|s| *s < TIGHTEST) || field.is_over() {

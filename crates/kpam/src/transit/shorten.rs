@@ -6,17 +6,17 @@ use crate::model::Row;
 
 /// Maximum number of shortcut attempts.
 const ROUNDS: usize = 60;
-/// A shortcut must be shorter than this share of the part of the path that it replaces.
+/// A shortcut must be shorter than this fraction of the part of the path that it replaces.
 const WORTH: f64 = 0.995;
-/// Number of consecutive failed attempts that ends the shortcuts.
+/// Number of consecutive failed attempts after which no more shortcuts are tried.
 const IDLE: usize = 16;
-/// Fractions of the distance to the straight line by which a vertex is moved, tried in turn.
+/// Fractions of the way to the straight line between its neighbours by which a vertex is moved, tried in turn.
 const PULLS: [f64; 2] = [0.5, 0.2];
-/// Tightening must shorten the whole path by at least this share.
+/// Tightening must shorten the whole path by at least this fraction of its length.
 const SAVES: f64 = 0.002;
 
-/// Returns the length of a straight edge in terms of the minimum time of the joints: the root of the sum of squares
-/// over the joints.
+/// Returns the length of a straight edge, measured in seconds: the minimum time of each joint, combined as the root of
+/// the sum of squares.
 pub(super) fn effort(n: usize, pace: &Row, a: &Row, b: &Row) -> f64 {
     (0..n).map(|v| ((b[v] - a[v]) * pace[v]).powi(2)).sum::<f64>().sqrt()
 }
@@ -101,7 +101,7 @@ fn skip(field: &mut Field<'_>, path: &mut Vec<Row>) {
                 path.drain(i + 1..j);
                 break;
             }
-            // Distant ends are tried first, then half the distance.
+            // Skip to the most distant vertex first, then halve the distance.
             j = i + (j - i) / 2;
         }
         i += 1;

@@ -1,5 +1,5 @@
-//! Proof that a timed motion keeps its distances: between two checked configurations, nothing moves further than their
-//! gaps allow. Otherwise another configuration between them is checked.
+//! Proves that a timed motion keeps its required distances. Between two checked configurations, nothing may move
+//! further than the gaps at both allow. If this is not certain, a configuration between them is checked, too.
 
 use gensim2_geometry::{Batch, JointKind, LANES, Needs, Other, Pose, Screen, Suspect};
 
@@ -8,48 +8,48 @@ use crate::model::{Model, Row};
 use crate::world::Compiled;
 use crate::{Cancel, Scene, Trajectory};
 
-/// Distances are capped at this value (m).
+/// Measured gaps are capped at this value (m).
 const REACH: f32 = 0.08;
-/// Initial spacing of configurations (weighted, m).
+/// Initial distance (m) between checked configurations; joint movements are multiplied by lever arms.
 const FIRST: f64 = 0.09;
-/// Time between positions at which the length of the motion is measured (s), and their maximum number.
+/// Time between the positions from which the length of the motion is summed (s), and the maximum number of positions.
 const STEP: f64 = 0.02;
 const MAX_STEPS: f64 = 5e3;
-/// Maximum number of configurations; a motion that needs more is not proven.
+/// Maximum number of checked configurations. A motion that needs more is not proven.
 const MAX_LOOKS: usize = 20_000;
-/// Pairs with a smaller gap than this (m) are measured exactly.
+/// Pairs whose gap is smaller than this (m) are measured exactly.
 const CLOSE: f32 = 0.02;
 
-/// A configuration of the motion with the gaps to its surroundings.
+/// A checked configuration of the motion with its gaps.
 pub(super) struct Look {
     pub time: f64,
     pub q: Vec<f64>,
-    /// Gap (m) of each group and of each pair of groups.
+    /// Distance minus required distance (m), for each group to the fixed bodies, and for each pair of groups.
     pub gaps: Vec<f32>,
-    /// Whether the gap was measured exactly.
+    /// Whether each gap was measured exactly.
     measured: Vec<bool>,
     suspects: Vec<Suspect>,
     lane: usize,
     /// Whether the motion to the next configuration is proven collision-free.
     sure: bool,
-    /// Maximum distances from axes, one row for each group.
+    /// Maximum distance of each group's points from each joint's axis (m), one row for each group.
     pub levers: Vec<f32>,
     /// Corners of a box around each group (m, base frame).
     pub corners: Vec<[[f32; 3]; 8]>,
 }
 
-/// Sweep of a motion.
+/// Proof that one motion is collision-free.
 pub(super) struct Sweep<'s> {
     pub scene: &'s Scene,
     pub model: &'s Model,
     pub world: &'s Compiled,
     pub needs: &'s Needs,
-    /// Mean lever arms (m), for the initial spacing.
+    /// Mean lever arm of each joint (m), used for the initial spacing.
     pub weights: Row,
     pub checks: u64,
-    /// Flag that ends the proof.
+    /// Flag by which the caller ends the proof.
     over: &'s Cancel,
-    /// Whether each joint slides.
+    /// Whether each joint is a sliding joint.
     pub slides: Vec<bool>,
     batch: Batch,
     poses: Vec<Pose>,
@@ -135,7 +135,7 @@ impl<'s> Sweep<'s> {
         }
     }
 
-    /// Checks the motion at some times; an error if a pair is surely too close.
+    /// Checks the configurations of a motion at the given times; returns an error if a pair is certainly too close.
     pub(super) fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Stuck> {
         let screen = self.screen();
         let (groups, joints) = (screen.groups(), self.scene.robot().joints().len());
@@ -204,7 +204,7 @@ impl<'s> Sweep<'s> {
         Ok(out)
     }
 
-    /// Replaces lower bounds by exact distances.
+    /// Replaces the lower bounds of a gap by the exact distance.
     fn measure(&mut self, look: &mut Look, place: usize) {
         if look.measured[place] {
             return;
@@ -225,7 +225,7 @@ impl<'s> Sweep<'s> {
         look.gaps[place] = (least - 1e-8) as f32;
     }
 
-    /// Returns a pair that was measured to be too close in a configuration, if any.
+    /// Returns a pair whose exactly measured distance at a configuration is too small, if any.
     fn touching(&mut self, look: &Look) -> Option<Approached> {
         let screen = self.screen();
         let place = (0..look.gaps.len()).find(|p| look.measured[*p] && look.gaps[*p] < -1e-7)?;
@@ -250,7 +250,7 @@ impl<'s> Sweep<'s> {
             if self.covers(a, b, place, groups, &travel) {
                 return true;
             }
-            // Bounds from spheres may be too low, so close pairs are measured exactly.
+            // The lower bounds from spheres may be far too low, so close pairs are measured exactly.
             let mut better = false;
             for look in [&mut *a, &mut *b] {
                 if !look.measured[place] && look.gaps[place] < CLOSE {

@@ -9,34 +9,34 @@ use super::field::Field;
 use crate::free_space::Draws;
 use crate::model::{MAX_JOINTS, Row};
 
-/// Maximum length of an edge by which a tree grows (weighted, m).
+/// Maximum length (m) of an edge added to a tree; each variable is multiplied by its weight.
 const EDGE: f64 = 0.6;
-/// Share of the distance that may remain after an edge shortened by constraints.
+/// If path constraints shorten an edge, at most this fraction of the distance to its target may remain.
 const NEARER: f64 = 0.98;
 /// Fraction of a blocked edge that is tried as a shorter edge.
 const BEGINNING: f64 = 0.3;
-/// Shorter beginnings of edges (weighted, m) are dropped.
+/// Minimum length (m) of the free beginning of a blocked edge; each variable is multiplied by its weight.
 const SHORTEST: f64 = 0.03;
-/// Share of the samples drawn around a node of the growing tree, and the maximum distance of each variable from it
-/// (weighted, m).
+/// Fraction of the samples that lie around a node of the growing tree, and their maximum distance (m) from it in each
+/// variable multiplied by its weight.
 const LOCAL: f64 = 0.5;
 const SPREAD: f64 = 0.6;
-/// Minimum weight (m per unit) of a variable for drawing samples.
+/// Minimum weight (m per unit) of a variable that sampling assumes.
 const LIGHTEST: f64 = 0.05;
 
-/// Parameters of a search.
+/// Strategy of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Manner {
-    /// Only complete edges, to samples anywhere in the joint ranges.
+    /// Adds only edges that are free over their whole length. Samples lie anywhere in the joint ranges.
     Plain,
-    /// Also the beginnings of blocked edges, and samples around the trees.
+    /// Also adds the free beginnings of blocked edges, and takes samples around the trees.
     Thorough,
 }
 
-/// Configurations, each with its parent; a root is its own parent.
+/// A search tree of configurations. Each has the index of its parent; a root is its own parent.
 struct Tree {
     nodes: Vec<Row>,
-    /// The nodes, with variables scaled to the metric of the search.
+    /// The configurations, with each variable multiplied by its weight.
     scaled: Vec<Row>,
     parents: Vec<usize>,
 }
@@ -143,7 +143,7 @@ pub(super) fn search(
     None
 }
 
-/// Returns a configuration to grow towards: anywhere, or around a node of the tree.
+/// Returns a random configuration towards which the tree grows: anywhere, or around a node of the tree.
 fn sample(field: &Field<'_>, tree: &Tree, draws: &mut Draws, manner: Manner) -> Row {
     let node = (manner == Manner::Thorough && draws.unit() < LOCAL).then(|| {
         let at = (draws.unit() * tree.nodes.len() as f64) as usize;
@@ -163,17 +163,17 @@ fn sample(field: &Field<'_>, tree: &Tree, draws: &mut Draws, manner: Manner) -> 
     target
 }
 
-/// Outcome of an edge.
+/// Result of growing a tree by one edge.
 enum Grown {
-    /// The edge is free; the node at its end.
+    /// The whole edge is free. Contains the index of the node at its end.
     Whole(usize),
-    /// Only the beginning of the edge is free; the node at its end.
+    /// Only the beginning of the edge is free. Contains the index of the node at the end of this part.
     Beginning(usize),
     Not,
 }
 
-/// Moves the end of an edge so that it meets the path constraints; returns whether that succeeds and brings it closer
-/// to `target` than `length`, the distance of its start.
+/// Moves the end of an edge so that it meets the path constraints. Returns whether this succeeds and the end is closer
+/// to `target` than the start of the edge, whose distance is `length`.
 fn pulled(field: &mut Field<'_>, end: &mut Row, target: &Row, length: f64) -> bool {
     field.along.is_none() || (field.pull(end) && (end == target || field.length(end, target) <= NEARER * length))
 }

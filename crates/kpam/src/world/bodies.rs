@@ -19,7 +19,8 @@ struct Shared {
 pub struct Bodies(Arc<Shared>);
 
 impl Bodies {
-    /// The fixed bodies, by index in the list of bodies; attached bodies have no shapes here. Built on first use.
+    /// Returns the fixed bodies by index in the list of bodies; attached bodies have no shapes here. Built on first
+    /// use.
     pub(crate) fn obstacles(&self) -> &Obstacles {
         self.0.obstacles.get_or_init(|| {
             Obstacles::new(self.0.list.iter().map(|body| {
@@ -44,7 +45,7 @@ impl Bodies {
         Ok(())
     }
 
-    /// Whether queries with positions need no preparation, as for [`crate::Scene::is_ready`].
+    /// Whether queries that return positions need no preparation, see [`crate::Scene::is_ready`].
     #[must_use]
     pub fn is_ready(&self) -> bool {
         self.0.obstacles.get().is_some()

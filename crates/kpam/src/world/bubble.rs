@@ -7,11 +7,11 @@ use crate::model::{MAX_JOINTS, Row};
 pub(crate) struct Near {
     pub gap: f64,
     pub group: usize,
-    /// Second group of the pair, or `None` for a fixed body.
+    /// Second group of the pair, or `None` if the second body is fixed.
     pub other: Option<usize>,
 }
 
-/// Which joints carry which groups: one row for each group, the object's joint last.
+/// Whether each joint moves each group: one row for each group; the object's joint is the last entry of a row.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Carried {
     pub joints: usize,
@@ -54,7 +54,7 @@ impl Bubble {
         self.pairs.iter().all(|p| self.used(carried, p, steps) <= p.gap)
     }
 
-    /// Returns how many times `steps` can be taken from the centre without leaving the bubble.
+    /// Returns the largest factor by which `steps` can be multiplied without leaving the bubble.
     pub fn times(&self, carried: &Carried, steps: &[f64]) -> f64 {
         self.pairs.iter().map(|p| p.gap / self.used(carried, p, steps)).fold(f64::INFINITY, f64::min)
     }
@@ -63,8 +63,8 @@ impl Bubble {
         &self.levers[group * self.joints..(group + 1) * self.joints]
     }
 
-    /// Returns the largest share of a pair's gap that a step uses. A point at distance r from a joint's axis moves at
-    /// most r + d per radian while it stays within d of its position.
+    /// Returns an upper bound on the fraction of a pair's gap that a step uses up. A point at distance r from a joint's
+    /// axis moves at most r + d per radian while it stays within d of its position.
     fn used(&self, carried: &Carried, p: &Near, steps: &[f64]) -> f64 {
         let mut way = 0.0;
         let mut turn = 0.0;
@@ -80,7 +80,7 @@ impl Bubble {
                 let theirs = self.lever(other);
                 let (carries, too) = (carried.row(p.group), carried.row(other));
                 for (m, step) in steps.iter().enumerate() {
-                    // A joint that carries both groups does not move one relative to the other.
+                    // A joint that moves both groups does not change their relative position.
                     if !(carries[m] && too[m]) {
                         way += step * mine[m].max(theirs[m]);
                         turn += step;
@@ -91,7 +91,7 @@ impl Bubble {
         way + turn * p.gap
     }
 
-    /// Returns the maximum movement of a point over `steps`, to first order.
+    /// Returns the maximum displacement of any point over `steps`, to first order.
     pub fn fastest(&self, steps: &[f64]) -> f64 {
         self.levers
             .chunks_exact(self.joints.max(1))

@@ -12,13 +12,13 @@ use crate::{ProblemError, Role};
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Nearness {
-    /// Link or attached body.
+    /// Name of the first body: a link or an attached body.
     pub first: String,
-    /// Body, link or attached body.
+    /// Name of the second body: a body of the scene, a link or an attached body.
     pub second: String,
     /// Signed distance (m).
     pub distance: f64,
-    /// Position in the base frame (m).
+    /// Midpoint between the closest points of the two bodies, base frame (m).
     pub point: Point3<f64>,
 }
 
@@ -31,11 +31,11 @@ pub struct Checker<'s> {
     batch: Batch,
     suspects: Vec<(usize, Other)>,
     poses: Vec<Pose>,
-    /// Exact measurement with positions, created on first use.
+    /// Shapes for exact queries that also return positions, created on first use.
     full: Option<Full<'s>>,
 }
 
-/// Shapes for measurements with positions.
+/// Shapes for exact queries that also return positions.
 struct Full<'s> {
     objects: CollisionObjects<'s>,
     shapes: MovingShapes<'s>,
@@ -72,7 +72,7 @@ impl<'s> Checker<'s> {
         Ok(())
     }
 
-    /// Screens a configuration; pairs that may be within `reach` (m) become suspects.
+    /// Screens a configuration with fast bounds. Pairs that may be closer than `reach` (m) become suspects.
     fn place(&mut self, q: &[f64], reach: f64) -> Result<(), ProblemError> {
         self.fits(q)?;
         let screen = &self.world.screen;
@@ -141,7 +141,7 @@ impl<'s> Checker<'s> {
         Ok(hits)
     }
 
-    /// Returns the smallest signed distance (m) at `q`, at most `max_distance`.
+    /// Returns the smallest signed distance (m) over all checked pairs at `q`, at most `max_distance`.
     ///
     /// # Errors
     /// As [`Checker::hits`].
@@ -154,7 +154,7 @@ impl<'s> Checker<'s> {
         Ok(least)
     }
 
-    /// Returns all pairs within `reach` (m) at `q`, closest first, each pair once.
+    /// Returns all pairs closer than `reach` (m) at `q`, closest first, each pair once.
     ///
     /// # Errors
     /// As [`Checker::hits`].

@@ -1,4 +1,4 @@
-//! Clearances and their gradients, for optimization.
+//! Clearances and their gradients, used by the optimization.
 
 use gensim2_geometry::{JointKind, Target};
 use nalgebra::{Point3, Vector3};
@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use super::{EXACT, Margins, MotionSegment, State, World};
 use crate::model::{MAX_JOINTS, Row};
 
-/// Distance of a checked pair beyond its margin (m), and its gradient by each variable (m per rad or m).
+/// Distance of a checked pair minus its margin (m), and its gradient by each variable (m per rad or m).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clearance {
     pub gap: f64,
@@ -35,7 +35,7 @@ impl World<'_> {
             },
         );
         for (gap, p) in near {
-            // The normal points from the first to the second: moving the first along it reduces the distance.
+            // The normal points from the first body to the second: moving the first body along it reduces the distance.
             let mut gradient = [0.0; MAX_JOINTS];
             self.add_motion(segment, p.group, &p.contact.on_first, &-p.contact.normal, &mut gradient);
             if let Target::Group(other) = p.target {
@@ -45,7 +45,7 @@ impl World<'_> {
         }
     }
 
-    /// Returns the largest shortfall of a checked pair from its margin (m), zero if all keep it.
+    /// Returns the largest amount (m) by which a checked pair violates its margin, or zero.
     pub fn lacking(&mut self, state: State<'_>, segment: MotionSegment, margins: &Margins) -> f64 {
         self.place(state, segment);
         let mut most = 0.0f64;

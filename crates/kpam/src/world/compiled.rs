@@ -13,7 +13,7 @@ pub(crate) struct Compiled {
     pub screen: Screen,
     /// Name of each group.
     pub names: Vec<String>,
-    /// Joints that carry each group, each with the link that it moves.
+    /// Joints that move each group, each with the index of the link that the joint moves.
     pub carriers: Vec<Vec<(usize, usize)>>,
     /// Whether collisions between a group and a body are checked: one row for each group, one column for each body.
     checked: Vec<bool>,
@@ -67,13 +67,13 @@ impl Compiled {
         Self { screen, names, carriers, checked }
     }
 
-    /// Returns required distances with `margin` (m) for every checked pair.
+    /// Returns required distances that are `margin` (m) for every checked pair.
     pub fn needs(&self, margin: f64) -> Needs {
         let need = |checked: &bool| if *checked { margin } else { f64::NEG_INFINITY };
         Needs { bodies: self.checked.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }
     }
 
-    /// Excludes pairs whose relative position no moving joint changes.
+    /// Excludes pairs whose relative position does not change, because no moving joint lies between them.
     pub fn leave_out_still(&self, needs: &mut Needs, moves: impl Fn(usize) -> bool) {
         let driving = |g: usize| self.carriers[g].iter().map(|(j, _)| *j).filter(|j| moves(*j)).collect::<Vec<_>>();
         let carried: Vec<Vec<usize>> = (0..self.carriers.len()).map(driving).collect();
@@ -90,7 +90,7 @@ impl Compiled {
         }
     }
 
-    /// Returns the names of a group and its neighbour.
+    /// Returns the names of a group and of the body or group near it.
     pub fn named(&self, scene: &Scene, group: usize, other: Other) -> [String; 2] {
         let second = match (other, self.screen.body(other)) {
             (_, Some(body)) => scene.bodies()[body].name().to_owned(),

@@ -7,7 +7,7 @@ use crate::world::TOUCH;
 /// Required clearance of checked pairs, and smaller values for pairs that cannot keep it.
 #[derive(Debug, Clone)]
 pub(crate) struct Margins {
-    /// Whether overlaps at the start may persist.
+    /// Whether pairs that overlap at the start may continue to overlap.
     pub forgiving: bool,
     pub clearance: f64,
     pub bodies: Vec<((usize, usize), f64)>,
@@ -19,12 +19,12 @@ impl Margins {
         Self { forgiving: true, clearance, bodies: Vec::new(), pairs: Vec::new() }
     }
 
-    /// Returns margins for a motion after the overlaps at the start have ended, which must not occur again.
+    /// Returns margins for a motion after the overlaps at the start have ended; they must not occur again.
     pub fn parted(self) -> Self {
         Self { forgiving: false, ..self }
     }
 
-    /// Returns the margins with another clearance; smaller values at the ends are kept.
+    /// Returns the margins with another clearance; smaller values for pairs close at the ends are unchanged.
     pub fn with_clearance(&self, clearance: f64) -> Self {
         Self { clearance, ..self.clone() }
     }
@@ -35,7 +35,7 @@ impl Margins {
         self.asked(&self.bodies, (group, body), clearance, start, picked)
     }
 
-    /// Returns the margin of a pair that may overlap by `depth`, or by its overlap at the start.
+    /// Returns the margin of a pair that may overlap by `depth`, or by as much as it overlaps at the start.
     pub(super) fn touching(&self, known: &Overlaps, group: usize, seen: Seen, depth: f64) -> f64 {
         let (start, _) = match seen {
             Seen::Body(body) => known.body(group, body),

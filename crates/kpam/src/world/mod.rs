@@ -39,12 +39,12 @@ pub(crate) use segment::{MotionSegment, Schedule};
 pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
 pub(crate) use way::Way;
 
-/// Value of `coarse` for exact distances.
+/// Value of the parameter `coarse` that requests exact distances.
 const EXACT: f64 = f64::INFINITY;
-/// Overlaps up to this are rounding errors (m).
+/// Overlaps up to this depth (m) are rounding errors.
 pub(crate) const TOUCH: f64 = 1e-4;
 
-/// A forbidden overlap, or a distance for a report.
+/// A pair of bodies with a forbidden overlap, or with a distance for a report.
 #[derive(Debug, Clone)]
 pub(crate) struct Hit {
     pub first: String,
@@ -53,8 +53,8 @@ pub(crate) struct Hit {
     pub at: Point3<f64>,
 }
 
-/// Signed distances (m, infinite without a pair) at the start, and when a body is picked. Pairs that are too close then
-/// must only not come closer.
+/// Signed distances (m) of all pairs at the start, and when a body is picked; infinite if not measured. Pairs that are
+/// too close then need not move apart, but must not come closer.
 #[derive(Debug, Default)]
 pub(crate) struct Overlaps {
     bodies: usize,
@@ -75,19 +75,19 @@ impl Overlaps {
         }
     }
 
-    /// Distance of a group and a fixed body: at the start, and at the pick.
+    /// Distances of a group from a fixed body at the start and when a body is picked.
     fn body(&self, group: usize, body: usize) -> (f64, f64) {
         let at = group * self.bodies + body;
         (self.start_bodies[at], self.picked_bodies[at])
     }
 
-    /// Distance of a pair of groups: at the start, and at the pick.
+    /// Distances of a pair of groups at the start and when a body is picked.
     fn pair(&self, pair: usize) -> (f64, f64) {
         (self.start_pairs[pair], self.picked_pairs[pair])
     }
 }
 
-/// State: joint values of the arm, and travel of the object's joint from its initial value (rad or m).
+/// A state of the motion: joint values of the arm, and travel of the object's joint from its initial value (rad or m).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct State<'x> {
     pub x: &'x Row,
@@ -95,7 +95,7 @@ pub(crate) struct State<'x> {
 }
 
 impl<'x> State<'x> {
-    /// State with the object's joint at its initial value.
+    /// Returns a state in which the object's joint has its initial value.
     pub fn still(x: &'x Row) -> Self {
         Self { x, travel: 0.0 }
     }
@@ -114,18 +114,18 @@ pub(crate) struct World<'p> {
     /// Maximum distance of a group's shapes from their centre (m), and that centre in the group's frame.
     extents: Vec<f64>,
     middles: Vec<Point3<f64>>,
-    /// Pose of each attached group in the hand, and of each released group in the base frame.
+    /// Pose of each attached group in the hand frame, and of each released group in the base frame.
     grasps: Vec<Pose>,
     placed: Vec<Pose>,
     known: Overlaps,
     pub start_overlap: f64,
-    /// The deepest checked overlap at the start.
+    /// The deepest overlap of a checked pair at the start.
     pub start_hit: Option<Hit>,
     scratch: Scratch,
     spare: Bubble,
     q: Vec<f64>,
     steps: Vec<f64>,
-    /// Number of checked states, and its limit.
+    /// Number of states checked so far, and its limit.
     checks: u64,
     max_checks: u64,
     cancel: Option<Cancel>,
@@ -202,7 +202,7 @@ impl<'p> World<'p> {
         self.is_spent() || self.is_late() || self.is_cancelled()
     }
 
-    /// Whether planning may have to end early.
+    /// Whether planning has a limit on checks or time.
     pub fn is_limited(&self) -> bool {
         self.end.is_some() || self.max_checks < u64::MAX
     }
@@ -222,7 +222,7 @@ impl<'p> World<'p> {
         self.cancel.as_ref().is_some_and(Cancel::is_cancelled)
     }
 
-    /// Sets whether collisions are only detected; then any colliding pair may be returned, with any depth.
+    /// Sets whether queries only detect collisions. If so, they may return any colliding pair, with any depth.
     pub fn set_early_exit(&mut self, early_exit: bool) {
         self.scratch.set_early_exit(early_exit);
     }
@@ -236,7 +236,7 @@ impl<'p> World<'p> {
         &self.segments[self.schedule.number(segment)]
     }
 
-    /// Places all groups of a segment.
+    /// Computes the poses of all groups of a segment.
     fn place(&mut self, state: State<'_>, segment: MotionSegment) {
         self.checks += 1;
         let robot = &*self.problem.robot;
@@ -258,8 +258,9 @@ impl<'p> World<'p> {
         });
     }
 
-    /// Sets the actuation pose `x`. Picked bodies are attached to the hand as at `x`. Released bodies stay at their
-    /// pose at `x`. Bodies that are released later stay at their pose when the hand is at `letting_go`.
+    /// Sets the actuation pose `x`. Picked bodies are attached to the hand with their relative pose at `x`. Released
+    /// bodies stay at their pose at `x`. Bodies that are released later stay where the hand puts them when its pose is
+    /// `letting_go`.
     pub fn act_at(&mut self, x: &Row, letting_go: Option<&Pose>) {
         let riding = self.objects.groups.iter().any(|g| matches!(g, Group::Riding(_)));
         if !riding {
@@ -292,7 +293,7 @@ impl<'p> World<'p> {
     }
 }
 
-/// Returns the transform of the bodies moved by a joint for a travel (rad or m).
+/// Returns the displacement of the bodies moved by a joint for a travel (rad or m).
 pub(crate) fn joint_motion(joint: &ObjectJoint, travel: f64) -> Pose {
     match joint.kind {
         ObjectJointKind::Revolute => screw_about(&joint.origin, &joint.axis, travel),

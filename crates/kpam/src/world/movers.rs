@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::model::{DrivenJoint, Model, Row};
 
-/// All joints that move with the variables, including mimic joints.
+/// All joints that move when the planned variables change, including mimic joints.
 pub(crate) struct Movers(Vec<DrivenJoint>);
 
 impl Movers {
@@ -29,7 +29,7 @@ impl Movers {
         self.0.iter().map(move |joint| is_below(robot, link, joint.link))
     }
 
-    /// Writes the absolute movement of each joint between variables `a` and `b` (rad or m).
+    /// Writes how far each joint moves between the variables `a` and `b` (rad or m, not negative).
     pub fn steps(&self, a: &Row, b: &Row, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.0.iter().map(|joint| (joint.factor * (b[joint.variable] - a[joint.variable])).abs()));

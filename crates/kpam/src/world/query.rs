@@ -15,7 +15,7 @@ pub(crate) struct Clearances {
     pub object: f64,
 }
 
-/// A body, or a pair of groups, that a query examines.
+/// A fixed body, or a pair of groups, that a query examines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Seen {
     Body(usize),
@@ -103,7 +103,7 @@ impl World<'_> {
         if self.depth(segment, group, seen).is_some() { f64::NEG_INFINITY } else { reach }
     }
 
-    /// Returns the required clearance (m) from a handled body in a segment, zero for other bodies.
+    /// Returns the clearance (m) that the hand must keep from a handled body in a segment, zero for other bodies.
     fn kept_from(&self, segment: MotionSegment, seen: Seen) -> f64 {
         match seen {
             Seen::Body(body) if self.table(segment).reached[body] => self.reach_clearance(),
@@ -111,17 +111,17 @@ impl World<'_> {
         }
     }
 
-    /// Whether the travel of the object's joint in a segment is estimated.
+    /// Whether the travel of the object's joint in a segment is only estimated.
     pub fn guesses(&self, segment: MotionSegment) -> bool {
         self.table(segment).guessed && self.problem.joint.is_some() && segment != MotionSegment::LetGo
     }
 
-    /// Whether the position of either group of a pair in a segment is estimated.
+    /// Whether the position of either group of a pair in a segment is only estimated.
     fn is_guess(&self, segment: MotionSegment, pair: usize) -> bool {
         self.table(segment).guessed && matches!(self.objects.groups[self.objects.pairs[pair].1], Group::Moved(_))
     }
 
-    /// Records the distances of all pairs at the start. Pairs that begin too close must only keep this distance.
+    /// Records the distances of all pairs at the start. Pairs that begin too close need only keep this distance.
     pub fn measure_start(&mut self, state: State<'_>, segment: MotionSegment) {
         self.known.start_bodies.fill(f64::INFINITY);
         self.known.start_pairs.fill(f64::INFINITY);
@@ -243,15 +243,15 @@ impl World<'_> {
         out
     }
 
-    /// Adds the distances of pairs that overlapped at the start and have been separated.
+    /// Adds to `margins` the distances in `there` of pairs that overlapped at the start and have been separated.
     pub fn keep_apart(&self, margins: &mut Margins, there: Margins) {
         let overlapped = |start: f64| start.is_finite();
         margins.bodies.extend(there.bodies.into_iter().filter(|((g, b), _)| overlapped(self.known.body(*g, *b).0)));
         margins.pairs.extend(there.pairs.into_iter().filter(|(pair, _)| overlapped(self.known.pair(*pair).0)));
     }
 
-    /// Returns the pairs that may not touch and are closer than `clearance` (m) in a state, and the permitted overlaps:
-    /// distance or depth (m), and whether the pair may touch.
+    /// Returns the pairs that may not touch and are closer than `clearance` (m) in a state, and the permitted overlaps.
+    /// Each has its distance or depth (m), and whether the pair may touch.
     pub fn nearest(&mut self, state: State<'_>, segment: MotionSegment, clearance: f64) -> Vec<(Hit, bool)> {
         self.place(state, segment);
         let mut found = Vec::new();
@@ -271,7 +271,7 @@ impl World<'_> {
     /// Updates the smallest distances with those of a state, except pairs whose position is estimated.
     pub fn measure(&mut self, state: State<'_>, segment: MotionSegment, out: &mut Clearances) {
         self.place(state, segment);
-        // Distances above the smallest ones so far are not needed.
+        // Only distances below the smallest ones found so far matter.
         let (table, object, itself) = (out.table.min(1.0), out.object.min(1.0), out.itself.min(1.0));
         let kind = |world: &Self, seen: Seen| match seen {
             Seen::Body(b) if world.problem.bodies[b].role == Role::Table => Kind::Table,
@@ -305,7 +305,7 @@ impl World<'_> {
 pub(crate) struct Overlap {
     group: usize,
     seen: Seen,
-    /// Depth (m).
+    /// Depth of the overlap (m).
     depth: f64,
 }
 
@@ -314,18 +314,18 @@ impl Overlap {
         others.iter().copied().find(|other| other.group == self.group && other.seen == self.seen)
     }
 
-    /// Whether this pair is not among earlier overlaps.
+    /// Whether this pair is missing in the list of earlier overlaps.
     pub fn is_new(&self, before: &[Self]) -> bool {
         self.among(before).is_none()
     }
 
-    /// Whether this pair is among earlier overlaps, and no deeper now.
+    /// Whether this pair is in the list of earlier overlaps, and overlaps no deeper now.
     pub fn lessens(&self, before: &[Self]) -> bool {
         self.among(before).is_some_and(|other| self.depth <= other.depth + 0.1 * TOUCH)
     }
 }
 
-/// Kind of a distance in a report.
+/// Kind of pair, by which a report classifies distances.
 enum Kind {
     Table,
     Object,

@@ -8,7 +8,7 @@ use super::segment::{MotionSegment, Schedule};
 use super::travel::joint_steps;
 use crate::{Body, KeypointProblem, Role};
 
-/// A group that moves rigidly.
+/// A set of shapes that moves rigidly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Group {
     /// A link of the robot.
@@ -41,8 +41,8 @@ pub(crate) enum Verdict {
     Checked,
     /// The pair may overlap up to this depth (m).
     MayTouch(f64),
-    /// The pair is not checked: the planned motion does not move one relative to the other, one is absent or held by
-    /// the other, or a position is unknown.
+    /// The pair is not checked: the motion does not change the relative position of the two, one of them is absent or
+    /// held by the other, or a position is unknown.
     Apart,
 }
 
@@ -61,19 +61,19 @@ pub(crate) struct SegmentWorld {
     pub present: Vec<usize>,
     /// Rule for each group and fixed body, one row for each group.
     pub bodies: Vec<Verdict>,
-    /// Whether the hand reaches for each body and still keeps a clearance from it.
+    /// For each body, whether the hand moves towards it in this segment but must still keep a clearance from it.
     pub reached: Vec<bool>,
-    /// Indices of the checked pairs of groups.
+    /// Indices of the pairs of groups that are checked.
     pub pairs: Vec<usize>,
     /// Permitted overlap (m) of each pair of groups, if any.
     pub depths: Vec<Option<f64>>,
-    /// Which joints carry which groups.
+    /// Whether each joint moves each group.
     pub carried: Carried,
-    /// Whether the travel of the object's joint is estimated.
+    /// Whether the travel of the object's joint is only estimated.
     pub guessed: bool,
 }
 
-/// All moving groups of a problem, and the pairs of them that are ever checked.
+/// All moving groups of a problem, and the pairs of groups that are checked in any segment.
 pub(crate) struct CollisionObjects<'p> {
     pub robot: &'p Robot,
     pub bodies: &'p [Body],
@@ -112,12 +112,12 @@ impl<'p> CollisionObjects<'p> {
         Self { robot, bodies, groups, hand: Hand::of(robot), pairs }
     }
 
-    /// Whether a group is hand or finger, which may touch targets.
+    /// Whether a group is a link of the hand or a finger, which may touch targets.
     pub fn touches(&self, group: usize) -> bool {
         matches!(self.groups[group], Group::Link(l) if self.hand.touches[l])
     }
 
-    /// Whether a group holds attached bodies.
+    /// Whether a group is a link that holds the attached bodies.
     pub fn holds(&self, group: usize) -> bool {
         matches!(self.groups[group], Group::Link(l) if self.hand.holds[l])
     }
@@ -131,7 +131,7 @@ impl<'p> CollisionObjects<'p> {
     }
 }
 
-/// The links of the hand. A hand link without shapes only marks a point of the link that carries it.
+/// The links of the hand. A hand link without shapes only marks a point on the link that carries it.
 struct Hand {
     /// Links that hold the attached body: the hand's carrier and all links below it.
     holds: Vec<bool>,
@@ -159,7 +159,7 @@ impl Hand {
     }
 }
 
-/// Compiles the rules of a problem.
+/// Derives the contact rules of a problem's segments.
 pub(crate) struct Compiler<'c, 'p> {
     pub problem: &'p KeypointProblem,
     pub objects: &'c CollisionObjects<'p>,
@@ -219,7 +219,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let steps = joint_steps(self.problem);
         let guessed = match segment {
             MotionSegment::Post(i) => steps[i].is_none(),
-            // The joint stays where the previous motions have left it, which is estimated if one of them is.
+            // The joint stays where the previous motions left it. This value is estimated if one of them is.
             MotionSegment::LetGo => steps.contains(&None),
             MotionSegment::Approach | MotionSegment::Pre(_) | MotionSegment::ToActuation => false,
         };
@@ -245,7 +245,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         self.problem.options.pick.contains(&self.objects.bodies[body].name)
     }
 
-    /// Whether the hand reaches for a body and may not touch it yet.
+    /// Whether the hand moves towards a body in a segment but may not touch it yet.
     fn is_kept_from(&self, body: usize, segment: MotionSegment) -> bool {
         let reached = matches!(self.objects.bodies[body].role, Role::MovingLink | Role::Target) || self.is_picked(body);
         self.problem.options.reach_clearance.is_some() && !segment.is_after() && reached
@@ -255,7 +255,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         self.problem.options.release.contains(&self.objects.bodies[body].name)
     }
 
-    /// Returns the joints that carry each group; the object's joint is last.
+    /// Returns whether each joint moves each group; the object's joint is last.
     fn carried(&self, carriers: &[Carrier], segment: MotionSegment) -> Carried {
         let (robot, hand) = (self.objects.robot, self.objects.robot.hand());
         let joints = self.movers.len() + 1;
@@ -271,9 +271,10 @@ impl<'c, 'p> Compiler<'c, 'p> {
         Carried { joints, flags }
     }
 
-    /// Returns the rule of the windows for a group and a body in a segment. A window from `start` covers the approach.
+    /// Returns the rule that the contact windows define for a group and a body. A window from `start` covers the
+    /// approach.
     fn through(&self, windows: &[Window], group: usize, body: usize, segment: MotionSegment) -> Verdict {
-        // In contact windows, index 0 is the start, and keyframe k of the motion is k + 1.
+        // In contact windows, keyframe 0 is the start, so that keyframe k of the motion has index k + 1.
         let leads_to = self.schedule.number(segment) + 1;
         let open = |w: &&Window| w.groups[group] && w.bodies[body] && w.from < leads_to && leads_to <= w.to;
         let deepest = windows.iter().filter(open).map(|w| w.depth.unwrap_or(f64::INFINITY)).reduce(f64::max);
@@ -308,7 +309,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let reaching = segment == self.schedule.last_before_actuation();
         let may = match what.role {
             Role::Target => gripper || carriers[group] == Carrier::Hand,
-            // Without a joint, the movement of the moving link is unknown.
+            // Without a joint, the motion of the moving link is unknown.
             Role::MovingLink if after => return Verdict::Apart,
             Role::MovingLink => gripper && reaching,
             Role::Table | Role::ObjectBody | Role::Rigid | Role::Attached => {
@@ -318,7 +319,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         if may { Verdict::touching(self.problem.options.contact_depth) } else { Verdict::Checked }
     }
 
-    /// Whether a group is ever checked: bodies moved by the object's joint only against the robot.
+    /// Whether a group is checked at all: bodies moved by the object's joint are checked only against the robot.
     fn meets(&self, group: usize) -> bool {
         !matches!(self.objects.groups[group], Group::Moved(_))
     }
@@ -353,7 +354,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
             }
             return open(a, b).or_else(|| open(b, a)).unwrap_or(verdict);
         }
-        // Hand and fingers hold attached bodies, let go of released ones, and push or pull the moving link.
+        // Hand and fingers may touch attached and released bodies, and the moving link, which they push or pull.
         match self.objects.groups[b] {
             Group::Riding(_) if self.objects.holds(a) => Verdict::Apart,
             Group::Moved(_) if self.objects.touches(a) => Verdict::touching(self.problem.options.contact_depth),

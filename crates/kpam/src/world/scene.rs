@@ -34,13 +34,13 @@ impl SceneJoint {
         &self.name
     }
 
-    /// Axis, value and range.
+    /// Axis, current value and range of the joint.
     #[must_use]
     pub fn joint(&self) -> &ObjectJoint {
         &self.joint
     }
 
-    /// Names of the bodies that it moves.
+    /// Names of the bodies that the joint moves.
     #[must_use]
     pub fn moves(&self) -> &[String] {
         &self.moves
@@ -192,7 +192,7 @@ impl Scene {
         })
     }
 
-    /// Returns the bodies for a problem about a joint: the bodies that this joint moves are moving links.
+    /// Returns the bodies for a problem whose config moves a joint: the bodies moved by this joint are moving links.
     pub fn bodies_about(&self, joint: Option<&str>) -> Result<Bodies, ProblemError> {
         let Some(joint) = joint else { return Ok(self.bodies.clone()) };
         let moves = &self.joint(joint)?.moves;
@@ -224,7 +224,7 @@ impl Scene {
         })
     }
 
-    /// Returns the bodies; those selected by `which` get a role and are moved from their poses.
+    /// Returns the bodies of the scene; `which` selects those that get a role and are moved from their poses.
     pub(crate) fn with_bodies(
         &self,
         which: impl Fn(&Body) -> bool,

@@ -7,13 +7,13 @@ use crate::SolverConfig;
 pub(crate) enum MotionSegment {
     /// Free motion from the start to the first keyframe.
     Approach,
-    /// Segment along the hand path to a pre-actuation keyframe, given by the index of its motion in the config's list.
+    /// Motion along the hand path to a pre-actuation keyframe; contains the index of its motion in the config's list.
     Pre(usize),
-    /// Segment along the hand path to the actuation pose.
+    /// Motion along the hand path to the actuation pose.
     ToActuation,
-    /// Segment along the hand path to a post-actuation keyframe, given by the index of its motion in the config's list.
+    /// Motion along the hand path to a post-actuation keyframe; contains the index of its motion in the config's list.
     Post(usize),
-    /// Straight retreat after the release.
+    /// Straight retreat of the hand after it has released the object.
     LetGo,
 }
 
@@ -56,7 +56,7 @@ impl Schedule {
         self.lets_go.then_some(self.before + self.after)
     }
 
-    /// Label of keyframe `keyframe`; keyframes are numbered in time order from 0.
+    /// Label of a keyframe; keyframes are numbered in time order from 0.
     pub fn label(&self, keyframe: usize) -> String {
         match self.toward(keyframe) {
             _ if keyframe < self.before => format!("pre_{}", self.before - 1 - keyframe),

@@ -1,4 +1,4 @@
-//! Sweeps: collision checks of the motion between states.
+//! Sweeps: collision checks of the motion between states. Positions on a path are fractional indices of its waypoints.
 
 use gensim2_geometry::Target;
 
@@ -11,34 +11,34 @@ use super::{Hit, Margins, MotionSegment, State, World};
 use crate::ObjectJointKind;
 use crate::model::Row;
 
-/// Gaps are capped at this value (m), which is the maximum step of a sweep.
+/// Gaps are capped at this value (m), so no step of a sweep is longer.
 const REACH: f64 = 0.12;
-/// Close to an obstacle, steps are short. Only bodies within this multiple of the smallest gap are considered, and at
-/// least those within `NARROW` (m).
+/// Only bodies within this multiple of the smallest gap, and at least those within `NARROW` (m), are considered, since
+/// steps are short close to an obstacle.
 const AHEAD: f64 = 3.0;
 const NARROW: f64 = 0.006;
-/// Minimum step of a sweep (m): between two checks, nothing moves further than the gap or this value.
+/// Minimum step of a sweep (m). Between two checks, no point moves further than the gap or this value.
 const FINEST: f64 = 0.0015;
-/// For shapes whose boxes are further apart than this (m), the distance of the boxes is used.
+/// If the boxes of two shapes are further apart than this (m), the distance of the boxes replaces the exact distance.
 const COARSE: f64 = 0.02;
 
-/// If a bubble advances a proof by less than this (waypoints), the proof ends, and a finer check follows.
+/// If a bubble advances a proof by less than this part of a segment, the proof ends, and a finer check follows.
 const SLOWEST: f64 = 0.2;
-/// The next bubble is centred beyond the end of the last one, by this fraction of the last one's reach; it is useful
-/// only if it reaches back to that end.
+/// The next bubble is centred beyond the end of the last bubble by this fraction of that bubble's extent. It is useful
+/// only if it extends back to that end.
 const AGAIN: f64 = 0.7;
 
-/// Position at which a sweep continues (waypoints).
+/// Position on a path at which a sweep continues.
 struct Onwards {
-    /// Position up to which everything is inside the bubble.
+    /// Position up to which the path is inside the bubble.
     proven: f64,
-    /// Next position to check; beyond `proven` only by the minimum step.
+    /// Next position to check. It exceeds `proven` by at most the minimum step.
     next: f64,
 }
 
 impl World<'_> {
-    /// Returns a waypoint other than the first at which a checked pair violates its margin, if any. The middle is
-    /// checked first, then the middles of the remaining parts, because this order finds obstacles early.
+    /// Returns a waypoint, other than the first, at which a checked pair violates its margin, if any. The middle
+    /// waypoint is checked first, then the middles of the remaining parts, because this order finds obstacles early.
     pub fn hit_at_any(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
         let mut stride = way.waypoints.len().next_power_of_two();
         while stride > 1 {
@@ -98,7 +98,7 @@ impl World<'_> {
         bubble.pairs.clear();
         self.measure_levers(segment, &mut bubble.levers);
         let mut blocked = None;
-        // Approximate distances are used only where they exceed every margin.
+        // Distances of boxes are used only where they exceed every margin.
         let clearance = margins.clearance.max(self.reach_clearance());
         let coarse = COARSE.max(clearance + NARROW);
         let within = clearance + reach;
@@ -124,7 +124,7 @@ impl World<'_> {
             self.spare = bubble;
             return Err(self.hit(&p));
         }
-        // Groups that are not near are at least this far away.
+        // Groups for which no near body was found are at least this far away from all bodies.
         for &group in &self.table(segment).present {
             if !self.shapes.is_bare(group) {
                 bubble.pairs.push(Near { gap: reach, group, other: None });
@@ -133,7 +133,7 @@ impl World<'_> {
         Ok(bubble)
     }
 
-    /// Returns the absolute movement of each joint, the object's joint last.
+    /// Returns how far each joint moves (not negative), the object's joint last.
     pub(super) fn steps(&mut self, from: (&Row, f64), to: (&Row, f64)) -> Vec<f64> {
         let mut steps = std::mem::take(&mut self.steps);
         self.movers.steps(from.0, to.0, &mut steps);
@@ -141,7 +141,7 @@ impl World<'_> {
         steps
     }
 
-    /// Returns whether a state on a segment is inside the bubble, with the permitted deviation from the segment.
+    /// Returns whether a state on a segment is inside the bubble, even after the permitted deviation.
     fn holds(&mut self, bubble: &Bubble, segment: MotionSegment, (x, travel): (&Row, f64), off: Option<&Row>) -> bool {
         let mut steps = self.steps((&bubble.center, bubble.travel), (x, travel));
         self.add_off(off, &mut steps);
@@ -155,19 +155,19 @@ impl World<'_> {
         self.sweep_along(Way::still(&[*a, *b]), segment, margins).map(|(_, hit)| hit)
     }
 
-    /// Sweeps the straight joint segments between waypoints; returns the last free waypoint before the first collision,
-    /// and the collision.
+    /// Sweeps the straight joint segments between waypoints; returns the last waypoint before the first collision, and
+    /// the collision.
     pub fn sweep_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
         let last = way.waypoints.len() - 1;
         let end = last as f64;
         let gone = self.gone(&way);
-        // The path is free up to this position, and is checked from here.
+        // The path is free up to this position, where the next check starts.
         let mut t = 0.0;
         let mut reach = REACH;
-        // Reach of the last bubble (waypoints).
+        // Extent of the last bubble along the path.
         let mut ahead = 0.0;
         loop {
-            // A bubble further ahead that reaches back to here covers nearly twice as much.
+            // A bubble centred further ahead that extends back to here covers nearly twice the length.
             let at = (t + AGAIN * ahead).floor().min(end);
             if at > t
                 && let Some(on) = self.leap_ahead(&way, segment, margins, &gone, t, at, &mut reach)
@@ -225,8 +225,8 @@ impl World<'_> {
         (t as usize).min(last)
     }
 
-    /// Like [`World::onwards`], from a position `at` ahead of the proven part, if the bubble there reaches back to it;
-    /// `None` otherwise, or if a pair is too close there.
+    /// Like [`World::onwards`], but with the bubble centred at `at`, ahead of the proven part. Returns `None` if this
+    /// bubble does not extend back to the proven part, or if a pair is too close at its centre.
     #[allow(clippy::too_many_arguments)]
     fn leap_ahead(
         &mut self,
@@ -246,8 +246,8 @@ impl World<'_> {
         on
     }
 
-    /// Returns the extent along a path of a bubble around position `t` (waypoints), and where to continue; `reach` is
-    /// set to the distance to check from there.
+    /// Returns how far a bubble around position `t` extends along a path, and where to continue; `reach` is set to the
+    /// distance to check from there.
     fn onwards(
         &mut self,
         bubble: &Bubble,
@@ -260,8 +260,8 @@ impl World<'_> {
         let last = way.waypoints.len() - 1;
         let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
         *reach = (AHEAD * gap).clamp(NARROW, REACH);
-        // First test whole segments, then a part of the next one: a bubble is convex, so the segment to a point inside
-        // it lies inside.
+        // First test whole segments, then a part of the next one. Bubbles are convex, so the straight line from the
+        // centre to a point inside is inside, too.
         let from = t as usize;
         let mut k = from;
         let mut stride = 1;
@@ -276,7 +276,7 @@ impl World<'_> {
                 break;
             }
         }
-        // Joints that reverse are closer than the distance that they have covered.
+        // The states are tested, too, because joints that have reversed are closer than their path length.
         while k < last && self.holds(bubble, segment, (&way.waypoints[k + 1], way.travel_at(k + 1)), way.off.get(k)) {
             k += 1;
         }
@@ -285,8 +285,8 @@ impl World<'_> {
             let steps = self.segment(way, k);
             let mut times = bubble.times(&self.table(segment).carried, &steps);
             if let Some(off) = way.off.get(k) {
-                // The used share of a gap grows linearly with the step, and is reduced by the share used by deviations
-                // from the segment.
+                // The used fraction of a gap grows linearly with the step; deviations from the segment leave less of
+                // the gap for the step.
                 let mut aside = vec![0.0; steps.len()];
                 self.add_off(Some(off), &mut aside);
                 times = (times * (1.0 - 1.0 / bubble.times(&self.table(segment).carried, &aside))).max(0.0);
@@ -306,8 +306,8 @@ impl World<'_> {
             }
             next = low;
         }
-        // Close to a body, continue by the minimum step, at most to the next waypoint, so that nothing moves further
-        // between two checks.
+        // Close to a body, continue by the minimum step, at most to the next waypoint, so that the movement between two
+        // checks is bounded.
         let steps = self.segment(way, (next as usize).min(last.saturating_sub(1)));
         let fastest = bubble.fastest(&steps);
         self.steps = steps;

@@ -8,12 +8,12 @@ use crate::config::Motion;
 use crate::motion::HandPath;
 use crate::{KeypointProblem, ObjectJoint, ObjectJointKind};
 
-/// A contact point closer than this (m) to a joint's axis does not rotate it.
+/// A contact point closer than this (m) to the axis of a revolute joint does not rotate the joint.
 const ON_AXIS: f64 = 1e-3;
 
-/// Returns the travel (rad or m) of the object's joint in each path after the actuation, if known. Motions that follow
-/// or trace the joint define it, `options.joint_travel` defines it for all motions, and a hand that picks or releases a
-/// body, or has released the object, does not move the joint.
+/// Returns the travel (rad or m) of the object's joint along each path after the actuation, if known. Motions that
+/// follow or trace the joint define it, `options.joint_travel` defines it for all motions, and a hand that picks or
+/// releases a body, or has released the object, does not move the joint.
 pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
     let mut value = problem.joint.map_or(0.0, |j| j.value);
     let motions = problem.config.post.iter().enumerate();
@@ -37,8 +37,8 @@ pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
         .collect()
 }
 
-/// Returns the travel of the object's joint at positions `done` (in 0..1, increasing, closely spaced) of post-actuation
-/// path `post`; `from` is the travel at the first of them.
+/// Returns the travel of the object's joint along post-actuation path `post`, at the path fractions `done` (0..1,
+/// increasing, closely spaced); `from` is the travel at the first of them.
 ///
 /// If the travel is not defined, the joint moves as far as the contact point moves along or around the joint's axis,
 /// within the joint's range.
@@ -76,16 +76,16 @@ pub(crate) fn travel_over(problem: &KeypointProblem, post: usize, path: &HandPat
     travel_along(problem, post, path, from, &even(&part, PLACES)).pop().unwrap_or(from)
 }
 
-/// Number of positions at which a path is evaluated to estimate the travel.
+/// Number of positions on a path from which the travel is estimated.
 const PLACES: usize = 64;
 
-/// Returns `count` evenly spaced positions over a part of a path.
+/// Returns `count` evenly spaced path fractions over a part of a path.
 pub(crate) fn even(part: &Range<f64>, count: usize) -> Vec<f64> {
     let steps = count.saturating_sub(1).max(1) as f64;
     (0..count).map(|k| part.start + (part.end - part.start) * k as f64 / steps).collect()
 }
 
-/// Returns the joint's travel for a small displacement of the contact point.
+/// Returns the travel of the joint caused by a small displacement of the contact point.
 fn carried(joint: &ObjectJoint, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
     match joint.kind {
         ObjectJointKind::Prismatic => (to - from).dot(&joint.axis),

@@ -3,13 +3,13 @@
 use super::{State, World};
 use crate::model::Row;
 
-/// Waypoints, joined by straight lines in joint values, and the travel of the object's joint at each waypoint; empty if
-/// the joint does not move.
+/// Waypoints joined by straight lines in joint space, and the travel of the object's joint at each waypoint (empty if
+/// this joint does not move).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Way<'w> {
     pub waypoints: &'w [Row],
     pub travel: &'w [f64],
-    /// Deviation (rad or m) of each joint from the straight segment after each waypoint; empty for none.
+    /// Permitted deviation (rad or m) of each joint from the straight segment after each waypoint; empty for none.
     pub off: &'w [Row],
 }
 
@@ -33,7 +33,7 @@ impl<'w> Way<'w> {
         Self { waypoints: &self.waypoints[..=last], ..*self }
     }
 
-    /// Returns joint values and travel at position `t` (waypoints).
+    /// Returns joint values and travel at position `t`, a fractional index of the waypoints.
     pub(super) fn at(&self, t: f64) -> (Row, f64) {
         let last = self.waypoints.len() - 1;
         let k = (t as usize).min(last.saturating_sub(1));
@@ -48,12 +48,12 @@ impl<'w> Way<'w> {
     }
 }
 
-/// Path length of each joint (rad or m), the object's joint last; an upper bound of the distance between positions.
+/// Path length covered by each joint (rad or m), the object's joint last. It bounds the distance of positions.
 pub(super) struct Gone {
     pub joints: usize,
-    /// Cumulative lengths at each waypoint, one row each.
+    /// Path lengths up to each waypoint, one row for each waypoint.
     pub sums: Vec<f64>,
-    /// Maximum deviation of each joint from any segment.
+    /// Maximum deviation of each joint from the straight segments.
     pub off: Vec<f64>,
 }
 
@@ -78,7 +78,7 @@ impl World<'_> {
         out
     }
 
-    /// Adds the joints' deviation from a segment to their movement along it.
+    /// Adds each joint's deviation from a segment to its movement along the segment.
     pub(super) fn add_off(&self, off: Option<&Row>, steps: &mut [f64]) {
         let Some(off) = off else { return };
         for (step, joint) in steps.iter_mut().zip(self.movers.iter()) {
@@ -86,7 +86,7 @@ impl World<'_> {
         }
     }
 
-    /// Returns the absolute movement of each joint over the segment after waypoint `k`.
+    /// Returns how far each joint moves along the segment after waypoint `k` (not negative).
     pub(super) fn segment(&mut self, way: &Way<'_>, k: usize) -> Vec<f64> {
         let (a, b) = (way.state(k), way.state(k + 1));
         self.steps((a.x, a.travel), (b.x, b.travel))
