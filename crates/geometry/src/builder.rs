@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, RobotError, mimic};
 
-/// Builds a [`Robot`] from links, with the base first and parents before their children; [`RobotBuilder::build`]
+/// Builds a [`Robot`] from links: the base comes first, and every parent before its children. [`RobotBuilder::build`]
 /// validates the result.
 #[derive(Debug, Clone)]
 #[must_use]
@@ -48,7 +48,7 @@ impl Joint {
 
 impl JointBuilder {
     fn new(name: String, kind: JointKind, axis: Vector3<f64>) -> Self {
-        // Keep a zero vector, so that `build` refuses it.
+        // Keep a zero vector so that `build` returns an error for it.
         let axis = axis.try_normalize(0.0).unwrap_or(axis);
         let (lower, upper, open) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
         let [velocity, effort, acceleration, jerk] = [open; 4];
@@ -80,7 +80,7 @@ impl JointBuilder {
         self
     }
 
-    /// Makes the joint follow another: `value = multiplier * source + offset`.
+    /// Makes the joint follow another joint: `value = multiplier * source + offset`.
     pub fn follows(mut self, source: impl Into<String>, multiplier: f64, offset: f64) -> Self {
         self.follows = Some((source.into(), multiplier, offset));
         self
@@ -93,7 +93,7 @@ impl Link {
         LinkBuilder::new(name.into(), None)
     }
 
-    /// Returns a link attached to a parent, fixed until a joint is set.
+    /// Returns a link attached to a parent link. The connection is fixed until a joint is set.
     pub fn below(parent: impl Into<String>, name: impl Into<String>) -> LinkBuilder {
         LinkBuilder::new(name.into(), Some(parent.into()))
     }
@@ -104,7 +104,7 @@ impl LinkBuilder {
         Self { name, parent, origin: Pose::identity(), joint: None, shapes: Vec::new(), inertia: None }
     }
 
-    /// Sets the joint frame in the parent link.
+    /// Sets the pose of the joint frame in the parent link.
     pub fn at(mut self, origin: Pose) -> Self {
         self.origin = origin;
         self
@@ -116,7 +116,7 @@ impl LinkBuilder {
         self
     }
 
-    /// Adds a collision shape, in the link frame.
+    /// Adds a collision shape, given in the link frame.
     pub fn shape(mut self, shape: Convex) -> Self {
         self.shapes.push(shape);
         self

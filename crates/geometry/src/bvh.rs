@@ -1,38 +1,38 @@
-//! Axis-aligned boxes and a static bounding volume hierarchy over them, for the broad phase.
+//! Axis-aligned boxes and a static bounding volume hierarchy over the boxes, for the broad phase of collision checks.
 
 use nalgebra::{Point3, Vector3};
 
 /// Axis-aligned box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aabb {
-    /// Lower corner.
+    /// Corner with the smallest coordinates.
     pub min: Point3<f64>,
-    /// Upper corner.
+    /// Corner with the largest coordinates.
     pub max: Point3<f64>,
 }
 
 impl Aabb {
-    /// The empty box.
+    /// The empty box, which contains no point.
     pub const EMPTY: Self = Self {
         min: Point3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
         max: Point3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
     };
 
-    /// Returns the smallest box around points, grown by `radius`.
+    /// Returns the smallest box around points, enlarged by `radius` on every side.
     #[must_use]
     pub fn around(points: &[Point3<f64>], radius: f64) -> Self {
         let tight = points.iter().fold(Self::EMPTY, |b, p| Self { min: b.min.inf(p), max: b.max.sup(p) });
         tight.grown(radius)
     }
 
-    /// Returns the box of a sphere.
+    /// Returns the smallest box around a sphere.
     #[must_use]
     pub fn of_ball(center: &Point3<f64>, radius: f64) -> Self {
         let r = Vector3::repeat(radius);
         Self { min: center - r, max: center + r }
     }
 
-    /// Returns the box grown by `by` on every side.
+    /// Returns the box enlarged by `by` on every side.
     #[must_use]
     pub fn grown(&self, by: f64) -> Self {
         let r = Vector3::repeat(by);
@@ -82,12 +82,12 @@ impl Aabb {
                 exit = exit.min(a.max(b));
             }
         }
-        // The tolerance keeps a line that lies in a face of the box from missing it by rounding.
+        // Without the tolerance, rounding could make a line that lies in a face of the box miss the box.
         enter <= exit + 1e-9
     }
 }
 
-/// Maximum number of boxes in a leaf; testing so few is cheaper than another level.
+/// Maximum number of boxes in a leaf: testing a few boxes is cheaper than another level of the tree.
 const LEAF: usize = 4;
 
 #[derive(Debug, Clone)]
@@ -99,7 +99,7 @@ struct Node {
     end: u32,
 }
 
-/// A static tree over boxes, built once.
+/// A static tree over axis-aligned boxes, built once.
 #[derive(Debug, Clone, Default)]
 pub struct Bvh {
     nodes: Vec<Node>,
@@ -107,7 +107,7 @@ pub struct Bvh {
 }
 
 impl Bvh {
-    /// Builds the tree by median splits of the longest side of the centres' box.
+    /// Builds the tree. Each node is split at the median along the longest side of the box around the centres.
     #[must_use]
     pub fn new(boxes: &[Aabb]) -> Self {
         let mut tree = Self { nodes: Vec::new(), order: (0..boxes.len() as u32).collect() };

@@ -7,7 +7,7 @@ use crate::checked::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::{Joint, JointCountError, JointKind, Link, Pose, RobotError};
 
-/// A moving joint of a chain. Its origin includes the transforms of the fixed joints before it.
+/// A moving joint of a chain. Its origin includes the transforms of the fixed joints just before it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct ChainJoint {
     joint: usize,
@@ -47,7 +47,7 @@ impl Default for ChainFrames {
 checked_when_read!(Chain);
 
 impl Chain {
-    /// Validates a deserialized chain: its joints must exist in joint vectors.
+    /// Validates a deserialized chain: the index of each joint must be within joint vectors.
     fn check(&self) -> Result<(), RobotError> {
         match self.joints.iter().find(|j| j.joint >= self.entries) {
             Some(j) => Err(RobotError::new("chain", format!("names joint {} of {}", j.joint, self.entries))),
@@ -90,7 +90,7 @@ impl Chain {
         self.joints.iter().map(|j| j.joint)
     }
 
-    /// Type of chain joint `i`; `None` if the chain is shorter.
+    /// Motion type of chain joint `i`; `None` if the chain has fewer joints.
     #[must_use]
     pub fn kind(&self, i: usize) -> Option<JointKind> {
         self.joints.get(i).map(|j| j.kind)
@@ -124,8 +124,8 @@ impl Chain {
         Ok(())
     }
 
-    /// Linear Jacobian column of joint `i` of the chain: velocity of a point fixed to the chain's link at unit speed
-    /// of the joint. `None` if the chain or `frames` has no joint `i`.
+    /// Column of the linear Jacobian for joint `i` of the chain: the velocity of a point fixed to the chain's link
+    /// while this joint moves at unit speed. `None` if the chain or `frames` has no joint `i`.
     #[must_use]
     pub fn linear(&self, frames: &ChainFrames, i: usize, point: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (axis, origin) = (frames.axes.get(i)?, frames.origins.get(i)?);
@@ -135,7 +135,7 @@ impl Chain {
         })
     }
 
-    /// Angular velocity of the chain's link per unit of chain joint `i`; `None` as for [`Chain::linear`].
+    /// Angular velocity of the chain's link while chain joint `i` moves at unit speed; `None` as for [`Chain::linear`].
     #[must_use]
     pub fn angular(&self, frames: &ChainFrames, i: usize) -> Option<Vector3<f64>> {
         let axis = frames.axes.get(i)?;

@@ -1,27 +1,27 @@
-//! Distances between moving and fixed bodies, and among moving bodies.
+//! Distances between moving and fixed bodies, and between moving bodies.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::distance::{Depth, measured};
 use crate::{Aabb, Contact, Convex, Corners, Obstacles, Pose, Robot};
 
-/// A body or group near another group.
+/// A fixed body or another group near a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
-    /// Fixed body, by index.
+    /// Index of a fixed body.
     Body(usize),
-    /// Other group, by index.
+    /// Index of another group.
     Group(usize),
 }
 
-/// A group and a nearby body or group.
+/// A group and the body or group near it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Proximity {
     /// The group.
     pub group: usize,
     /// The nearby body or group.
     pub target: Target,
-    /// Closest or deepest points, base frame; the normal points from the group to the target.
+    /// Closest or deepest points, base frame. The normal points from the group to the target.
     pub contact: Contact,
 }
 
@@ -30,30 +30,30 @@ struct Piece<'a> {
     shape: &'a Convex,
 }
 
-/// Groups of convex pieces that move rigidly: links of a robot, attached bodies, parts of objects.
+/// Groups of convex pieces. Each group moves rigidly: a link of a robot, an attached body, or a part of an object.
 pub struct MovingShapes<'a> {
     pieces: Vec<Piece<'a>>,
-    /// Range of pieces of each group.
+    /// Index range of the pieces of each group.
     ranges: Vec<(usize, usize)>,
 }
 
-/// Buffers of collision queries, reused to avoid allocations.
+/// Buffers of collision queries, reused to avoid memory allocation.
 #[derive(Default)]
 pub struct Scratch {
     poses: Vec<Pose>,
-    /// Boxes of pieces and of whole groups.
+    /// Boxes around each piece and around each group.
     boxes: Vec<Aabb>,
     group_boxes: Vec<Aabb>,
     corners: Vec<Corners>,
     placed: Vec<bool>,
     best: Vec<f64>,
     nearest: Vec<Option<Contact>>,
-    /// Last directions from pieces to nearby shapes, as initial guesses; empty if they are not remembered.
+    /// Last direction from each piece to a nearby shape, used as initial guess; empty if directions are not remembered.
     hints: Vec<Vector3<f64>>,
     early_exit: bool,
 }
 
-/// Size of the table of remembered directions. Pairs may share an entry: any direction is a valid guess.
+/// Number of remembered directions. Several pairs may share an entry, because any direction is a valid guess.
 const HINTS: usize = 4096;
 
 impl Scratch {
@@ -64,24 +64,24 @@ impl Scratch {
         Self { hints: vec![Vector3::zeros(); HINTS], ..Self::default() }
     }
 
-    /// Sets whether queries may report any shapes within reach instead of the closest ones, for callers that only need
-    /// to know whether such shapes exist.
+    /// Sets whether queries may return any shapes within reach instead of the closest ones. This is faster for callers
+    /// that only need to know whether such shapes exist.
     pub fn set_early_exit(&mut self, early_exit: bool) {
         self.early_exit = early_exit;
     }
 
-    /// Accuracy of penetration depths.
+    /// Required accuracy of penetration depths.
     fn depth(&self) -> Depth {
         if self.early_exit { Depth::AtLeast } else { Depth::Measured }
     }
 
-    /// Poses of the groups as last placed.
+    /// Poses of the groups given by the last call of `place`.
     #[must_use]
     pub fn poses(&self) -> &[Pose] {
         &self.poses
     }
 
-    /// Last direction from a piece to another shape, or a guess.
+    /// Returns the last direction from a piece to another shape, or a guess if none is remembered.
     fn toward(&self, piece: usize, other: usize, guess: impl FnOnce() -> Vector3<f64>) -> Vector3<f64> {
         match self.hints.get(slot(piece, other)) {
             Some(hint) if *hint != Vector3::zeros() => *hint,
@@ -101,7 +101,7 @@ fn slot(piece: usize, other: usize) -> usize {
 }
 
 impl<'a> MovingShapes<'a> {
-    /// Creates groups from shapes, each in its group's frame. Groups without shapes keep their index.
+    /// Creates groups from their shapes, given in the group's frame. Groups without shapes keep their index.
     #[must_use]
     pub fn new(groups: impl IntoIterator<Item = &'a [Convex]>) -> Self {
         let mut out = Self { pieces: Vec::new(), ranges: Vec::new() };
@@ -182,7 +182,8 @@ impl<'a> MovingShapes<'a> {
         scratch.corners.resize_with(self.pieces.len(), Corners::default);
     }
 
-    /// Pieces of a group as placed; empty if the group was not placed, or if `scratch` holds other shapes.
+    /// Index range of the placed pieces of a group; empty if it was not placed, or if `scratch` belongs to other
+    /// shapes.
     fn placed(&self, group: usize, scratch: &Scratch) -> std::ops::Range<usize> {
         let same = scratch.boxes.len() == self.pieces.len() && scratch.group_boxes.len() == self.ranges.len();
         match self.ranges.get(group) {
@@ -309,7 +310,7 @@ impl<'a> MovingShapes<'a> {
         true
     }
 
-    /// Closest shapes of two groups, if they are within `limit`.
+    /// Returns the closest shapes of two groups, if their distance is at most `limit`.
     fn nearest_of(&self, a: usize, b: usize, scratch: &mut Scratch, coarse: f64, mut limit: f64) -> Option<Contact> {
         if limit == f64::NEG_INFINITY {
             return None;
@@ -346,7 +347,7 @@ impl<'a> MovingShapes<'a> {
                 }
                 self.ensure(i, scratch);
                 self.ensure(j, scratch);
-                // In the table of hints, entries of bodies start at the beginning, those of pieces at the end.
+                // In the table of directions, entries of bodies start at the beginning, entries of pieces at the end.
                 let other = HINTS - 1 - j % HINTS;
                 let mut toward = scratch.toward(i, other, || {
                     nalgebra::center(&theirs.min, &theirs.max) - nalgebra::center(&mine.min, &mine.max)
@@ -374,7 +375,7 @@ impl<'a> MovingShapes<'a> {
     }
 }
 
-/// Returns a lower bound of the distance of two shapes from their boxes.
+/// Returns a lower bound of the distance between two shapes, computed from the boxes around them.
 fn between_boxes(a: &Aabb, b: &Aabb, apart: f64) -> Contact {
     let (on_first, on_second) = (nalgebra::center(&a.min, &a.max), nalgebra::center(&b.min, &b.max));
     let normal = (on_second - on_first).try_normalize(0.0).unwrap_or_else(Vector3::x);

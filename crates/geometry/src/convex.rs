@@ -10,11 +10,11 @@ use crate::checked::checked_when_read;
 use crate::pose::rotated;
 use crate::{Aabb, Corners, Pose, ShapeError};
 
-/// Number of sides of the prism that approximates a cylinder. The prism is circumscribed: up to 0.5 % wider at its
-/// corners, never narrower.
+/// Number of sides of the prism that approximates a cylinder. The prism is circumscribed: at its corners it is up to
+/// 0.5 % wider than the cylinder, and never narrower.
 const CYLINDER_SIDES: usize = 32;
 
-/// Convex hull of points, grown by a radius.
+/// Convex hull of points, enlarged by a radius.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Convex {
@@ -28,7 +28,7 @@ pub struct Convex {
 checked_when_read!(Convex);
 
 impl Convex {
-    /// Creates the hull of points (m), grown by `radius` (m, at least 0).
+    /// Creates the hull of points (m), enlarged by `radius` (m, at least 0).
     ///
     /// # Errors
     /// There are no points, or a number is not finite.
@@ -49,7 +49,7 @@ impl Convex {
         Ok(hull)
     }
 
-    /// Creates the hull of these vertices, with their bounding box and bounding sphere.
+    /// Creates the hull from its vertices, with its bounding box and bounding sphere.
     fn measured(points: Vec<Point3<f64>>, radius: f64) -> Self {
         let Aabb { min, max } = Aabb::around(&points, 0.0);
         let center = nalgebra::center(&min, &max);
@@ -75,7 +75,7 @@ impl Convex {
         Self::rounded_hull(points, 0.0)
     }
 
-    /// Creates a box with half extents (m) at a pose.
+    /// Creates a box with half extents (m) along the axes of a pose.
     ///
     /// # Errors
     /// A half extent is not positive and finite.
@@ -88,7 +88,7 @@ impl Convex {
         Self::hull(&(0..8).map(corner).collect::<Vec<_>>())
     }
 
-    /// Creates a sphere.
+    /// Creates a sphere of a radius (m) around `center`.
     ///
     /// # Errors
     /// The radius is not positive and finite.
@@ -97,7 +97,7 @@ impl Convex {
         Self::rounded_hull(&[center], radius)
     }
 
-    /// Creates a capsule along z of the pose; `length` is the distance between the centres of its caps.
+    /// Creates a capsule along the z axis of the pose; `length` (m) is the distance between the centres of its caps.
     ///
     /// # Errors
     /// Radius or length is not positive and finite.
@@ -107,7 +107,7 @@ impl Convex {
         Self::rounded_hull(&[end(-length / 2.0), end(length / 2.0)], radius)
     }
 
-    /// Creates a cylinder along z of the pose, approximated by a circumscribed prism.
+    /// Creates a cylinder along the z axis of the pose, approximated by a circumscribed prism.
     ///
     /// # Errors
     /// Radius or length is not positive and finite.
@@ -149,7 +149,7 @@ impl Convex {
         self.bound
     }
 
-    /// Returns the box around the shape at a pose: the box around its posed bounding box, which is fast but not tight.
+    /// Returns a box around the shape at a pose. It encloses the posed bounding box, which is fast but not tight.
     #[must_use]
     pub fn aabb_at(&self, pose: &Pose) -> Aabb {
         let r = pose.rotation.matrix();
@@ -177,7 +177,7 @@ fn positive(field: &str, values: &[f64]) -> Result<(), ShapeError> {
     }
 }
 
-/// Drops points inside the hull. Coplanar sets keep all points, since a support function needs no volume.
+/// Drops points inside the hull. Coplanar points are all kept, since a support function needs no volume.
 fn extreme_points(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     let mut unique: Vec<Point3<f64>> = points.to_vec();
     unique.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));

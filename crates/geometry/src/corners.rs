@@ -1,4 +1,4 @@
-//! Vertices of a hull in a layout for fast searches.
+//! Vertices of a hull in a memory layout for fast searches.
 
 use nalgebra::{Point3, Vector3};
 use parry3d_f64::shape::SupportMap;
@@ -11,11 +11,11 @@ pub(crate) const FURTHEST: f64 = 1e100;
 
 /// Number of vertices processed at once.
 const LANES: usize = 4;
-/// Number of blocks below which dispatching to the widest vectors costs more than it saves.
+/// With fewer blocks than this, dispatching to the widest vector instructions costs more than it saves.
 const FEW: usize = 3;
 
-/// Vertices of a hull, stored by coordinate: the search for the furthest one takes most of the time, and this layout
-/// lets the compiler process several at once.
+/// Vertices of a hull, stored by coordinate. Most of the time is spent on the search for the furthest vertex, and this
+/// layout lets the compiler process several vertices at once.
 #[derive(Debug, Clone, Default)]
 pub struct Corners {
     /// Blocks of x, y and z; the last block is padded with copies of its first vertex.
@@ -25,7 +25,7 @@ pub struct Corners {
 }
 
 impl Corners {
-    /// Returns the vertices of points.
+    /// Stores points as the vertices of a hull.
     #[must_use]
     pub fn of(points: &[Point3<f64>]) -> Self {
         let mut corners = Self::default();
@@ -36,7 +36,7 @@ impl Corners {
     /// Replaces the vertices by `points`, transformed by `pose`.
     pub fn place(&mut self, points: &[Point3<f64>], pose: &Pose) {
         self.blocks.clear();
-        // A sum preserves non-finite values without a branch.
+        // The sum is non-finite if any coordinate is, so the loop needs no branch.
         let mut total = [0.0; LANES];
         let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);
         for chunk in points.chunks(LANES) {
@@ -62,7 +62,7 @@ impl Corners {
         self.unbounded = total.iter().any(|t| t.is_nan() || *t > FURTHEST);
     }
 
-    /// Centre of the first block of vertices; a single vertex is its own centre.
+    /// Centre of the first block of vertices. For a single vertex, this is the vertex itself.
     pub(crate) fn middle(&self) -> Point3<f64> {
         self.blocks.first().map_or_else(Point3::origin, |[x, y, z]| Point3::new(x[0], y[0], z[0]))
     }

@@ -1,5 +1,5 @@
-//! Content of a URDF as written: links, joints and shapes, with every number validated. Only URDF's own defaults are
-//! filled in: a zero origin, the axis (1, 0, 0), a scale of 1, a mimic multiplier of 1.
+//! Content of a URDF as written in the file: links, joints and shapes, with every number validated. Only URDF's own
+//! defaults are added: a zero origin, the axis (1, 0, 0), a scale of 1, a mimic multiplier of 1.
 
 use std::collections::{HashMap, HashSet};
 
@@ -51,15 +51,15 @@ pub struct LinkDescription {
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct ShapeDescription {
-    /// Description of the element for error messages.
+    /// Description of this visual or collision element for error messages.
     pub field: String,
     /// Name of the element.
     pub name: Option<String>,
-    /// Frame of the element in the link.
+    /// Pose of the element in the link frame.
     pub origin: Origin,
-    /// The shape.
+    /// Shape of the element.
     pub geometry: Geometry,
-    /// Name of its material.
+    /// Name of the element's material.
     pub material: Option<String>,
     /// Colour of the material, if it is defined with the element.
     pub rgba: Option<[f64; 4]>,
@@ -82,9 +82,9 @@ pub enum Geometry {
     Mesh {
         /// Mesh file as written in the URDF.
         filename: String,
-        /// Candidate paths relative to the URDF's folder, the likeliest first.
+        /// Candidate paths of the mesh file relative to the URDF's folder, the likeliest first.
         paths: Vec<String>,
-        /// Scale factors of the coordinates.
+        /// Scale factors of the mesh's x, y and z coordinates.
         scale: [f64; 3],
     },
 }
@@ -105,11 +105,11 @@ pub struct Origin {
 #[derive(Debug, Clone, Copy, Serialize)]
 #[non_exhaustive]
 pub struct InertialDescription {
-    /// Frame of the centre of mass in the link.
+    /// Pose of the inertial frame, whose origin is the centre of mass, in the link frame.
     pub origin: Origin,
     /// Mass (kg), not negative.
     pub mass: f64,
-    /// ixx, ixy, ixz, iyy, iyz, izz (kg m^2).
+    /// Inertia tensor about the centre of mass: ixx, ixy, ixz, iyy, iyz, izz (kg m^2).
     pub inertia: [f64; 6],
 }
 
@@ -119,23 +119,23 @@ pub struct InertialDescription {
 pub struct JointDescription {
     /// Name of the joint.
     pub name: String,
-    /// Type, such as `revolute`; empty if missing.
+    /// Type of the joint, such as `revolute`; empty if the file gives none.
     pub kind: String,
     /// Name of the parent link.
     pub parent: String,
     /// Name of the child link.
     pub child: String,
-    /// Joint frame in the parent link.
+    /// Pose of the joint frame in the parent link.
     pub origin: Origin,
     /// Direction of the axis in the joint frame, of any length.
     pub axis: [f64; 3],
     /// Limits, if given.
     pub limit: Option<LimitDescription>,
-    /// Joint that this joint follows, if any.
+    /// Mimic element, if this joint follows another joint.
     pub mimic: Option<MimicDescription>,
 }
 
-/// Limits of a joint, `None` if missing. Any of them may be infinite.
+/// Limits of a joint. A limit is `None` if the file gives none, and may be infinite.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 #[non_exhaustive]
 pub struct LimitDescription {
@@ -161,9 +161,9 @@ pub struct LimitDescription {
 pub struct MimicDescription {
     /// Name of the followed joint.
     pub joint: String,
-    /// Factor of the followed value.
+    /// Factor applied to the value of the followed joint.
     pub multiplier: f64,
-    /// Offset added to the value (rad or m).
+    /// Offset added after the multiplication (rad or m).
     pub offset: f64,
 }
 
@@ -290,8 +290,8 @@ fn geometry(shape: &Element<'_>) -> Result<Geometry, UrdfError> {
     })
 }
 
-/// Candidate paths of a mesh relative to the URDF's folder: as written; a URI without its scheme and package; with URI
-/// escapes decoded; with backslashes as slashes.
+/// Returns candidate paths of a mesh relative to the URDF's folder: as written; a URI without its scheme and package;
+/// with URI escapes decoded; with slashes in place of backslashes.
 fn mesh_paths(filename: &str) -> Vec<String> {
     let (scheme, inside) = filename.split_once("://").map_or(("", filename), |(s, rest)| (s, rest));
     let mut out = match scheme.to_ascii_lowercase().as_str() {
@@ -441,7 +441,7 @@ fn limit(element: &Element<'_>) -> Result<LimitDescription, UrdfError> {
 }
 
 impl Origin {
-    /// The transform as a pose.
+    /// Returns the transform as a pose.
     #[must_use]
     pub fn pose(&self) -> Pose {
         let Some([x, y, z, w]) = self.quat_xyzw else { return pose_from_xyz_rpy(self.xyz, self.rpy) };

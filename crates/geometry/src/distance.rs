@@ -7,7 +7,7 @@ use parry3d_f64::query::gjk::{self, CSOPoint, GJKResult, VoronoiSimplex};
 use crate::Corners;
 use crate::corners::FURTHEST;
 
-/// The closest or deepest points of two shapes.
+/// The closest points of two shapes, or the deepest points of their overlap.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// Signed distance (m), negative if the shapes overlap.
@@ -42,7 +42,7 @@ pub fn signed_distance(
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Depth {
     Measured,
-    /// A lower bound: any depth between the requested and the true one.
+    /// A lower bound suffices: any depth between the requested depth and the true depth.
     AtLeast,
 }
 
@@ -62,7 +62,7 @@ pub(crate) fn measured(
     let reach = reach.min(FURTHEST);
     let same = Isometry3::identity();
     let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
-    // The extreme points along any direction bound the distance from below, or the depth from above.
+    // The extreme points along a direction give a lower bound of the distance or an upper bound of the depth.
     let extreme = CSOPoint::from_shapes(&same, a, b, &direction);
     if -extreme.point.coords.dot(&direction) > reach + rounding {
         return None;
@@ -73,7 +73,7 @@ pub(crate) fn measured(
     simplex.reset(extreme);
     let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
         GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
-        // GJK also returns this when it runs out of iterations; only a separating direction proves a distance.
+        // GJK also returns this value when it runs out of iterations. Only a separating direction proves a distance.
         GJKResult::NoIntersection(n) if apart_along(a, b, &n) > reach + rounding => {
             *toward = n.into_inner();
             None
@@ -98,7 +98,7 @@ pub(crate) fn measured(
     })
 }
 
-/// Contact of shapes that cannot be measured.
+/// Contact returned for shapes that cannot be measured.
 const UNMEASURABLE: Contact = Contact {
     distance: f64::NEG_INFINITY,
     on_first: Point3::new(0.0, 0.0, 0.0),
@@ -109,14 +109,14 @@ const UNMEASURABLE: Contact = Contact {
 /// Result of a test whether two shapes keep a distance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Reach {
-    /// The shapes are proven to be at least that far apart.
+    /// The shapes are proven to be at least the requested distance apart.
     Beyond,
-    /// The shapes are closer, or cannot be measured.
+    /// The shapes are closer than the requested distance, or cannot be measured.
     Within,
 }
 
-/// Returns whether two rounded hulls in a common frame are at least `apart` (m) from each other, which is cheaper than
-/// their distance. `toward` is a guess of the direction from the first to the second.
+/// Tests whether two rounded hulls in a common frame are at least `apart` (m) from each other, which is cheaper than
+/// measuring their distance. `toward` is a guess of the direction from the first to the second.
 pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), toward: &Vector3<f64>, apart: f64) -> Reach {
     let (a, b) = (first.0, second.0);
     let limit = apart + first.1 + second.1;
@@ -147,14 +147,14 @@ pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), towar
 /// Directions that rarely align with faces or edges of man-made objects.
 const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
 
-/// Returns the separation of two hulls along a unit direction from the first to the second, a lower bound of their
-/// distance.
+/// Returns the separation of two hulls along a unit direction from the first to the second. It is a lower bound of
+/// their distance.
 fn apart_along(a: &Corners, b: &Corners, direction: &Vector3<f64>) -> f64 {
     (b.furthest(&-direction) - a.furthest(direction)).dot(direction)
 }
 
-/// Returns points, normal and signed distance of two hulls for which the search failed: it restarts from other
-/// directions, and if all fail, a proven separation serves as the distance. The result never exceeds the true distance.
+/// Returns points, normal and signed distance of two hulls after a failed search. The search restarts from other
+/// directions; if all of them fail, a proven separation is returned. The result never exceeds the true distance.
 fn undecided(
     a: &Corners,
     b: &Corners,
@@ -194,7 +194,7 @@ fn depth_shown(simplex: &VoronoiSimplex) -> f64 {
         let [a, b, c] = [1, 2, 3].map(|i| corners[(k + i) % 4]);
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0)?;
         let (face, apex) = (normal.dot(&a), normal.dot(&corners[k]));
-        // For a flat tetrahedron the inner side is unknown.
+        // If the tetrahedron is flat, its inner side is unknown.
         Some(if apex < face { face } else { -face }).filter(|_| (apex - face).abs() > 1e-9)
     };
     (0..4).map(|k| outward(k).unwrap_or(0.0)).fold(f64::INFINITY, f64::min).max(0.0)
@@ -202,9 +202,9 @@ fn depth_shown(simplex: &VoronoiSimplex) -> f64 {
 
 /// Returns points, normal and depth (negative) of two overlapping hulls; `simplex` proves the overlap.
 ///
-/// If the simplex is nearly flat, the expansion can end inside the difference with too small a depth. Moving a hull by
-/// the depth along the normal must separate the two. If it does not, the expansion restarts from skewed directions; if
-/// all fail, the shortest separating translation found is used.
+/// If the simplex is nearly flat, the expansion can end inside the Minkowski difference with too small a depth. A
+/// correct depth along the normal separates the hulls when one of them moves by it. If they still overlap, the
+/// expansion restarts from skewed directions. If all of these fail, the shortest separating translation found is used.
 fn deepest(
     a: &Corners,
     b: &Corners,

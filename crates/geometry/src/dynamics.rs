@@ -1,5 +1,5 @@
 //! Masses of links, and inverse dynamics by the recursive Newton-Euler algorithm (Luh, Walker and Paul, 1980) over the
-//! whole tree, in base coordinates.
+//! whole kinematic tree, in base coordinates.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -35,14 +35,14 @@ impl Inertia {
 /// Gravity (m/s^2) in the base frame of an upright robot.
 pub const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
-/// Motion of a link, in base axes.
+/// Motion of a link, expressed in the axes of the base frame.
 #[derive(Debug, Clone, Copy)]
 struct Moving {
     turn: Vector3<f64>,
     turn_rate: Vector3<f64>,
     /// Acceleration of the link frame's origin minus gravity.
     acceleration: Vector3<f64>,
-    /// Vector from the origin of the parent.
+    /// Vector from the origin of the parent link to the origin of this link.
     arm: Vector3<f64>,
     force: Vector3<f64>,
     moment: Vector3<f64>,

@@ -1,4 +1,4 @@
-//! Errors that name the file or value, the field, and the remedy.
+//! Errors that name the file or value, the field in it, and the remedy.
 
 use std::fmt;
 
@@ -6,11 +6,11 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct UrdfError {
-    /// File, as the caller named it.
+    /// Path of the file as the caller gave it.
     pub file: String,
-    /// Element or attribute, e.g. `joint panda_joint1: limit`.
+    /// Element or attribute at fault, e.g. `joint panda_joint1: limit`.
     pub field: String,
-    /// Fault and remedy.
+    /// Description of the fault and its remedy.
     pub message: String,
 }
 
@@ -32,9 +32,9 @@ impl std::error::Error for UrdfError {}
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RobotError {
-    /// Link, joint or part, e.g. `joint elbow: limit`.
+    /// Link, joint or part at fault, e.g. `joint elbow: limit`.
     pub field: String,
-    /// Fault and remedy.
+    /// Description of the fault and its remedy.
     pub message: String,
 }
 
@@ -56,9 +56,9 @@ impl std::error::Error for RobotError {}
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ShapeError {
-    /// Name of the argument.
+    /// Name of the invalid argument.
     pub field: String,
-    /// Fault and remedy.
+    /// Description of the fault and its remedy.
     pub message: String,
 }
 

@@ -4,9 +4,9 @@ use nalgebra::{Point3, Vector3};
 
 use crate::Convex;
 
-/// Number of directions in which a rounded hull's vertices are extended.
+/// Number of points on the rounding sphere of each vertex that approximate a rounded hull.
 const ROUNDING: usize = 128;
-/// Factor on the radius, chosen so that the polytope lies as far outside the true surface as inside.
+/// Factor on the radius. With it, the polytope extends beyond the true surface as far as it lies inside.
 const OUTWARDS: f64 = 1.01;
 /// Thickness (m) below which a hull has no interior.
 const FLAT: f64 = 1e-7;
@@ -37,15 +37,15 @@ impl Convex {
         out
     }
 
-    /// Like [`Convex::triangles`], for display: a flat set gives its polygon with both sides; collinear points give
-    /// nothing.
+    /// Like [`Convex::triangles`], but for display: a flat set gives its polygon seen from both sides; collinear points
+    /// give nothing.
     #[must_use]
     pub fn surface(&self) -> Vec<[Point3<f64>; 3]> {
         let solid = self.triangles();
         if solid.is_empty() { flat(self.points()) } else { solid }
     }
 
-    /// Returns the vertices, each extended by points of its rounding sphere.
+    /// Returns points on the rounding sphere around each vertex.
     fn grown_corners(&self) -> Vec<Point3<f64>> {
         let golden = std::f64::consts::PI * (1.0 + 5f64.sqrt());
         let directions: Vec<Vector3<f64>> = (0..ROUNDING)
@@ -69,7 +69,7 @@ fn flat(points: &[Point3<f64>]) -> Vec<[Point3<f64>; 3]> {
     let off = |p: &Point3<f64>| (p - a) - along * along.dot(&(p - a));
     let widest = points.iter().map(off).max_by(|v, w| v.norm().total_cmp(&w.norm()));
     let Some(across) = widest.and_then(|w| w.try_normalize(FLAT)) else { return Vec::new() };
-    // Andrew's monotone chain: first the lower side, then the upper one in reverse.
+    // Andrew's monotone chain algorithm: first the lower side of the hull, then the upper side in reverse.
     let mut sorted: Vec<(f64, f64, Point3<f64>)> =
         points.iter().map(|p| (along.dot(&(p - a)), across.dot(&(p - a)), *p)).collect();
     sorted.sort_by(|p, q| p.0.total_cmp(&q.0).then(p.1.total_cmp(&q.1)));

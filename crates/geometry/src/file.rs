@@ -1,12 +1,12 @@
-//! Reads the files that users name: only regular files of bounded size are opened, never pipes, devices or folders.
+//! Reads files named by the user. Only regular files of bounded size are opened, never pipes, devices or folders.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Maximum size of a URDF or SRDF, bytes.
+/// Maximum size of a URDF or SRDF file (bytes).
 pub(crate) const MAX_XML: u64 = 16 << 20;
-/// Maximum size of a mesh, bytes.
+/// Maximum size of a mesh file (bytes).
 pub(crate) const MAX_MESH: u64 = 256 << 20;
 
 /// Returns the content of a file, or the reason why it cannot be read.

@@ -1,15 +1,15 @@
 //! Arithmetic on eight single-precision numbers at a time. The type is a plain array, from which the compiler makes
-//! vectors of the width of the machine on which the work is [dispatched](wide). No fused multiply-add is used, so every
-//! machine gives the same bits.
+//! vector instructions of the width of the [machine](wide). No fused multiply-add is used, so every machine gives the
+//! same bits.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Number of lanes.
+/// Number of lanes, i.e. of numbers processed at once.
 pub const WIDTH: usize = 8;
 
-/// Eight numbers.
+/// Eight single-precision numbers, one in each lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
 pub struct F32x8([f32; WIDTH]);
@@ -64,14 +64,14 @@ impl F32x8 {
         }
     }
 
-    /// Returns the maximum in each lane, or that of `other` if either is NaN.
+    /// Returns the maximum in each lane, or the number of `other` if either number is NaN.
     #[inline(always)]
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         each(|i| if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] })
     }
 
-    /// Returns the minimum in each lane, or that of `other` if either is NaN.
+    /// Returns the minimum in each lane, or the number of `other` if either number is NaN.
     #[inline(always)]
     #[must_use]
     pub fn min(self, other: Self) -> Self {
@@ -85,14 +85,14 @@ impl F32x8 {
         each(|i| self.0[i].abs())
     }
 
-    /// Square root.
+    /// Returns the square roots.
     #[inline(always)]
     #[must_use]
     pub fn sqrt(self) -> Self {
         each(|i| self.0[i].sqrt())
     }
 
-    /// Returns whether every lane is at least the same lane of the other vector; false for NaN.
+    /// Returns whether the number in every lane is at least the number in the same lane of `other`; false for NaN.
     #[inline(always)]
     #[must_use]
     pub fn all_at_least(self, other: Self) -> bool {
@@ -103,15 +103,15 @@ impl F32x8 {
         all
     }
 
-    /// Returns `yes` in the lanes below `limit` and `no` in the others, including NaN.
+    /// Returns `yes` in the lanes where the number is below `limit`, and `no` in all others, including NaN.
     #[inline(always)]
     #[must_use]
     pub fn below(self, limit: Self, yes: Self, no: Self) -> Self {
         each(|i| if self.0[i] < limit.0[i] { yes.0[i] } else { no.0[i] })
     }
 
-    /// Returns the angle in 0..pi with this sine (not negative) and cosine, both scaled by any positive factor: reduced
-    /// to an eighth of a turn, then to a sixteenth, then by Cephes' polynomial.
+    /// Returns the angle in 0..pi whose sine (not negative) and cosine are given, both scaled by any positive factor.
+    /// The angle is reduced to an eighth of a turn, then to a sixteenth, and computed by Cephes' polynomial.
     #[inline(always)]
     #[must_use]
     pub fn angle(sin: Self, cos: Self) -> Self {
@@ -129,13 +129,13 @@ impl F32x8 {
         cos.below(Self::ZERO, Self::splat(PI) - part, part)
     }
 
-    /// Returns sine and cosine from sums and products only: reduced to an eighth of a turn in three steps (Cody and
-    /// Waite), then by Cephes' polynomials.
+    /// Returns sine and cosine, computed from sums and products only. The angle is reduced to an eighth of a turn in
+    /// three steps (Cody and Waite), then Cephes' polynomials follow.
     #[inline(always)]
     #[must_use]
     pub fn sin_cos(self) -> (Self, Self) {
-        // Numbers of this size have no fraction, so the sum rounds, and its last bits are the number of the quarter
-        // turn.
+        // Numbers of this size have no fraction, so adding this one rounds, and the last bits of the sum are the number
+        // of the quarter turn.
         const ROUNDER: f32 = 12_582_912.0;
         let shifted = self * std::f32::consts::FRAC_2_PI + Self::splat(ROUNDER);
         let turns = shifted - Self::splat(ROUNDER);
@@ -144,7 +144,7 @@ impl F32x8 {
         let sin = y + y * z * (Self::splat(-1.666_665_5e-1) + z * (Self::splat(8.332_161e-3) - z * 1.951_529_6e-4));
         let cos = Self::ONE - z * 0.5
             + z * z * (Self::splat(4.166_664_6e-2) + z * (Self::splat(-1.388_731_6e-3) + z * 2.443_315_7e-5));
-        // The quarter turn determines the assignment and the signs, computed without branches.
+        // The number of the quarter turn determines which result is the sine, and the signs. No branch is used.
         let odd = each(|i| (shifted.0[i].to_bits() & 1) as f32);
         let late = Self::ONE - each(|i| ((shifted.0[i].to_bits() >> 1) & 1) as f32) * 2.0;
         let even = Self::ONE - odd;
@@ -201,16 +201,16 @@ impl Neg for F32x8 {
     }
 }
 
-/// Work on lanes. A trait is used instead of a closure because a closure that is not inlined would be compiled for the
-/// oldest supported machine.
+/// Computation on lanes. A trait is used instead of a closure because a closure that is not inlined would be compiled
+/// for the oldest supported machine.
 pub trait Wide {
-    /// Result of the work.
+    /// Result of the computation.
     type Output;
-    /// Runs the work; must always be inlined with everything that it calls.
+    /// Runs the computation. Implementations must be inlined, together with everything that they call.
     fn run(self) -> Self::Output;
 }
 
-/// Runs work compiled for the widest vectors of this machine.
+/// Runs a computation compiled for the widest vector instructions of this machine.
 #[inline(always)]
 pub fn wide<W: Wide>(work: W) -> W::Output {
     struct Dispatched<W>(W);

@@ -1,4 +1,4 @@
-//! Links and joints: the parts of a kinematic tree.
+//! Links and joints, the parts of a kinematic tree.
 
 use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -6,33 +6,33 @@ use serde::{Deserialize, Serialize};
 use crate::checked::checked_when_read;
 use crate::{Convex, Inertia, Pose, RobotError, is_rigid, rotation_about};
 
-/// Tolerance of the unit length of axes.
+/// Tolerance for the length of unit axes.
 const UNIT: f64 = 1e-6;
-/// Maximum distance of a link from its parent (m); beyond it, coordinates lose the precision that planning needs.
+/// Maximum distance of a link from its parent (m). Larger coordinates lose the precision that planning needs.
 pub(crate) const FURTHEST: f64 = 1000.0;
 
 /// Motion type of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum JointKind {
-    /// Rotates about its axis (rad); a continuous joint has no limits.
+    /// The joint rotates about its axis (rad). A continuous joint has no limits.
     Revolute,
-    /// Slides along its axis (m).
+    /// The joint slides along its axis (m).
     Prismatic,
 }
 
-/// A joint that follows another: `value = multiplier * source + offset`. The source is independent, since chains of
-/// mimic joints are composed when a URDF is read.
+/// A mimic joint's relation to another joint: `value = multiplier * source + offset`. The source is independent, since
+/// chains of mimic joints are composed when a URDF is read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mimic {
     /// Index of the source in the joint vector; the source is not a mimic joint.
     pub source: usize,
-    /// Factor of the source's value.
+    /// Factor applied to the source's value.
     pub multiplier: f64,
-    /// Offset added to the value, rad or m.
+    /// Offset added after the multiplication (rad or m).
     pub offset: f64,
 }
 
-/// A moving joint. Its index in [`crate::Robot::joints`] is its index in joint vectors.
+/// A moving joint. Joint vectors use the same index as [`crate::Robot::joints`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Joint {
@@ -55,13 +55,13 @@ pub struct Joint {
 }
 
 impl Joint {
-    /// Name, unique among the robot's joints.
+    /// Name of the joint, unique in the robot.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Motion type.
+    /// Motion type: rotation or translation.
     #[inline]
     #[must_use]
     pub fn kind(&self) -> JointKind {
@@ -89,35 +89,35 @@ impl Joint {
         self.upper
     }
 
-    /// Velocity limit (rad/s or m/s), or infinity.
+    /// Velocity limit (rad/s or m/s); infinity if unknown.
     #[inline]
     #[must_use]
     pub fn velocity(&self) -> f64 {
         self.velocity
     }
 
-    /// Torque limit (N m; N for a sliding joint), or infinity.
+    /// Torque limit (N m; N for a sliding joint); infinity if unknown.
     #[inline]
     #[must_use]
     pub fn effort(&self) -> f64 {
         self.effort
     }
 
-    /// Acceleration limit (rad/s^2 or m/s^2), or infinity.
+    /// Acceleration limit (rad/s^2 or m/s^2); infinity if unknown.
     #[inline]
     #[must_use]
     pub fn acceleration(&self) -> f64 {
         self.acceleration
     }
 
-    /// Jerk limit (rad/s^3 or m/s^3), or infinity.
+    /// Jerk limit (rad/s^3 or m/s^3); infinity if unknown.
     #[inline]
     #[must_use]
     pub fn jerk(&self) -> f64 {
         self.jerk
     }
 
-    /// Joint that this joint follows, if any.
+    /// Relation to the joint that this joint follows, if any.
     #[inline]
     #[must_use]
     pub fn mimic(&self) -> Option<Mimic> {
@@ -151,7 +151,7 @@ impl Joint {
         Ok(())
     }
 
-    /// Transform of the child relative to the joint frame at value `q`.
+    /// Transform of the child link relative to the joint frame at joint value `q`.
     #[must_use]
     pub fn motion(&self, q: f64) -> Pose {
         match self.kind {
@@ -174,27 +174,27 @@ pub struct Link {
 }
 
 impl Link {
-    /// Name, unique among the robot's links.
+    /// Name of the link, unique in the robot.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Parent link; `None` for the base.
+    /// Index of the parent link; `None` for the base.
     #[inline]
     #[must_use]
     pub fn parent(&self) -> Option<usize> {
         self.parent
     }
 
-    /// Joint frame in the parent link.
+    /// Pose of the joint frame in the parent link.
     #[inline]
     #[must_use]
     pub fn origin(&self) -> &Pose {
         &self.origin
     }
 
-    /// Moving joint between the parent and this link; `None` if it is fixed.
+    /// Index of the moving joint between the parent and this link; `None` if the connection is fixed.
     #[inline]
     #[must_use]
     pub fn joint(&self) -> Option<usize> {

@@ -1,4 +1,4 @@
-//! Reads the surface vertices of STL (binary and text), PLY (binary and text) and OBJ files.
+//! Reads the vertices of surfaces from STL (binary and text), PLY (binary and text) and OBJ files.
 
 use std::path::Path;
 
@@ -28,7 +28,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
     Ok(vertices)
 }
 
-/// Returns the vertices that faces use.
+/// Returns only the vertices that belong to a face.
 fn used<'f>(vertices: &[[f64; 3]], faces: impl IntoIterator<Item = &'f [u32; 3]>) -> Vec<Point3<f64>> {
     let mut in_use = vec![false; vertices.len()];
     faces.into_iter().flatten().for_each(|v| in_use[*v as usize] = true);
@@ -50,7 +50,7 @@ pub(crate) fn three_numbers<'w>(words: impl Iterator<Item = &'w str>, line: usiz
 }
 
 fn stl(bytes: &[u8]) -> Result<Vec<Point3<f64>>, String> {
-    // Binary headers may also begin with "solid", so only the exact length of a binary file decides.
+    // Binary files may also begin with "solid", so only the exact length of the file shows that it is binary.
     let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
     match count {
         Some(n) if n.checked_mul(50).and_then(|b| b.checked_add(84)) == Some(bytes.len()) => Ok(binary_stl(bytes, n)),

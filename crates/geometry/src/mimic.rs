@@ -1,9 +1,9 @@
-//! Mimic joints. In a URDF, a joint may follow another mimic joint; here every chain is composed, so that all joint
-//! values are one affine function of the independent joints.
+//! Mimic joints. In a URDF, a joint may follow another mimic joint. This module composes such chains, so that every
+//! mimic joint is an affine function of an independent joint.
 
 use crate::{Joint, Mimic, RobotError};
 
-/// Replaces the mimic of each joint by a composed mimic, whose source is independent.
+/// Replaces the source of each mimic joint by the independent joint at the end of its chain.
 pub(crate) fn compose(joints: &mut [Joint]) -> Result<(), RobotError> {
     let composed: Vec<Option<Mimic>> = (0..joints.len()).map(|j| root(joints, j)).collect::<Result<_, _>>()?;
     for (joint, mimic) in joints.iter_mut().zip(composed) {
@@ -75,7 +75,7 @@ mod tests {
         let error = arm(circle).unwrap_err();
         assert!(error.field.ends_with("mimic") && error.message.contains("cycle"), "{error}");
         assert!(arm([r#"<mimic joint="j0"/>"#, "", ""]).is_err());
-        // A joint that follows a member of the cycle without being part of it.
+        // The first joint follows a member of the cycle without being part of the cycle.
         assert!(arm([r#"<mimic joint="j1"/>"#, r#"<mimic joint="j2"/>"#, r#"<mimic joint="j1"/>"#]).is_err());
     }
 }

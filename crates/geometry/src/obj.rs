@@ -1,4 +1,4 @@
-//! Wavefront OBJ: vertices, and triangles by material.
+//! Reads Wavefront OBJ files: vertices, and the triangles of each material.
 
 use crate::mesh::{lines, three_numbers};
 

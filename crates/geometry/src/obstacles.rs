@@ -1,4 +1,4 @@
-//! Fixed bodies in a broad phase.
+//! Fixed bodies, stored in a bounding volume hierarchy.
 
 use nalgebra::Point3;
 
@@ -12,7 +12,7 @@ pub(crate) struct Element {
     pub body: usize,
 }
 
-/// Fixed bodies in the base frame, in a broad phase.
+/// Fixed bodies in the base frame, stored in a bounding volume hierarchy.
 #[derive(Default)]
 pub struct Obstacles {
     pub(crate) elements: Vec<Element>,
@@ -21,7 +21,7 @@ pub struct Obstacles {
 }
 
 impl Obstacles {
-    /// Creates obstacles from bodies, each given by its shapes (body frame) and its pose in the base frame. A body
+    /// Creates obstacles from bodies. Each has its shapes in the body frame, and a pose in the base frame. A body
     /// without shapes keeps its index.
     #[must_use]
     pub fn new<'a>(bodies: impl IntoIterator<Item = (&'a [Convex], &'a Pose)>) -> Self {

@@ -26,7 +26,7 @@ pub fn points_within<'s>(
                 continue;
             }
             let at = Corners::of(&[*point]);
-            // Points with invalid coordinates count as near, since planning could not avoid them.
+            // Points with invalid coordinates count as the robot's own, since planning could not avoid them.
             *own = signed_distance((&corners, shape.radius()), (&at, 0.0), &mut toward, clearance)
                 .is_some_and(|contact| contact.distance <= clearance);
         }

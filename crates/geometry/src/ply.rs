@@ -2,7 +2,7 @@
 
 use crate::mesh::lines;
 
-/// Vertices, and a triangle fan for each face.
+/// Vertices, and triangles; each face is split into a triangle fan.
 type Surface = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
 /// Type of a number in a PLY file.
@@ -32,7 +32,7 @@ impl Kind {
 struct Property {
     name: String,
     kind: Kind,
-    /// Type of the length of a list.
+    /// Number type of a list's length.
     count: Option<Kind>,
 }
 

@@ -1,5 +1,5 @@
-//! Rigid transforms. A [`Pose`] stores its rotation as a matrix, because chains of products dominate and are cheaper
-//! with matrices than with quaternions.
+//! Rigid transforms. A [`Pose`] stores its rotation as a matrix, because most of the work consists of products, which
+//! are cheaper with matrices than with quaternions.
 
 use nalgebra::{ArrayStorage, IsometryMatrix3, Matrix3, Matrix4, Rotation3, Translation3, Unit, Vector3};
 
@@ -14,7 +14,7 @@ pub fn pose_from_xyz_rpy(xyz: [f64; 3], rpy: [f64; 3]) -> Pose {
 
 /// Creates a pose from a homogeneous matrix; `None` if it is not a finite rigid transform within `tolerance`.
 ///
-/// The rotation is replaced by the nearest exact one, so that single-precision input does not drift in products.
+/// The rotation is replaced by the nearest orthonormal one, so that single-precision errors do not grow in products.
 #[must_use]
 pub fn pose_from_matrix(m: &Matrix4<f64>, tolerance: f64) -> Option<Pose> {
     if m.iter().any(|v| !v.is_finite()) {
@@ -43,19 +43,19 @@ const ORTHONORMAL: f64 = 1e-5;
 #[must_use]
 pub fn is_rigid(pose: &Pose) -> bool {
     let r = pose.rotation.matrix();
-    // A non-finite number fails the comparison.
+    // Comparisons with a non-finite number are false.
     pose.translation.vector.iter().all(|v| v.is_finite())
         && (r.transpose() * r - Matrix3::identity()).iter().all(|v| v.abs() <= ORTHONORMAL)
         && r.determinant() > 0.0
 }
 
-/// Homogeneous 4 x 4 matrix of a pose.
+/// Returns the homogeneous 4 x 4 matrix of a pose.
 #[must_use]
 pub fn pose_to_matrix(pose: &Pose) -> Matrix4<f64> {
     pose.to_homogeneous()
 }
 
-/// Rotation matrix about a unit axis by `angle`.
+/// Returns the matrix of a rotation by `angle` about a unit axis.
 #[must_use]
 pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Unit::new_unchecked(*axis), angle)
@@ -72,8 +72,8 @@ pub(crate) fn rotated(m: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     )
 }
 
-/// Returns a product of matrices, inlined because the library's version is a function call, of which a plan makes
-/// millions.
+/// Returns a product of matrices. It is inlined because the library's version is a function call, and planning computes
+/// millions of products.
 #[inline(always)]
 pub(crate) fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
     let (a, b) = (&a.data.0, &b.data.0);
@@ -86,7 +86,7 @@ pub(crate) fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_array_storage(ArrayStorage(out))
 }
 
-/// Returns a rotation followed by a rotation about a unit axis, faster about z, the axis of most URDF arms.
+/// Returns a rotation followed by a rotation about a unit axis. Rotations about z, as in most URDF arms, are faster.
 #[inline(always)]
 pub(crate) fn turned(r: &Matrix3<f64>, axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     if axis.x == 0.0 && axis.y == 0.0 {
@@ -99,7 +99,7 @@ pub(crate) fn turned(r: &Matrix3<f64>, axis: &Vector3<f64>, angle: f64) -> Matri
     product(r, rotation_about(axis, angle).matrix())
 }
 
-/// Rotation vector (axis times angle, angle in 0..pi) of a rotation.
+/// Returns the rotation vector of a rotation: its unit axis times its angle (0..pi).
 #[must_use]
 pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
     let m = rotation.matrix();
@@ -113,7 +113,7 @@ pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
     if cos > 0.0 {
         return vee;
     }
-    // Near half a turn the antisymmetric part vanishes, but R + 1 = 2 a a^T; use its largest column.
+    // Near half a turn the antisymmetric part vanishes, but R + 1 = 2 a a^T; its largest column gives axis a.
     let s = (m + Matrix3::identity()) * 0.5;
     let i = (0..3).fold(0, |best, k| if s[(k, k)] > s[(best, best)] { k } else { best });
     let axis: Vector3<f64> = s.column(i).into();
@@ -122,7 +122,7 @@ pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
     axis * (angle * sign)
 }
 
-/// Rotation by `angle` about the line through `point` with unit direction `axis`.
+/// Returns the rotation by `angle` about the line through `point` with unit direction `axis`.
 #[must_use]
 pub fn screw_about(point: &Vector3<f64>, axis: &Vector3<f64>, angle: f64) -> Pose {
     let r = rotation_about(axis, angle);

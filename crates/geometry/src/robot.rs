@@ -13,7 +13,7 @@ use crate::{
     RobotError, UrdfError, file, srdf, urdf, xml,
 };
 
-/// A robot arm.
+/// A robot arm: a tree of links and joints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Robot {
@@ -22,7 +22,7 @@ pub struct Robot {
     joints: Vec<Joint>,
     hand: usize,
     chain: Chain,
-    /// Pairs of links (lower index first) that are never checked, sorted.
+    /// Sorted pairs of links (lower index first) that are never checked for collision.
     allowed: Vec<(usize, usize)>,
     /// The pairs of `allowed` that are unchecked only because they overlap at the middle of all joint ranges.
     #[serde(default)]
@@ -44,7 +44,7 @@ impl PartialEq for Covered {
 checked_when_read!(Robot);
 
 impl Robot {
-    /// Reads a URDF with its collision meshes, and the pairs that an SRDF disables.
+    /// Reads a URDF with its collision meshes, and the pairs of links that an SRDF disables.
     ///
     /// Mesh paths are relative to the URDF's folder; `package://` paths are also searched in the folders above it.
     /// Without an SRDF, neighbouring links and pairs that overlap at the middle of all joint ranges are not checked
@@ -71,8 +71,8 @@ impl Robot {
         )
     }
 
-    /// Reads a robot from text; `file` is its name in errors and the origin of relative mesh paths. `srdf` is text,
-    /// too.
+    /// Reads a robot from the text of a URDF and of an SRDF. `file` is the name in errors, and relative mesh paths
+    /// start at its folder.
     ///
     /// # Errors
     /// As [`Robot::from_urdf`].
@@ -86,7 +86,7 @@ impl Robot {
         Self::of_texts(text, file.as_ref(), srdf.map(|text| (text, "SRDF")), hand_link, base_link)
     }
 
-    /// Creates the robot from the text of a URDF, and of an SRDF with its file name.
+    /// Creates the robot from the text of a URDF, and from the text and file name of an SRDF.
     fn of_texts(
         text: &str,
         path: &Path,
@@ -122,15 +122,15 @@ impl Robot {
         RobotBuilder::new(name.into())
     }
 
-    /// Creates a robot from links and joints that fit each other.
+    /// Creates a robot from valid links and joints.
     pub(crate) fn assemble(name: String, links: Vec<Link>, joints: Vec<Joint>, hand: usize) -> Self {
         let chain = Chain::new(&links, &joints, hand);
         let unchecked = Vec::new();
         Self { name, links, joints, hand, chain, allowed: Vec::new(), unchecked, cover: Covered::default() }
     }
 
-    /// Creates a robot from unchecked parts; `allowed` are pairs of links that are never checked, in addition to
-    /// neighbours and to links that overlap at the middle of all joint ranges.
+    /// Creates a robot from parts that are not validated. Links are never checked against each other if they are a pair
+    /// of `allowed`, are neighbours, or overlap when all joints are at the middle of their ranges.
     pub(crate) fn of_parts(
         name: String,
         links: Vec<Link>,
@@ -204,10 +204,11 @@ impl Robot {
         Ok(())
     }
 
-    /// Disables checks between neighbours, which share a joint and touch by construction.
+    /// Disables checks between neighbours, which touch by construction. With `and_overlapping`, also disables those
+    /// between links that overlap at the middle of all joint ranges.
     pub(crate) fn allow_neighbours(&mut self, and_overlapping: bool) {
         for (i, link) in self.links.iter().enumerate() {
-            // Links without shapes may lie between two that touch.
+            // Between two links that touch, there may be links without shapes.
             let mut above = link.parent;
             while let Some(p) = above {
                 self.allowed.push((p, i));
@@ -230,7 +231,7 @@ impl Robot {
         self.allowed.dedup();
     }
 
-    /// Middle of an independent joint's range; for an unbounded range the value closest to zero.
+    /// Middle of an independent joint's range; for an unbounded range, the permitted value closest to zero.
     fn middle_of_range(&self, j: usize) -> f64 {
         let joint = &self.joints[j];
         let (lower, upper) = match self.range(j) {
@@ -240,7 +241,7 @@ impl Robot {
         if lower.is_finite() && upper.is_finite() { 0.5 * (lower + upper) } else { 0.0_f64.max(lower).min(upper) }
     }
 
-    /// Name in the URDF.
+    /// Name of the robot in the URDF.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
@@ -252,7 +253,7 @@ impl Robot {
         &self.links
     }
 
-    /// Moving joints, in the order of joint vectors (that of the URDF).
+    /// Moving joints, in the order of joint vectors, which is the order in the URDF.
     #[must_use]
     pub fn joints(&self) -> &[Joint] {
         &self.joints
@@ -264,20 +265,20 @@ impl Robot {
         self.hand
     }
 
-    /// The chain from base to hand.
+    /// The chain of joints from the base to the hand.
     #[must_use]
     pub fn chain(&self) -> &Chain {
         &self.chain
     }
 
-    /// The chain from base to a link; `None` if the link does not exist.
+    /// The chain of joints from the base to a link; `None` if the link does not exist.
     #[must_use]
     pub fn chain_to(&self, link: usize) -> Option<Chain> {
         (link < self.links.len()).then(|| Chain::new(&self.links, &self.joints, link))
     }
 
-    /// Pairs of links (lower index first) that are unchecked only because they overlap when every joint is at the
-    /// middle of its range; an SRDF would decide whether they may touch.
+    /// Pairs of links (lower index first) that are not checked only because they overlap when every joint is at the
+    /// middle of its range; an SRDF would tell whether they may touch.
     #[must_use]
     pub fn unchecked_pairs(&self) -> &[(usize, usize)] {
         &self.unchecked
@@ -301,16 +302,16 @@ impl Robot {
         self.links.iter().position(|l| l.name == name)
     }
 
-    /// The independent joint that moves joint `j`, with factor and offset: `value = factor * source + offset`; `None`
-    /// if there is no such joint.
+    /// Relation of joint `j` to the independent joint that moves it: `value = factor * source + offset`; `None` if
+    /// joint `j` does not exist.
     #[must_use]
     pub fn drive(&self, j: usize) -> Option<Mimic> {
         let joint = self.joints.get(j)?;
         Some(joint.mimic.unwrap_or(Mimic { source: j, multiplier: 1.0, offset: 0.0 }))
     }
 
-    /// Sets mimic joints to the values given by their sources. Independent joints are unchanged, and so are mimic
-    /// joints whose source lies beyond the end of `q`.
+    /// Sets mimic joints to the values that follow from their sources. Independent joints are unchanged, and so are
+    /// mimic joints whose source lies beyond the end of `q`.
     pub fn apply_mimic(&self, q: &mut [f64]) {
         for (i, joint) in self.joints.iter().enumerate().take(q.len()) {
             if let Some(m) = joint.mimic

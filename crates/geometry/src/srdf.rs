@@ -19,8 +19,8 @@ const ELEMENTS: [&str; 10] = [
 ];
 
 /// Returns the sorted pairs of links (lower index first) that are not checked: those of `disable_collisions`, and all
-/// pairs of a link of `disable_default_collisions` except those of `enable_collisions`. `known` are the names of all
-/// links of the URDF; `links` may be only some of them.
+/// pairs with a link of `disable_default_collisions` except those of `enable_collisions`. `known` are the names of all
+/// links in the URDF, of which `links` may be a part.
 pub(crate) fn disabled_pairs(
     text: &str,
     file: &str,
@@ -30,7 +30,7 @@ pub(crate) fn disabled_pairs(
     let document = xml::parse(text, file)?;
     let root = Element::root(&document, file);
     root.check_spelling(&ELEMENTS, &["name"])?;
-    // A link above the chosen base cannot collide here.
+    // A link above the chosen base is not part of this robot, so its collisions are not checked.
     let link = |element: &Element<'_>, attribute: &str| {
         let name = element.required(attribute)?;
         if known.contains(name) {

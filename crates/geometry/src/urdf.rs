@@ -9,7 +9,7 @@ use crate::description::{Description, Geometry, InertialDescription, JointDescri
 use crate::link::FURTHEST;
 use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mimic};
 
-/// Builds the robot below a link, by default the root.
+/// Builds the robot from the links below `base`, by default the root.
 pub(crate) fn build(model: &Description, path: &Path, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
     let file = path.display().to_string();
     let file = file.as_str();
@@ -39,7 +39,8 @@ pub(crate) fn build(model: &Description, path: &Path, hand: &str, base: Option<&
         }
     };
 
-    // Depth first from the base, so that parents precede children. A link has one parent joint, so there are no loops.
+    // Depth first from the base, so that parents precede children. Each link has one parent joint, so there are no
+    // loops.
     let mut place: Vec<Option<usize>> = vec![None; model.links.len()];
     let mut order = Vec::new();
     let mut stack = vec![root];
@@ -148,7 +149,7 @@ fn moving_joint(joint: &JointDescription, file: &str) -> Result<Option<Joint>, U
     if !(length.is_finite() && length > 1e-9) {
         return Err(fail("axis", format!("must be a finite direction, not {:?}", joint.axis)));
     }
-    // A mimic joint takes the limits of its source, and a continuous joint has no range.
+    // A mimic joint without limits takes those of its source, and a continuous joint needs none.
     let free = endless || joint.mimic.is_some();
     if joint.limit.is_none() && !free {
         let message = "is missing; add <limit lower upper velocity effort>, or make the joint continuous";
@@ -170,20 +171,20 @@ fn moving_joint(joint: &JointDescription, file: &str) -> Result<Option<Joint>, U
     if lower > upper || lower == f64::INFINITY || upper == f64::NEG_INFINITY {
         return Err(fail("limit", format!("lower {lower} must not exceed upper {upper}")));
     }
-    // URDF authors write 0 for an unknown limit; a true limit of 0 would prevent any motion. Planning requires unknown
-    // velocity limits as an option.
+    // URDF authors write 0 for an unknown limit; a true limit of 0 would prevent any motion. Planning then requires the
+    // velocity limit as an option.
     if velocity == 0.0 {
         velocity = f64::INFINITY;
     }
     let effort = limit.effort.filter(|e| *e > 0.0).unwrap_or(f64::INFINITY);
-    // Acceleration and deceleration of a motion share one limit.
+    // Acceleration and deceleration share one limit here: the smaller of both.
     let acceleration = [limit.acceleration, limit.deceleration].into_iter().flatten().fold(f64::INFINITY, f64::min);
     let jerk = limit.jerk.unwrap_or(f64::INFINITY);
     let (name, axis) = (joint.name.clone(), axis / length);
     Ok(Some(Joint { name, kind, axis, lower, upper, velocity, effort, acceleration, jerk, mimic: None }))
 }
 
-/// Returns a mimic joint with missing limits derived from its source.
+/// Returns a mimic joint whose missing limits are derived from the limits of its source.
 fn bounded_by_source(joints: &[Joint], joint: &Joint) -> Joint {
     let mut out = joint.clone();
     if let Some(m) = joint.mimic {
@@ -209,7 +210,7 @@ fn inertia(spec: &InertialDescription, link: &str, file: &str) -> Result<Option<
     let turn = pose.rotation.matrix();
     let tensor = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
     let turned = turn * tensor * turn.transpose();
-    // Removes the rounding error of the rotation.
+    // Averaging removes the asymmetry that the rotation causes by rounding.
     let tensor = 0.5 * (turned + turned.transpose());
     let out = Inertia { mass: spec.mass, center: pose.translation.vector, tensor };
     out.check(link).map_err(|e| UrdfError::new(file, e.field, e.message))?;
@@ -248,7 +249,7 @@ fn shape(spec: &ShapeDescription, folder: &Path, file: &str) -> Result<Convex, U
     built.map_err(|e| fail(e.to_string()))
 }
 
-/// Returns the first path of an existing file; package paths are also searched in the folders above the URDF.
+/// Returns the first path at which a file exists; package paths are also searched in the folders above the URDF.
 fn resolve(filename: &str, paths: &[String], folder: &Path) -> PathBuf {
     let above = if filename.contains("://") { usize::MAX } else { 1 };
     let places = folder.ancestors().take(above).flat_map(|place| paths.iter().map(move |path| place.join(path)));

@@ -1,14 +1,14 @@
-//! XML documents: decoding, elements and attributes by name, numbers, and errors that name the element.
+//! XML documents: decoding, access to elements and attributes by name, numbers, and errors that name the element.
 
 use roxmltree::{Document, Node};
 
 use crate::UrdfError;
 
-/// Maximum nesting of elements, because XML parsers recurse and the stack is finite.
+/// Maximum depth of nested elements. XML parsers recurse, and the stack is finite.
 const DEEPEST: usize = 64;
 const MAX_ELEMENTS: usize = 50_000;
 
-/// Returns the text of a document in the encoding of its byte order mark or its first line, else UTF-8.
+/// Returns the text of a document, encoded as its byte order mark or first line says; by default in UTF-8.
 pub(crate) fn decode(content: &[u8], file: &str) -> Result<String, UrdfError> {
     let fail = |message: String| UrdfError::new(file, "XML", format!("not XML: {message}"));
     let declared = declared_encoding(content);
@@ -28,7 +28,7 @@ pub(crate) fn decode(content: &[u8], file: &str) -> Result<String, UrdfError> {
     Ok(text.into_owned())
 }
 
-/// The encoding in `<?xml ... encoding="..."?>` at the beginning of a document.
+/// Returns the encoding declared by `<?xml ... encoding="..."?>` at the beginning of a document.
 fn declared_encoding(content: &[u8]) -> Option<String> {
     let head = String::from_utf8_lossy(&content[..content.len().min(200)]).into_owned();
     let head = head.trim_start_matches('\u{feff}').strip_prefix("<?xml")?;
@@ -54,7 +54,7 @@ pub(crate) fn parse<'t>(text: &'t str, file: &str) -> Result<Document<'t>, UrdfE
     Ok(document)
 }
 
-/// Refuses text with too many or too deeply nested elements.
+/// Returns an error for text with too many or too deeply nested elements.
 fn check_size(text: &str) -> Result<(), String> {
     let (mut depth, mut count) = (0_usize, 0_usize);
     let mut rest = text;
@@ -83,7 +83,7 @@ fn check_size(text: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the length of a tag without its end; a `>` inside quotes does not end it.
+/// Returns the length of a tag up to its closing `>`; a `>` inside quotes does not count.
 fn tag_end(tag: &str) -> usize {
     let mut quote = None;
     let ends = |(_, c): &(usize, char)| {
@@ -111,7 +111,7 @@ impl<'d> Element<'d> {
         Self { node: document.root_element(), field: "robot".to_owned(), file }
     }
 
-    /// Returns the element under another name for error messages.
+    /// Returns the element with another name for error messages.
     pub fn called(&self, field: String) -> Self {
         Self { field, ..self.clone() }
     }
@@ -129,7 +129,7 @@ impl<'d> Element<'d> {
         self.node.tag_name().name()
     }
 
-    /// Returns the child elements; those of another namespace are extensions of other tools and are ignored.
+    /// Returns the child elements. Children in another namespace are extensions of other tools and are ignored.
     ///
     /// # Errors
     /// A child is a xacro macro.
@@ -137,7 +137,7 @@ impl<'d> Element<'d> {
         let mut out = Vec::new();
         for node in self.node.children().filter(Node::is_element) {
             let tag = node.tag_name();
-            // Xacro tools recognize the prefix, whatever the namespace.
+            // Xacro tools recognize the prefix `xacro`, whatever its namespace.
             if tag.namespace().is_some_and(|uri| node.lookup_prefix(uri) == Some("xacro")) {
                 let message = format!("<xacro:{}> is not expanded; {}", tag.name(), expand(self.file));
                 return Err(self.fail(message));
@@ -149,7 +149,7 @@ impl<'d> Element<'d> {
         Ok(out)
     }
 
-    /// Refuses elements and attributes that look misspelt; a name unlike any known one is treated as an extension.
+    /// Refuses elements and attributes that look misspelt; a name unlike any known name counts as an extension.
     pub fn check_spelling(&self, elements: &[&str], attributes: &[&str]) -> Result<(), UrdfError> {
         for child in self.children()? {
             if let Some(meant) = meant(child.name(), elements) {
@@ -169,7 +169,7 @@ impl<'d> Element<'d> {
         self.node.attributes().filter(|a| a.namespace().is_none()).map(|a| a.name())
     }
 
-    /// Returns the only child element of this name.
+    /// Returns the child element of this name, if there is one; several are an error.
     pub fn child(&self, name: &str) -> Result<Option<Element<'d>>, UrdfError> {
         let mut named = self.children()?.into_iter().filter(|c| c.name() == name);
         let first = named.next();
@@ -179,7 +179,7 @@ impl<'d> Element<'d> {
         Ok(first)
     }
 
-    /// Returns an attribute; unexpanded xacro is refused.
+    /// Returns the text of an attribute; unexpanded xacro is an error.
     pub fn text(&self, name: &str) -> Result<Option<&'d str>, UrdfError> {
         let Some(value) = self.node.attribute(name) else { return Ok(None) };
         if value.contains("${") || value.contains("$(") {
@@ -243,7 +243,7 @@ fn expand(file: &str) -> String {
     format!("run `xacro {file} > robot.urdf` and read that")
 }
 
-/// Returns the known name of which an unknown one is a likely misspelling.
+/// Returns the known name that an unknown name probably means, if it looks like a misspelling.
 fn meant<'n>(name: &str, known: &[&'n str]) -> Option<&'n str> {
     if known.contains(&name) {
         return None;

@@ -1,28 +1,28 @@
-//! Covers a convex shape with few spheres that contain it without extending far beyond it.
+//! Covers a convex shape with a few spheres that contain the shape without extending far beyond it.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::{Aabb, Convex};
 
-/// A sphere.
+/// A sphere that contains part of a shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ball {
     pub center: Point3<f64>,
     pub radius: f64,
-    /// Radius of a concentric sphere inside the shape; minus infinity if none is known.
+    /// Radius of a sphere with the same centre that lies inside the shape; minus infinity if none is known.
     pub inner: f64,
 }
 
 /// Maximum number of spheres for one shape.
 const MAX_BALLS: usize = 20;
-/// Spheres that extend beyond the shape by less than this (m) are not split.
+/// A sphere is not split if it extends beyond the shape by less than this (m).
 const SLOP: f64 = 0.004;
-/// Number of iterations of the search for the smallest sphere around points (Badoiu and Clarkson).
+/// Number of iterations of the algorithm that finds a smallest sphere around points (Badoiu and Clarkson).
 const ROUNDS: usize = 48;
 /// Number of directions in which the distance by which a sphere exceeds the shape is measured.
 const LOOKS: usize = 48;
 
-/// Returns the smallest sphere found around points, grown by `radius`.
+/// Returns an approximately smallest sphere around points, enlarged by `radius`.
 pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
     let bounds = Aabb::around(points, 0.0);
     let mut center = nalgebra::center(&bounds.min, &bounds.max);
@@ -45,7 +45,7 @@ pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
     best
 }
 
-/// Part of a hull inside a box: its surface there, and all vertices of this part.
+/// The part of a hull inside a box: its surface in the box, and all vertices of this part.
 struct Cell {
     bounds: Aabb,
     surface: Vec<Vec<Point3<f64>>>,
@@ -54,7 +54,7 @@ struct Cell {
     slop: f64,
 }
 
-/// A hull given by faces (outward unit normal and offset) and triangles.
+/// A hull, given by its faces (outward unit normal and offset) and its triangles.
 struct Hull {
     faces: Vec<(Vector3<f64>, f64)>,
     looks: Vec<Vector3<f64>>,
@@ -86,7 +86,7 @@ impl Hull {
         Some(Cell { bounds, surface, corners, ball, slop })
     }
 
-    /// Splits a cell across an axis in the middle of the box around its vertices.
+    /// Splits a cell in two, by a plane perpendicular to an axis in the middle of the box around its vertices.
     fn halves(&self, cell: &Cell, axis: usize) -> Vec<Cell> {
         let held = Aabb::around(&cell.corners, 0.0);
         let at = 0.5 * (held.min[axis] + held.max[axis]);
@@ -186,7 +186,7 @@ pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
 /// Returns spheres along the axis of a capsule.
 fn along_segment(a: &Point3<f64>, b: &Point3<f64>, radius: f64) -> Vec<Ball> {
     let length = (b - a).norm();
-    // With this spacing, spheres extend beyond the capsule only slightly.
+    // With this distance between the centres, the spheres extend only slightly beyond the capsule.
     let step = (2.0 * (2.0 * radius * SLOP + SLOP * SLOP).sqrt()).max(length / MAX_BALLS as f64).max(1e-9);
     let parts = (length / step).ceil().clamp(1.0, MAX_BALLS as f64) as usize;
     let half = 0.5 * length / parts as f64;

@@ -1,4 +1,4 @@
-//! Exact distances of single pairs that the screen could neither accept nor reject.
+//! Exact distances of single pairs that the fast screening could not decide.
 
 use std::sync::Arc;
 
@@ -10,16 +10,16 @@ use super::solid::{Points, Solid};
 use crate::distance::{Reach, keeps_apart};
 use crate::{Aabb, Convex, Corners, Pose, signed_distance};
 
-/// Bound of the rounding error of positions in single precision (m).
+/// Upper bound on the rounding error of positions in single precision (m).
 const ROUGH: f64 = 1e-4;
 
-/// A convex part that moves with a link, in the link's frame.
+/// A convex part that moves with a link, given in the link's frame.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
     shape: Convex,
     corners: Corners,
     bounds: Aabb,
-    /// Faces of the part, for point queries.
+    /// Faces of the part, used for the distance of points.
     solid: Solid,
 }
 
@@ -45,10 +45,10 @@ struct Placed {
     radius: f64,
 }
 
-/// Shapes for exact measurement.
+/// Shapes for exact measurement of distances.
 #[derive(Debug, Clone, Default)]
 pub struct Measure {
-    /// Each group's link, and its shapes in the frame of this link.
+    /// Index of each group's link, and the group's shapes in the frame of this link.
     groups: Vec<(usize, Arc<[Piece]>)>,
     elements: Vec<Placed>,
 }
@@ -67,7 +67,7 @@ impl Measure {
         });
     }
 
-    /// Visits the shapes of a group whose boxes lie within `reach` of an element, in the cheaper of both frames.
+    /// Visits the shapes of a group whose boxes lie within `reach` of an element. The cheaper of both frames is used.
     fn near_element(
         &self,
         group: usize,
@@ -152,9 +152,9 @@ impl Measure {
         least
     }
 
-    /// Returns the distance of a group from a cloud, at most `reach`. `measured` returns the distance of a piece from a
-    /// point, both in the link's frame, up to a limit. The likely closest points are measured first, and points that
-    /// are surely further are skipped.
+    /// Returns the distance between a group and a point cloud, at most `reach`. `measured` returns the distance of a
+    /// piece from a point, both in the link's frame, up to a limit. The likely closest points are measured first, and
+    /// points that are certainly further away are skipped.
     fn to_cloud(
         &self,
         group: usize,
@@ -226,7 +226,7 @@ impl Wide for Gather<'_> {
         near.clear();
         let m = back.rotation.matrix().cast::<f32>();
         let t = back.translation.vector.cast::<f32>();
-        // Single precision only excludes points that are surely further.
+        // Single precision is only used to exclude points that are certainly further away.
         let limit = F32x8::splat((within + ROUGH) as f32);
         cloud.within(&piece.shape.aabb_at(pose).grown(within), |points: &Points| {
             let here = [0, 1, 2]

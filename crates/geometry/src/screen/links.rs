@@ -1,4 +1,4 @@
-//! Data precomputed from the shapes of a robot's links, valid for any surroundings.
+//! Data precomputed from the shapes of a robot's links. They do not depend on the surroundings.
 
 use std::sync::Arc;
 
@@ -8,12 +8,12 @@ use super::cover::{Ball, ball_around, cover};
 use super::exact::Piece;
 use crate::{JointKind, Robot};
 
-/// Data precomputed from the shapes of a robot's links, valid for any surroundings.
+/// Data precomputed from the shapes of a robot's links. They do not depend on the surroundings.
 #[derive(Debug, Clone, Default)]
 pub struct Cover {
     /// Spheres that contain each link's shapes, in the link's frame.
     pub(super) balls: Vec<Vec<Ball>>,
-    /// A sphere around the spheres of each link, if it has any.
+    /// A sphere around all spheres of each link; `None` for a link without shapes.
     pub(super) around: Vec<Option<Ball>>,
     pub(super) pieces: Vec<Arc<[Piece]>>,
     levers: Vec<f64>,
@@ -34,8 +34,8 @@ impl Cover {
         Self { balls, around, pieces, levers }
     }
 
-    /// Mean over configurations of the maximum distance of any point of the robot from each joint's axis (m); 1 for a
-    /// sliding joint.
+    /// Mean lever arm of each joint (m): the maximum distance of any point of the robot from the joint's axis, averaged
+    /// over configurations; 1 for a sliding joint.
     #[must_use]
     pub fn levers(&self) -> &[f64] {
         &self.levers
@@ -51,7 +51,7 @@ fn mean_levers(robot: &Robot, balls: &[Vec<Ball>]) -> Vec<f64> {
         let mut q: Vec<f64> = joints
             .iter()
             .map(|joint| {
-                // Multiples of the golden ratio are evenly spread.
+                // Multiples of the golden ratio spread the configurations evenly.
                 counter += 1;
                 let share = (f64::from(counter) * 0.618_033_988_749_894_9).fract();
                 let (low, high) = (joint.lower().max(-3.2), joint.upper().min(3.2));
@@ -78,7 +78,7 @@ fn mean_levers(robot: &Robot, balls: &[Vec<Ball>]) -> Vec<f64> {
             sums[joint] += furthest;
         }
     }
-    // A joint that moves no shape still gets a minimum value.
+    // Joints that move no shape get a small lever arm instead of zero.
     sums.iter().map(|s| (s / f64::from(LOOKS)).max(0.01)).collect()
 }
 
@@ -92,7 +92,7 @@ fn hangs_on(robot: &Robot, mut link: usize, top: usize) -> bool {
     true
 }
 
-/// Returns a sphere around spheres; `None` if there are none.
+/// Returns a sphere around spheres; `None` for an empty list.
 pub(super) fn around(balls: &[Ball]) -> Option<Ball> {
     let centers: Vec<Point3<f64>> = balls.iter().map(|b| b.center).collect();
     if centers.is_empty() {

@@ -27,11 +27,11 @@ use solid::Solid;
 
 /// Number of configurations screened at once.
 pub const LANES: usize = crate::lanes::WIDTH;
-/// Minimum number of obstacles for which a tree is used to find the near ones.
+/// Minimum number of obstacles for which a tree is used to find those near the robot.
 const TREE: usize = 20;
 /// Rounding error of single precision (m) per metre of the robot's size.
 const SLACK: f64 = 1e-5;
-/// Cloud points further than this (m) beyond the robot's reach get a separate grid, so that stray points neither
+/// Cloud points more than this distance (m) beyond the robot's reach get a separate grid, so that stray points neither
 /// coarsen the main grid nor reduce its precision.
 const BEYOND: f64 = 1.0;
 
@@ -40,7 +40,7 @@ const BEYOND: f64 = 1.0;
 pub(crate) struct Sphere {
     center: [f32; 3],
     radius: f32,
-    /// Radius of a concentric sphere inside the enclosed shape; a large negative number if unknown.
+    /// Radius of a sphere with the same centre inside the enclosed shape; a large negative number if unknown.
     inner: f32,
 }
 
@@ -52,7 +52,7 @@ impl Sphere {
     }
 }
 
-/// Placeholder for the sphere around a group without shapes.
+/// Sphere of a group without shapes.
 const NOTHING: Sphere = Sphere { center: [0.0; 3], radius: 0.0, inner: -1e9 };
 
 #[derive(Debug, Clone)]
@@ -64,48 +64,48 @@ struct Cluster {
     corners: [[f32; 3]; 8],
 }
 
-/// A shape, cloud or pair of groups to which a distance refers.
+/// The second body of a pair whose distance is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Other {
-    /// One convex shape of a body.
+    /// Index of one convex shape of a body.
     Element(usize),
-    /// A cloud of points.
+    /// Index of a point cloud.
     Cloud(usize),
-    /// A pair of groups, by its index.
+    /// Index of a pair of groups.
     Pair(usize),
 }
 
-/// A group and another body whose distance may be too small.
+/// A group and another body that may be too close to each other.
 #[derive(Debug, Clone, Copy)]
 pub struct Suspect {
-    /// The group; for a pair, the first one.
+    /// Index of the group; for a pair of groups, the first of them.
     pub group: usize,
-    /// Body, point cloud or pair that the distance refers to.
+    /// The other body, point cloud or pair of groups.
     pub other: Other,
-    /// Lower bound, for each lane, of the distance minus the required distance (m).
+    /// Lower bound of the distance minus the required distance (m), for each lane.
     pub gap: [f32; LANES],
-    /// Upper bound of the same difference; large if unknown. If it is negative, the two are surely too close.
+    /// Upper bound of the same difference (m); large if unknown. A negative bound proves that the two are too close.
     pub max_gap: [f32; LANES],
 }
 
 /// Required distances (m); minus infinity for pairs that are not checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Needs {
-    /// One entry for each group and body, in rows by group.
+    /// Required distance of each group from each body, in rows by group.
     pub bodies: Vec<f64>,
-    /// One entry for each pair of groups.
+    /// Required distance of each pair of groups.
     pub pairs: Vec<f64>,
 }
 
 /// Shapes that move with a link: the link's own shapes, or those of a body attached to it.
 pub struct Riders<'a> {
-    /// The link.
+    /// Index of the link.
     pub link: usize,
     /// Attached shapes and their pose in the link's frame; `None` for the link's own shapes.
     pub held: Option<(&'a [Convex], Pose)>,
 }
 
-/// A robot among obstacles, prepared for fast screening and exact measurement.
+/// A robot among obstacles, prepared for fast screening and for exact measurement.
 #[derive(Debug, Clone)]
 pub struct Screen {
     posing: Posing,
@@ -113,7 +113,7 @@ pub struct Screen {
     groups: Vec<Cluster>,
     balls: Vec<Sphere>,
     solids: Vec<Solid>,
-    /// Maximum amount (m) by which each solid's true distance exceeds its lower bound.
+    /// For each solid, the maximum amount (m) by which its true distance exceeds the lower bound.
     looseness: Vec<f32>,
     body_of: Vec<usize>,
     tree: Option<Bvh>,
@@ -123,7 +123,7 @@ pub struct Screen {
     measure: Measure,
 }
 
-/// Eight configurations with intermediate results.
+/// Eight configurations with the intermediate results of their screening.
 #[derive(Debug, Clone, Default)]
 pub struct Batch {
     q: Vec<F32x8>,
@@ -137,11 +137,11 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Sets one lane to a full joint vector.
+    /// Sets the configuration in one lane to a full joint vector.
     pub fn set(&mut self, screen: &Screen, lane: usize, q: &[f64]) {
         self.q.resize(q.len(), F32x8::ZERO);
         for (k, (value, lanes)) in q.iter().zip(&mut self.q).enumerate() {
-            // Whole turns are removed, since small angles have higher precision.
+            // Whole turns are subtracted, since small angles have a higher precision.
             let turned = match screen.revolute.get(k) {
                 Some(true) if value.abs() > 4.0 => {
                     value - std::f64::consts::TAU * (value / std::f64::consts::TAU).round()
@@ -154,8 +154,8 @@ impl Batch {
 }
 
 impl Screen {
-    /// Creates a screen of groups of shapes that move with links, among bodies (their shapes, and their poses in the
-    /// base frame). `pairs` are the groups that are checked against each other.
+    /// Prepares a robot, as groups of shapes that move with links, among bodies (their shapes, and their poses in the
+    /// base frame). `pairs` are the pairs of groups that are checked against each other.
     #[must_use]
     pub fn new<'a>(
         robot: &Robot,
@@ -227,7 +227,7 @@ impl Screen {
                         out.clouds.push(PointGrid::new(body, &near, radius, 0.0));
                     }
                     if !far.is_empty() {
-                        // The margin of 1 cm covers the rounding of single precision up to a distance of 1 km.
+                        // The margin of 1 cm covers rounding errors of single precision up to a distance of 1 km.
                         let least = far.iter().map(from_base).fold(f64::INFINITY, f64::min) - 0.01;
                         out.clouds.push(PointGrid::new(body, &far, radius, least as f32));
                     }
@@ -255,7 +255,7 @@ impl Screen {
         self.groups.len()
     }
 
-    /// Pairs of groups that are checked.
+    /// Pairs of groups that are checked against each other.
     #[must_use]
     pub fn pairs(&self) -> &[(usize, usize)] {
         &self.pairs
@@ -267,7 +267,7 @@ impl Screen {
         self.bodies
     }
 
-    /// The body of an element or cloud; `None` for a pair of groups.
+    /// Index of the body to which an element or cloud belongs; `None` for a pair of groups.
     #[must_use]
     pub fn body(&self, other: Other) -> Option<usize> {
         match other {
@@ -277,7 +277,7 @@ impl Screen {
         }
     }
 
-    /// The distance that a group must keep from another body.
+    /// Distance (m) that a group must keep from another body.
     #[must_use]
     pub fn needed(&self, needs: &Needs, group: usize, other: Other) -> f64 {
         match (other, self.body(other)) {
@@ -296,8 +296,8 @@ impl Screen {
         }
     }
 
-    /// Returns the exact distance (m) of a group from another body at the given link poses, at most `reach`; negative
-    /// or zero if they touch.
+    /// Returns the exact distance (m) between a group and another body at the given link poses, at most `reach`; zero
+    /// or negative if they touch.
     pub fn distance(&self, group: usize, other: Other, poses: &[Pose], reach: f64) -> f64 {
         match other {
             Other::Element(e) => self.measure.distance(group, e, poses, reach),
@@ -307,7 +307,7 @@ impl Screen {
     }
 }
 
-/// Returns the points of a body that consists of many spheres of equal radius.
+/// Returns the points and the radius of a body that consists of many spheres of equal radius.
 fn as_cloud(shapes: &[Convex], pose: &Pose) -> Option<(Vec<Point3<f64>>, f64)> {
     const FEW: usize = 32;
     let radius = shapes.first()?.radius();

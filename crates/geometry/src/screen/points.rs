@@ -1,4 +1,4 @@
-//! Point clouds as obstacles: a bucket grid with lower bounds of the distance at its corners.
+//! Point clouds as obstacles, sorted into a grid. Its corners store lower bounds of the distance to the nearest point.
 
 use crate::lanes::{F32x8, WIDTH};
 use nalgebra::Point3;
@@ -6,43 +6,43 @@ use nalgebra::Point3;
 use super::solid::Points;
 use crate::Aabb;
 
-/// Edge length of a cell (m); larger for a large cloud.
+/// Edge length of a grid cell (m); larger for a large cloud.
 const CELL: f64 = 0.04;
 /// Maximum number of cells of a grid.
 const MAX_CELLS: f64 = 400_000.0;
-/// Distances along an axis are capped at this number of cells.
+/// Distances along an axis are capped at this number of grid cells.
 const FURTHEST: i16 = 12;
-/// Within this distance (cells), bounds use the boxes around the points of the cells; beyond it, the cells themselves.
+/// Up to this distance (cells), bounds use the boxes around the cells' points; beyond it, the cells themselves.
 const TIGHT: usize = 3;
-/// Number of consecutive corners that are compared with a cell's box at once, enough for all within [`TIGHT`] cells.
+/// Number of consecutive grid corners compared with a cell's box at once, which covers all within [`TIGHT`] cells.
 const RUN: usize = 8;
 /// Relative error of a squared distance in single precision.
 const ROUNDING: f32 = 1e-6;
 
-/// Points of equal radius in the cells of a grid that bounds them.
+/// Points of equal radius, sorted into the cells of the grid that encloses them.
 #[derive(Debug, Clone)]
 pub(crate) struct PointGrid {
-    /// Body that the points belong to.
+    /// Index of the body to which the points belong.
     pub body: usize,
     /// Radius of every point (m).
     pub radius: f64,
     /// Lower bound of the distance (m) between the base's origin and every point's sphere; 0 if unknown.
     pub from_base: f32,
     lanes: Vec<Points>,
-    /// First block of lanes of each cell.
+    /// Index of each cell's first block of eight points.
     starts: Vec<u32>,
-    /// Lower bound of the squared distance (m²) of each corner of a cell from the nearest point.
+    /// Lower bound of the squared distance (m²) from each cell corner to the nearest point.
     field: Vec<f32>,
     origin: Point3<f64>,
     cell: f64,
     dims: [usize; 3],
-    /// Bound of the rounding error of a distance in single precision (m).
+    /// Upper bound on the rounding error of a distance in single precision (m).
     slack: f32,
-    /// Bound of the rounding error of a squared distance (m²).
+    /// Upper bound on the rounding error of a squared distance (m²).
     squared_slack: f32,
 }
 
-/// Box around the points of a cell, in cells from the grid's origin.
+/// Box around the points of a cell, measured in cells from the grid's origin.
 #[derive(Clone, Copy)]
 struct Extent {
     low: [f32; 3],
@@ -54,7 +54,7 @@ impl Extent {
 }
 
 impl PointGrid {
-    /// Creates the grid of a cloud in the base frame; `from_base` as in the field.
+    /// Creates the grid of a cloud in the base frame; `from_base` has the meaning of the field.
     pub fn new(body: usize, points: &[Point3<f64>], radius: f64, from_base: f32) -> Self {
         let bounds = Aabb::around(points, 0.0);
         let span = bounds.max - bounds.min;
@@ -109,7 +109,7 @@ impl PointGrid {
             total += n.div_ceil(WIDTH as u32);
         }
         starts.push(total);
-        // Padding lanes without a point are far from everything.
+        // Unused lanes hold a point that is far from everything.
         let mut lanes = vec![[F32x8::splat(1e9); 3]; total as usize];
         let mut filled = vec![0u32; cells];
         for (p, c) in points.iter().zip(&home) {
@@ -124,7 +124,7 @@ impl PointGrid {
         (self.lanes, self.starts) = (lanes, starts);
     }
 
-    /// Computes lower bounds of the squared distances of the cells' corners (m²).
+    /// Computes the lower bound of the squared distance (m²) from each cell corner to the nearest point.
     fn spread(&self, counts: &[u32], extents: &[Extent]) -> Vec<f32> {
         let (far, near) = (self.beyond_cells(counts), self.beyond_extents(extents));
         let [mx, my, mz] = self.dims.map(|n| n + 1);
@@ -138,7 +138,8 @@ impl PointGrid {
         field
     }
 
-    /// Squared distances (in cells) from the nearest occupied cell, capped at [`FURTHEST`], computed axis by axis.
+    /// Returns the squared distance, in cells, from each corner to the nearest occupied cell. Computed axis by axis,
+    /// each capped at [`FURTHEST`].
     fn beyond_cells(&self, counts: &[u32]) -> Vec<i16> {
         const MOST: i16 = FURTHEST * FURTHEST;
         let [nx, ny, nz] = self.dims;
@@ -161,8 +162,8 @@ impl PointGrid {
         further(&slabs, 1, nz, mx * my)
     }
 
-    /// Squared distances (in cells) from the nearest box around a cell's points, capped at [`TIGHT`] cells; rows are
-    /// padded at both ends.
+    /// Returns the squared distance, in cells, from each corner to the nearest box around a cell's points, capped at
+    /// [`TIGHT`] cells. Rows are padded at both ends.
     fn beyond_extents(&self, extents: &[Extent]) -> Vec<f32> {
         let [nx, ny, nz] = self.dims;
         let (my, mz) = (ny + 1, nz + 1);
@@ -197,13 +198,13 @@ impl PointGrid {
         clamp(0) + self.dims[0] * (clamp(1) + self.dims[1] * clamp(2))
     }
 
-    /// Distance (m) from the centre of a point within which it may touch a position with rounding error `slack`.
+    /// Distance (m) from a point's centre up to which a position may touch the point, rounding included.
     #[inline(always)]
     pub fn ball(&self) -> f32 {
         self.radius as f32 + self.slack
     }
 
-    /// Distance (m) from the centre of a point within which it surely touches a position.
+    /// Distance (m) from a point's centre below which a position certainly touches the point.
     #[inline(always)]
     pub fn inner_ball(&self) -> f32 {
         self.radius as f32 - self.slack
@@ -224,7 +225,7 @@ impl PointGrid {
         for k in 0..3 {
             let most = F32x8::splat(self.dims[k] as f32 * cell);
             let from = p[k] - F32x8::splat(self.origin[k] as f32);
-            // All points lie in the grid. For a position outside the grid, the squared distance to the closest position
+            // All points lie inside the grid. For a position outside, the squared distance to the closest position
             // inside is added.
             let inside = from.max(F32x8::ZERO).min(most);
             let beyond = from - inside;
@@ -272,7 +273,7 @@ impl PointGrid {
         let [x, y, z] = p.map(F32x8::splat);
         let mut least = F32x8::splat(within * within);
         let mut most = within * within;
-        // Cells along an axis within this radius, with a margin for rounding.
+        // Cells along an axis that lie within this radius, with a margin for rounding.
         let range = |k: usize, radius: f32| {
             let (low, high) = (at[k] - radius * inverse - 1e-3, at[k] + radius * inverse + 1e-3);
             let last = self.dims[k] - 1;
@@ -299,7 +300,7 @@ impl PointGrid {
                     continue;
                 }
                 let row = self.dims[0] * (j + self.dims[1] * k);
-                // Cells of a row are stored consecutively.
+                // The cells of a row are stored consecutively.
                 let blocks = self.starts[row + from] as usize..self.starts[row + to + 1] as usize;
                 if blocks.is_empty() {
                     continue;
@@ -314,7 +315,7 @@ impl PointGrid {
         (most < within * within).then(|| most.sqrt())
     }
 
-    /// Calls `visit` with the points in a box, eight at a time; padding lanes are far away.
+    /// Calls `visit` with the points in a box, eight at a time; unused lanes hold a point far away.
     #[inline(always)]
     pub fn within(&self, bounds: &Aabb, mut visit: impl FnMut(&Points)) {
         let low = [0, 1, 2].map(|k| ((bounds.min[k] - self.origin[k]) / self.cell).floor());
@@ -355,7 +356,7 @@ fn further(lines: &[i16], blocks: usize, count: usize, width: usize) -> Vec<i16>
     out
 }
 
-/// Yields the numbers from `from` to `to`, the closest to `at` first; none if `from` exceeds `to`.
+/// Yields the numbers from `from` to `to`, those closest to `at` first; none if `from` exceeds `to`.
 #[inline(always)]
 fn outwards(at: f32, (from, to): (usize, usize)) -> impl Iterator<Item = usize> {
     let middle = (at.max(0.0) as usize).clamp(from.min(to), to.max(from));

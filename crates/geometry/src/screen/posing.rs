@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::solid::Points;
 use crate::{JointKind, Pose, Robot};
 
-/// A rigid transform in each of eight lanes: rotation by rows, and translation.
+/// Eight rigid transforms, one in each lane: rotation by rows, and translation.
 #[derive(Debug, Clone, Copy)]
 pub struct Frames {
     /// Rotation, row by row.
@@ -26,7 +26,7 @@ impl Frames {
         }
     }
 
-    /// Position of a point given in the frame (m).
+    /// Position (m) in base coordinates of a point given in the frame.
     #[inline(always)]
     #[must_use]
     pub fn point(&self, p: &[f32; 3]) -> Points {
@@ -34,7 +34,7 @@ impl Frames {
         [x + self.t[0], y + self.t[1], z + self.t[2]]
     }
 
-    /// Direction given in the frame, in base axes.
+    /// Direction in base axes of a direction given in the frame.
     #[inline(always)]
     #[must_use]
     pub fn direction(&self, p: &[f32; 3]) -> Points {
@@ -75,7 +75,7 @@ struct Fixed {
     t: [f32; 3],
 }
 
-/// A fixed rotation, in a form that is fast to apply.
+/// A constant rotation, stored in a form that is fast to apply.
 #[derive(Debug, Clone, Copy)]
 enum Turn {
     None,
@@ -101,7 +101,7 @@ impl Turn {
     }
 }
 
-/// Rotation of a joint's child: `A + sin B + cos C`.
+/// Rotation of a joint's child link as a function of the joint angle: `A + sin B + cos C`.
 #[derive(Debug, Clone)]
 enum Motion {
     None,
@@ -129,11 +129,11 @@ struct Step {
     motion: Motion,
 }
 
-/// The tree of a robot in single precision.
+/// The kinematic tree of a robot in single precision.
 #[derive(Debug, Clone)]
 pub struct Posing {
     steps: Vec<Step>,
-    /// Links to place.
+    /// Whether the pose of each link is computed.
     wanted: Vec<bool>,
 }
 
@@ -142,7 +142,7 @@ fn rows(m: &Matrix3<f64>) -> [[f32; 3]; 3] {
 }
 
 impl Posing {
-    /// Prepares a robot; only `needed` links and their ancestors are placed.
+    /// Prepares a robot. Poses are computed only for `needed` links and their ancestors.
     pub fn new(robot: &Robot, needed: impl Fn(usize) -> bool) -> Self {
         let links = robot.links();
         let mut wanted: Vec<bool> = (0..links.len()).map(needed).collect();
@@ -201,7 +201,7 @@ impl Posing {
                 out.push(base);
                 continue;
             }
-            // No closure: closures may not be inlined, and code that is not inlined is not compiled for wide vectors.
+            // No closure is used here: closures may not be inlined, and then are not compiled for wide vectors.
             let frame = match step.parent {
                 Some(p) => out[p].then(&step.origin),
                 None => base,

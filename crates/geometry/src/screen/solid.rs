@@ -1,4 +1,4 @@
-//! Lower bounds of the distance of points to convex obstacles, eight points at a time.
+//! Lower bounds of the distance between points and convex obstacles, for eight points at a time.
 
 use crate::lanes::F32x8;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
@@ -6,26 +6,26 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use super::Sphere;
 use crate::Convex;
 
-/// Maximum number of faces used for a hull.
+/// Maximum number of faces by which a hull is represented.
 const MAX_FACES: usize = 28;
-/// Faces whose normals are closer than this (cosine) are merged.
+/// Faces are merged if the cosine between their normals exceeds this.
 const SAME_FACE: f64 = 0.985;
-/// Relative error of single-precision sums of a few terms.
+/// Relative rounding error of sums of a few terms in single precision.
 const ROUNDING: f64 = 1e-6;
 
-/// Three coordinates of eight points.
+/// Coordinates x, y and z of eight points.
 pub type Points = [F32x8; 3];
 
-/// A convex obstacle in a form for fast point queries, which contains the original shape.
+/// A convex obstacle in a form for fast distance queries of points. It contains the original shape.
 #[derive(Debug, Clone)]
 pub(crate) enum Solid {
-    /// Rounded box: middle, axes as rows, half extents.
+    /// Rounded box: centre, axes as rows, half extents.
     Cuboid { center: [f32; 3], axes: [[f32; 3]; 3], half: [f32; 3], radius: f32 },
     /// Cylinder: centre, axis, half length.
     Cylinder { center: [f32; 3], axis: [f32; 3], half: f32, radius: f32 },
     /// Capsule (a sphere if the length is 0): one end, direction, length.
     Capsule { end: [f32; 3], axis: [f32; 3], length: f32, radius: f32 },
-    /// Hull: outward normals and offsets.
+    /// Hull: outward normals and offsets of its faces.
     Hull { faces: Vec<[f32; 4]>, radius: f32 },
 }
 
@@ -49,11 +49,11 @@ pub(crate) fn length(v: &Points) -> F32x8 {
 }
 
 impl Solid {
-    /// Returns the tightest of these forms for a shape in the base frame.
+    /// Returns the form that fits a shape (base frame) most tightly.
     pub fn of(shape: &Convex) -> Self {
         let points = shape.points();
         let size = points.iter().map(|p| p.coords.norm()).fold(1.0, f64::max);
-        // The margin keeps the shape inside despite rounding to single precision.
+        // The enlarged radius keeps the shape inside despite rounding to single precision.
         let radius = (shape.radius() + ROUNDING * size) as f32;
         match points {
             [p] => return Self::Capsule { end: single(&p.coords), axis: [1.0, 0.0, 0.0], length: 0.0, radius },
@@ -72,7 +72,7 @@ impl Solid {
         cuboid(points, radius).or_else(|| cylinder(points, radius)).unwrap_or_else(|| hull(points, radius))
     }
 
-    /// Lower bound of the distance (m) of each point.
+    /// Lower bound of the distance (m) from each point to the obstacle.
     #[inline(always)]
     pub fn distance(&self, p: &Points) -> F32x8 {
         match self {
@@ -83,8 +83,8 @@ impl Solid {
         }
     }
 
-    /// Lower bounds of the distance (m) to the nearest of `balls`, placed at `centers` in eight configurations; then to
-    /// their inner spheres.
+    /// Lower bounds of the distance (m) between the obstacle and the nearest of `balls`, which are at `centers` in
+    /// eight configurations; then the same for their inner spheres.
     #[inline(always)]
     pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> [F32x8; 2] {
         let mut least = [F32x8::splat(f32::MAX); 2];
@@ -107,7 +107,7 @@ impl Solid {
         least
     }
 
-    /// Returns the maximum amount (m) by which the true distance of `shape` exceeds the bound; infinite if unknown.
+    /// Returns by how much (m) the true distance of `shape` exceeds the bound at most; infinite if unknown.
     pub fn looseness(&self, shape: &Convex) -> f32 {
         let rounded = |size: f32| 4.0 * ROUNDING as f32 * (1.0 + size);
         match self {
@@ -169,7 +169,7 @@ fn to_hull(p: &Points, faces: &[[f32; 4]], radius: f32) -> F32x8 {
     highest - F32x8::splat(radius)
 }
 
-/// Returns the box whose vertices are these eight points, if any.
+/// Returns the box with these eight points as vertices; `None` if they do not form a box.
 fn cuboid(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     if points.len() != 8 {
         return None;
@@ -194,7 +194,7 @@ fn cuboid(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
                 for (row, edge) in [ways[i], ways[j], ways[k]].iter().enumerate() {
                     let axis = edge.try_normalize(1e-12)?;
                     axes[row] = single(&axis);
-                    // The box includes all vertices despite rounding.
+                    // The box must include all vertices despite rounding.
                     half[row] = points.iter().map(|p| axis.dot(&(p.coords - center)).abs()).fold(0.0, f64::max) as f32;
                 }
                 return Some(Solid::Cuboid { center: single(&center), axes, half, radius });
@@ -204,7 +204,7 @@ fn cuboid(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     None
 }
 
-/// Returns the cylinder around a regular prism with many sides, if any.
+/// Returns the cylinder around a regular prism with many sides; `None` if the points do not form one.
 fn cylinder(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     if points.len() < 24 {
         return None;
@@ -240,7 +240,7 @@ fn cylinder(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     None
 }
 
-/// Returns the largest faces of a hull; any subset of faces is a valid bound.
+/// Returns a hull with the largest faces of the hull of `points`. Any subset of the faces encloses the shape.
 fn hull(points: &[Point3<f64>], radius: f32) -> Solid {
     let offset = |n: &Vector3<f64>| points.iter().map(|p| n.dot(&p.coords)).fold(f64::NEG_INFINITY, f64::max);
     let mut found: Vec<(f64, Vector3<f64>)> = Vec::new();

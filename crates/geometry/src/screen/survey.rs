@@ -1,4 +1,4 @@
-//! Lower bounds of the distances of all pairs in eight configurations.
+//! Lower bounds of the distances of all checked pairs in eight configurations.
 
 use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Point3;
@@ -8,11 +8,11 @@ use super::solid::{Points, length};
 use super::{Batch, LANES, Needs, Other, Screen, Sphere, Suspect};
 use crate::{Aabb, Robot};
 
-/// Cloud points closer than this (m) are tested one by one.
+/// If a sphere may be closer than this (m) to a point cloud, its points are tested one by one.
 const CLOSE: f32 = 0.02;
 
 impl Screen {
-    /// Computes the positions of all spheres for a batch whose lanes are set.
+    /// Computes the positions of all spheres for the configurations set in a batch.
     pub fn place(&self, batch: &mut Batch) {
         self.posing.place(&batch.q, &mut batch.frames);
         struct Work<'a>(&'a Screen, &'a mut Batch);
@@ -47,8 +47,8 @@ impl Screen {
         }
     }
 
-    /// Calls `visit` for each pair that, in some lane, may be closer than the required distance plus `reach` (m).
-    /// `visit` returns whether to continue.
+    /// Calls `visit` for each pair whose distance, in some lane, may be less than the required distance plus `reach`
+    /// (m). `visit` returns whether to continue.
     pub fn survey(
         &self,
         batch: &mut Batch,
@@ -157,7 +157,7 @@ impl Screen {
         self.ensure(group, batch);
         let own = cluster.balls.clone();
         let [least, inner] = solid.least(&batch.centers[own.clone()], &self.balls[own]);
-        // Both are lower bounds, so the larger one counts.
+        // Both values are lower bounds, so the larger one is valid and tighter.
         let bound = least.max(coarse);
         if all_at_least(bound, limit) {
             return true;
@@ -236,7 +236,7 @@ impl Screen {
         }
         self.ensure(a, batch);
         self.ensure(b, batch);
-        // Spheres of the second group that are close to the first group.
+        // Collects the spheres of the second group that are close to the first group.
         let mut open = std::mem::take(&mut batch.open);
         open.clear();
         for k in two.balls.clone() {
@@ -298,8 +298,8 @@ impl Screen {
         wide(Work { screen: self, batch, group, other, need, visit: &mut visit })
     }
 
-    /// Passes the corners of a box around each group's shapes in every lane (m, base frame) to `visit`: group, index of
-    /// the corner, positions. No point of a group moves further between two configurations than one of these corners.
+    /// Passes to `visit` the corners of a box around each group's shapes (m, base frame): group, index of the corner,
+    /// position in every lane. No point of a group moves further between two configurations than one of these corners.
     pub fn corners(&self, batch: &Batch, mut visit: impl FnMut(usize, usize, [[f32; LANES]; 3])) {
         for (group, cluster) in self.groups.iter().enumerate().filter(|(_, c)| !c.balls.is_empty()) {
             let frame = &batch.frames[cluster.link];
@@ -309,8 +309,8 @@ impl Screen {
         }
     }
 
-    /// Passes the maximum distance (m) of each group's points from the axis of each joint that carries it, in every
-    /// lane, to `visit`: group, joint, distances.
+    /// Passes to `visit` the lever arms of each group: group, joint that carries the group, and the maximum distance
+    /// (m) of the group's points from this joint's axis in every lane.
     pub fn levers(
         &self,
         batch: &Batch,
@@ -344,8 +344,8 @@ impl Screen {
     }
 }
 
-/// Returns a lower bound of the distance (m) from spheres to a cloud, at most `close`, and an upper bound for the inner
-/// spheres. At least one sphere's bound must be below `close`.
+/// Returns a lower bound of the distance (m) between spheres and a point cloud, at most `close`, and an upper bound
+/// from the inner spheres. At least one sphere's bound must be below `close`.
 #[inline(always)]
 fn nearest<'a>(
     cloud: &PointGrid,
@@ -382,7 +382,7 @@ fn is_at_least(value: f32, limit: f32) -> bool {
     value >= limit
 }
 
-/// Returns the gap between spheres whose radii sum to `radii`.
+/// Returns the gap between two spheres whose radii sum to `radii`.
 #[inline(always)]
 fn apart(p: &Points, q: &Points, radii: f32) -> F32x8 {
     length(&[p[0] - q[0], p[1] - q[1], p[2] - q[2]]) - F32x8::splat(radii)
@@ -394,7 +394,7 @@ pub(super) fn all_at_least(value: F32x8, limit: F32x8) -> bool {
     value.all_at_least(limit)
 }
 
-/// Returns a box around eight spheres of one radius, whose centres are in the lanes of a vector.
+/// Returns a box around eight spheres of equal radius, whose centres are in the lanes of a vector.
 fn region(center: &Points, radius: f32) -> Aabb {
     let low = |k: usize| f64::from(center[k].to_array().into_iter().fold(f32::MAX, f32::min) - radius);
     let high = |k: usize| f64::from(center[k].to_array().into_iter().fold(f32::MIN, f32::max) + radius);
