@@ -36,14 +36,14 @@ File = str | os.PathLike[str]
 __version__: str
 
 class KpamError(Exception):
-    """Base class. Its subclasses name the file or field and the remedy, in their text and as attributes."""
+    """Base class of all errors, which name the file or field and the remedy in their message and as attributes."""
 
     file: str | None
     """File at fault, if any."""
     field: str | None
     """Path of the field at fault, such as ``constraint_list[2].tolerance`` or ``options.margin``."""
     message: str | None
-    """Fault and remedy, without file and field."""
+    """Description of the fault and its remedy, without file and field."""
 
 class UrdfError(KpamError):
     """A robot description cannot be used; the message names file, field and remedy."""
@@ -69,9 +69,9 @@ class Robot:
         """Read a URDF and its collision meshes.
 
         Args:
-            path: URDF file; mesh paths are relative to it, ``package://`` paths to it or a folder above it.
-            hand_link: link that carries the tool. The joints between ``base_link`` and this link are planned, poses
-                and tool keypoints refer to its frame, and moving joints below it are fingers.
+            path: URDF file. Mesh paths are relative to its folder, ``package://`` paths to it or a folder above.
+            hand_link: link that carries the tool. The joints between ``base_link`` and this link are planned. Poses
+                and tool keypoints refer to the frame of this link, and moving joints below it are fingers.
             srdf: SRDF file. Pairs of ``disable_collisions``, and links of ``disable_default_collisions`` except the
                 pairs of ``enable_collisions``, are not checked for collision. Without an SRDF file, neighbouring
                 links and links that overlap at the middle of their joint ranges are not checked.
@@ -79,7 +79,7 @@ class Robot:
 
         Raises:
             UrdfError: a file cannot be read or used: a limit is missing, a name is misspelt or unknown, or xacro is
-                not expanded. Names the link or joint.
+                not expanded. The error names the link or joint.
 
         Example:
             ```python
@@ -89,17 +89,17 @@ class Robot:
         """
     @property
     def name(self) -> str:
-        """Name in the URDF."""
+        """Name of the robot in the URDF."""
     @property
     def joint_names(self) -> list[str]:
-        """Names of the n moving joints, in the order of joint vectors (the URDF's)."""
+        """Names of the n moving joints. Joint vectors have the same order, which is the order in the URDF."""
     @property
     def link_names(self) -> list[str]:
         """Names of all links."""
     @property
     def unchecked_pairs(self) -> list[tuple[str, str]]:
         """Pairs of links that are not checked against each other because they overlap when every joint is at the middle
-        of its range; an SRDF would decide whether they may touch."""
+        of its range; an SRDF would tell whether they may touch."""
     @property
     def lower(self) -> Array:
         """(n,) lower joint limits, rad or m; minus infinity for continuous joints."""
@@ -108,8 +108,8 @@ class Robot:
         """(n,) upper joint limits, rad or m; infinity for continuous joints."""
     @property
     def velocity(self) -> Array:
-        """(n,) velocity limits, rad/s or m/s; infinity if the URDF gives none or 0; planning then requires
-        ``velocity_limits``."""
+        """(n,) velocity limits, rad/s or m/s; infinity if the URDF gives none or 0. In this case, planning requires
+        the argument or option ``velocity_limits``."""
     @property
     def acceleration(self) -> Array:
         """(n,) acceleration limits, rad/s^2 or m/s^2; infinity if the URDF gives none."""
@@ -117,14 +117,14 @@ class Robot:
     def jerk(self) -> Array:
         """(n,) jerk limits, rad/s^3 or m/s^3; infinity if the URDF gives none."""
     def surface(self, link: str) -> tuple[Array, Array]:
-        """Return the triangles (M, 3, 3) of a link's collision shapes, and centres and radii (K, 4) of its spheres,
-        m, in the link frame."""
+        """Return the triangles (M, 3, 3) of a link's collision shapes, and its spheres (K, 4) as centre and radius.
+        All are in the link frame, m."""
     @property
     def effort(self) -> Array:
-        """(n,) torque limits, N m or N; infinity if the URDF gives none."""
+        """(n,) torque limits, N m (N for sliding joints); infinity if the URDF gives none."""
     @property
     def mass(self) -> float:
-        """Mass of all links, kg."""
+        """Total mass of all links, kg."""
     def inverse_dynamics(
         self, q: Numbers, velocity: Numbers, acceleration: Numbers, *, gravity: Numbers = (0.0, 0.0, -9.81)
     ) -> Array:
@@ -132,19 +132,20 @@ class Robot:
 
         Args:
             q: (n,) or (N, n) joints, rad or m.
-            velocity: the same shape, rad/s or m/s.
-            acceleration: the same shape, rad/s^2 or m/s^2.
+            velocity: the same shape as ``q``, rad/s or m/s.
+            acceleration: the same shape as ``q``, rad/s^2 or m/s^2.
             gravity: (3,) in the base frame, m/s^2.
 
         Returns:
-            Torques of the same shape, N m (N for sliding joints).
+            Torques of the same shape as ``q``, N m (N for sliding joints).
         """
     def forward_kinematics(self, q: Numbers, link: str | None = None) -> Array:
         """Compute the pose of ``link`` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4)."""
     def jacobian(self, q: Numbers, link: str | None = None) -> Array:
-        """Compute the Jacobian of ``link`` (default: the hand): linear, then angular velocity of its origin, base axes.
+        """Compute the Jacobian of ``link`` (default: the hand) in base axes.
 
-        Joints (n,) give (6, n), and (N, n) give (N, 6, n); m or rad per rad or m.
+        Linear velocity of its origin comes first, then angular velocity. Joints (n,) give (6, n), and joints
+        (N, n) give (N, 6, n). Units are m or rad per rad or m.
         """
 
 class SolverConfig:
@@ -172,42 +173,42 @@ class SolverConfig:
             ConfigError: a field is unknown, or its value is not finite or of the wrong type.
         """
     def to_dict(self) -> dict[str, Any]:
-        """Return the config as dicts, lists, strings and numbers."""
+        """Return the config in the form in which it was given: dicts, lists, strings and numbers."""
     @property
     def gripper(self) -> Gripper:
-        """Finger mode of the config."""
+        """Mode of the fingers that the config requests."""
     @property
     def let_go(self) -> float | None:
-        """Retreat (m) of the hand along its own z axis after the final release; None for no release."""
+        """Distance (m) by which the hand retreats along its z axis after the release; None without a release."""
 
 class Shape:
     """A collision shape in the body frame. Instances can be pickled."""
 
     @staticmethod
     def box(half_extents: Numbers, pose: Numbers | None = None) -> Shape:
-        """Return a box with half extents (3,), m, along the axes of ``pose`` (4, 4); default: the body's axes."""
+        """Return a box with half extents (3,), m, along the axes of ``pose`` (4, 4); default: the body frame."""
     @staticmethod
     def sphere(radius: float, center: Numbers | None = None) -> Shape:
-        """Return a sphere of a radius (m) about ``center`` (3,); default: the body's origin."""
+        """Return a sphere with ``radius`` (m) around ``center`` (3,), m; default: the origin of the body frame."""
     @staticmethod
     def capsule(radius: float, length: float, pose: Numbers | None = None) -> Shape:
-        """Return a capsule along z of ``pose``; ``length`` (m) is the distance between the centres of its caps."""
+        """Return a capsule along the z axis of ``pose``; ``length`` (m) is the distance between the caps' centres."""
     @staticmethod
     def cylinder(radius: float, length: float, pose: Numbers | None = None) -> Shape:
-        """Return a cylinder along z of ``pose``, approximated by a circumscribed prism of 32 sides; lengths in m."""
+        """Return a cylinder (m) along the z axis of ``pose``, approximated by a circumscribed prism of 32 sides."""
     @staticmethod
     def convex_hull(points: Numbers) -> Shape:
         """Return the convex hull of (N, 3) points in the body frame; the points may be coplanar."""
     @staticmethod
     def mesh(vertices: Numbers, triangles: npt.ArrayLike) -> Shape:
         """Return a surface of triangles (M, 3) over vertices (N, 3). The surface is not solid: a body entirely inside
-        does not collide with it."""
+        does not collide with the surface."""
     @staticmethod
     def point_cloud(points: Numbers, radius: float) -> Shape:
-        """Return a point cloud (N, 3), each point a sphere of ``radius`` (m); an empty cloud is no obstacle."""
+        """Return a point cloud (N, 3) whose points are spheres of ``radius`` (m). An empty cloud is no obstacle."""
 
 class Body:
-    """A body of the scene. Instances can be pickled."""
+    """A rigid body of a scene. Instances can be pickled."""
 
     def __init__(
         self,
@@ -221,12 +222,12 @@ class Body:
         """Create a rigid body from shapes.
 
         Args:
-            name: unique in its scene.
+            name: name that no other body of the scene has.
             role: relation to the hand. Hand, fingers and the grasped body may touch a ``target``; an ``attached``
                 body moves with the hand.
             shapes: collision shapes in the body frame.
-            pose: (4, 4) body in the robot base frame; in the hand frame for an attached body.
-            keypoints: (3,) each, in the body frame, m; problems on the scene receive them.
+            pose: (4, 4) pose of the body in the robot base frame, or in the hand frame for an attached body.
+            keypoints: positions (3,) in the body frame, m. Problems on the scene include them.
 
         Raises:
             ProblemError: the pose is not rigid, or a number is not finite.
@@ -238,11 +239,11 @@ class Body:
     def role(self) -> str:
         """Role of the body, such as "rigid"."""
     def surface(self) -> tuple[Array, Array]:
-        """Return the triangles (M, 3, 3) of the surface, and centres and radii (K, 4) of spheres (including the
-        points of point clouds), m, in the body frame."""
+        """Return the triangles (M, 3, 3) of the surface, and the spheres (K, 4) as centre and radius, including the
+        points of point clouds. All are in the body frame, m."""
     @property
     def pose(self) -> Array:
-        """(4, 4) body in the robot base frame; of an attached body, in the hand frame."""
+        """(4, 4) pose of the body in the robot base frame, or in the hand frame for an attached body."""
 
 class Joint:
     """A joint of an object: axis, current value and range."""
@@ -259,12 +260,12 @@ class Joint:
         """Create a joint.
 
         Args:
-            kind: "revolute" or "prismatic".
+            kind: "revolute" for a rotation, "prismatic" for a translation.
             origin: (3,) point on the axis in the robot base frame, m.
-            axis: (3,) direction in the robot base frame.
+            axis: (3,) direction of the axis in the robot base frame.
             value: current value, rad or m.
-            lower: lower end of the range, rad or m.
-            upper: upper end of the range, rad or m.
+            lower: lower limit of the value, rad or m.
+            upper: upper limit of the value, rad or m.
         """
 
 class SceneJoint:
@@ -274,10 +275,10 @@ class SceneJoint:
         """Create a named joint of the scene with the bodies that it moves."""
     @property
     def name(self) -> str:
-        """Name in its scene."""
+        """Name of the joint in its scene."""
     @property
     def value(self) -> float:
-        """Current value, rad or m."""
+        """Current value of the joint, rad or m."""
     @property
     def moves(self) -> list[str]:
         """Names of the bodies that the joint moves."""
@@ -308,7 +309,7 @@ class Scene:
             ProblemError: two bodies or joints share a name, or a joint moves an unknown body.
         """
     def own_points(self, q: Numbers, points: npt.ArrayLike, clearance: float = 0.02) -> npt.NDArray[np.bool_]:
-        """Return which of (N, 3) points (m, base frame) lie within ``clearance`` (m) of the robot at joints ``q``
+        """Return which of the points (N, 3) (m, base frame) lie within ``clearance`` (m) of the robot at joints ``q``
         (n,) or of its attached bodies. ``points[~scene.own_points(q, points)]`` are the obstacle points of a
         measured cloud."""
     @property
@@ -316,10 +317,10 @@ class Scene:
         """The arm."""
     @property
     def bodies(self) -> list[Body]:
-        """Bodies of the scene, in order."""
+        """Bodies of the scene, in the order in which they were given."""
     @property
     def joints(self) -> list[SceneJoint]:
-        """Joints of objects, in order."""
+        """Joints of objects, in the order in which they were given."""
     @property
     def tool_keypoints(self) -> dict[str, Array]:
         """Keypoints of the attached bodies in the hand frame, named "body/keypoint"."""
@@ -327,9 +328,9 @@ class Scene:
     def object_keypoints(self) -> dict[str, Array]:
         """Keypoints of all other bodies in the base frame, named "body/keypoint"."""
     def with_joint(self, name: str, value: float) -> Scene:
-        """Return the scene with a joint at another value (rad or m, within its range); its bodies move with it."""
+        """Return the scene with a joint at another value (rad or m, within its range); the joint's bodies move, too."""
     def with_pose(self, body: str, pose: Numbers) -> Scene:
-        """Return the scene with a body at another pose (4, 4): base frame, or hand frame if attached."""
+        """Return the scene with a body at another pose (4, 4) in the base frame (in the hand frame if attached)."""
     def attached(self, body: str, q: Numbers) -> Scene:
         """Return the scene with a body attached to the hand at joints ``q`` (n,); object joints no longer move
         the body."""
@@ -357,7 +358,7 @@ class Scene:
         by this joint are the moving link.
 
         Raises:
-            ProblemError: the parts do not fit each other.
+            ProblemError: the arguments do not fit the scene or each other.
         """
     def grasps(
         self,
@@ -371,10 +372,10 @@ class Scene:
         Attached bodies are not avoided.
 
         Args:
-            body: name of the body, of convex hulls or closed meshes.
+            body: name of the body; its shapes are convex hulls or closed meshes.
             gripper: the robot's gripper.
-            center_of_mass: (3,) in the body frame, m; default: centroid of the volume, or of a mesh's bounding box.
-            options: :class:`GraspOptions`.
+            center_of_mass: (3,) in the body frame, m; default: centroid of the volume, or of the box around a mesh.
+            options: options of the search.
 
         Returns:
             Grasps, best first; may be empty.
@@ -402,18 +403,18 @@ class Scene:
         Args:
             body: name of the body to pick.
             gripper: the robot's gripper.
-            q_start: (n,) joints at the start.
-            grasps: grasps of the body, best first.
-            targets: successive target poses (4, 4) in the base frame, each with a direction (3,) about which the
-                body may be rotated, or None.
+            q_start: (n,) joints at the start, rad or m.
+            grasps: candidate grasps of the body, best first.
+            targets: successive target poses (4, 4) of the body in the base frame, each with a direction (3,) about
+                which the body may be rotated, or None for a fixed orientation.
             approach: length of the straight approach of the open hand, m.
-            lift: (3,) translation of the hand after the grasp, base frame, m; reversed for the approach to targets.
-                Default: 0.1 upwards.
+            lift: (3,) translation of the hand after the grasp, base frame, m; default: 0.1 m upwards. The hand
+                approaches targets by the reverse translation.
             options: options of every plan; ``start_velocity`` and ``start_acceleration`` apply to the pick only,
                 since later motions start at rest.
 
         Returns:
-            The grasp with its motions; None if no grasp works.
+            The grasp with its planned motions; None if no grasp allows all motions.
 
         Raises:
             ProblemError: an argument does not fit the scene.
@@ -444,41 +445,41 @@ class Scene:
         deadline_ms: float | None = None,
         cancel: Cancel | None = None,
     ) -> Motion:
-        """Plan a timed motion from ``q_start`` (n,) to rest at a goal that keeps ``margin`` from all obstacles.
+        """Plan a timed motion from ``q_start`` to rest at a goal, at least ``margin`` away from all obstacles.
 
-        From a moving start, the planner uses the fastest motion within the limits if it is collision-free, and
-        searches a path around the obstacles otherwise.
+        From a moving start, the planner uses the fastest motion within the limits if this motion is collision-free.
+        Otherwise it searches a path around the obstacles.
 
         Args:
-            q_start: (n,) full joint vector; joints that do not move the hand keep their values.
+            q_start: (n,) values of all joints; joints that do not move the hand keep their values.
             goal: joints (n,), alternative joints (K, n), or a pose (4, 4) of ``link`` in the base frame. For a robot
                 with four joints, a (4, 4) array that is a rigid transform is a pose. Joints that do not move the
                 hand keep the value of ``q_start``.
-            link: link of the goal pose (default: the hand).
-            margin: minimum distance in m, 0 to 0.1. Pairs that are closer at the start or the goal keep that
-                distance there.
-            samples: maximum number of samples of the search.
-            seed: seed of the samples.
-            velocity_scale: fraction of the velocity limits, above 0, at most 1.
-            acceleration_scale: fraction of the acceleration and jerk limits, above 0, at most 1.
+            link: link that must reach the goal pose; default: the hand.
+            margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start or the goal
+                keep that smaller distance.
+            samples: maximum number of random samples of the search.
+            seed: seed of the random samples.
+            velocity_scale: fraction of the velocity limits that the motion may use, above 0, at most 1.
+            acceleration_scale: the same fraction of the acceleration and jerk limits, above 0, at most 1.
             limits: acceleration and jerk limits of a known arm; "fr3" also has velocity limits that depend on the
                 position.
             velocity_limits: (n,) rad/s or m/s instead of the URDF's; required if the URDF has none.
             acceleration_limits: (n,) rad/s^2 or m/s^2 instead of the URDF's and those of ``limits``.
-            jerk_limits: (n,) rad/s^3 or m/s^3, likewise.
-            torque_limits: (n,) N m, or N; default: torques are not limited.
+            jerk_limits: (n,) rad/s^3 or m/s^3 instead of the URDF's and those of ``limits``.
+            torque_limits: (n,) N m (N for sliding joints); default: torques are not limited.
             path: config whose axis constraints hold along the whole motion: the direction between two tool keypoints
                 keeps its angle to a direction of the base (``target_axis_frame`` "world") within ``tolerance`` rad.
-                Start and goal must lie within 0.85 of the tolerance.
-            tool_keypoints: (3,) each, m in the hand frame, as named by ``path``; keypoints of attached bodies are
-                added.
+                At start and goal, the error of the angle must be below 0.85 of the tolerance.
+            tool_keypoints: positions (3,) of the keypoints that ``path`` names, hand frame, m; keypoints of attached
+                bodies are added.
             start_velocity: (n,) rad/s or m/s at the start; default: at rest.
-            start_acceleration: (n,) rad/s^2 or m/s^2 at the start; default: none.
+            start_acceleration: (n,) rad/s^2 or m/s^2 at the start; default: zero.
             start_time: time at which the motion starts, s.
-            warm_start: current motion. It is kept if it passes the start at ``start_time``, ends at a goal and is
-                still collision-free, unless another motion arrives earlier.
+            warm_start: current motion. The planner continues it if it passes the start at ``start_time``, ends at a
+                goal and is still collision-free, unless another motion ends earlier.
             max_checks: maximum number of configurations to check for collisions.
-            deadline_ms: time limit of the search in wall-clock time; without a limit, the result is reproducible.
+            deadline_ms: wall-clock limit of the search, ms; without a limit, the result is reproducible.
             cancel: flag that ends the search from another thread.
 
         Returns:
@@ -502,9 +503,9 @@ class Scene:
         """Solve inverse kinematics, ignoring obstacles.
 
         Args:
-            pose: (4, 4) of ``link`` in the base frame.
+            pose: (4, 4) pose of ``link`` in the base frame.
             q_start: (n,) joints that the solutions should be close to.
-            link: link of the pose; default: the hand.
+            link: link that must reach the pose; default: the hand.
             max_solutions: maximum number of solutions, 1 to 256.
             seed: seed of the start values, 0 to 1,000,000.
 
@@ -519,8 +520,8 @@ class Scene:
         are not checked.
         """
     def distance(self, q: Numbers, max_distance: float = 1.0) -> float | Array:
-        """Measure the smallest signed distance (m) over the pairs of :meth:`in_collision`, at most ``max_distance``:
-        (n,) -> float, (N, n) -> (N,)."""
+        """Measure the smallest signed distance (m) over the pairs that :meth:`in_collision` checks, at most
+        ``max_distance``: (n,) -> float, (N, n) -> (N,)."""
     def check(self, q: Numbers, reach: float = 0.0) -> list[Any]:
         """List the pairs closer than ``reach`` (m), closest first, as :class:`CheckedPair`: one list for (n,), N
         lists for (N, n)."""
@@ -541,13 +542,13 @@ class Motion:
         """Timed motion, if solved."""
     @property
     def goal(self) -> int | None:
-        """Index of the goal at which the motion ends."""
+        """Index, in the list of goals, of the goal at which the motion ends."""
     @property
     def corners(self) -> Array | None:
         """(K, n) vertices of the path that the motion follows."""
     @property
     def nearer(self) -> list[tuple[str, str, float]]:
-        """Pairs closer than the margin at the start or the goal, with their distance (m)."""
+        """Pairs closer than the margin at the start or the goal: two names and the distance (m) that is kept."""
     @property
     def checks(self) -> int | None:
         """Number of configurations checked for collisions."""
@@ -575,7 +576,7 @@ class Cancel:
         """Whether the flag is set."""
 
 class KeypointProblem:
-    """Robot, config, keypoints and obstacles of one plan, validated on construction. Instances can be pickled.
+    """A planning problem: robot, config, keypoints and obstacles, validated on construction. Instances can be pickled.
 
     Example:
         ```python
@@ -613,15 +614,15 @@ class KeypointProblem:
             robot: the arm.
             config: constraints and motions.
             q_start: (n,) joints at the start, rad or m.
-            tool_keypoints: (3,) each, in the hand frame, m.
-            object_keypoints: (3,) each, in the base frame, m.
-            T_base_object: (4, 4) object frame in the base frame.
+            tool_keypoints: positions (3,) in the hand frame, m.
+            object_keypoints: positions (3,) in the base frame, m.
+            T_base_object: (4, 4) pose of the object frame in the base frame.
             joint: the object's joint, which moves the bodies with role ``moving_link``.
-            object_axis: axis of the object frame about which "rotate" turns.
+            object_axis: axis of the object frame about which the motion "rotate" turns the hand.
             object_yaw: yaw of the object from the scene's randomization, rad; used by ``frames="original"``.
-            T_base_world: (4, 4) world frame in the base frame; default: identity.
+            T_base_world: (4, 4) pose of the world frame in the base frame; default: identity.
             bodies: obstacles, targets and attached bodies.
-            options: :class:`Options`.
+            options: options of the problem.
 
         Raises:
             ProblemError: the parts do not fit each other, or an option is unknown or out of range.
@@ -629,27 +630,27 @@ class KeypointProblem:
     def with_start(
         self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0, *, acceleration: Numbers | None = None
     ) -> KeypointProblem:
-        """Return the problem with another start state; everything else is shared.
+        """Return the problem with another start state; all other data are shared with this problem.
 
-        If position, velocity and acceleration come from a sample of another motion, the new motion continues it
+        If position, velocity and acceleration are a sample of another motion, the new motion continues that motion
         smoothly.
 
         Args:
             q: (n,) joints, rad or m.
             velocity: (n,) rad/s or m/s; default: at rest.
-            time: time on the motion's clock, s.
+            time: time at which the motion starts, s.
             acceleration: (n,) rad/s^2 or m/s^2; default: zero.
         """
     @property
     def scene(self) -> Scene:
-        """Scene of the problem, in which the joint is named "joint"."""
+        """Scene of the problem, in which the object's joint has the name "joint"."""
 
 class Trajectory:
     """Timed joint motion. Instances can be pickled."""
 
     @property
     def times(self) -> Array:
-        """(N,) seconds, at most 0.1 s (or a 100,000th of the motion) apart, including every keyframe time."""
+        """(N,) sample times, at most 0.1 s (or a 100,000th of the motion) apart, including every keyframe time."""
     @property
     def positions(self) -> Array:
         """(N, n) joint positions at ``times``."""
@@ -660,10 +661,10 @@ class Trajectory:
         """Sample the motion; it is at rest after its end.
 
         Args:
-            t: time, or (N,) times, s.
+            t: one time, or times (N,), s.
 
         Returns:
-            Position, velocity and acceleration, (n,) each; (N, n) for (N,) times.
+            Position, velocity and acceleration: (n,) each for one time, (N, n) each for (N,) times.
         """
     def sample_into(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
         """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,), without
@@ -673,23 +674,23 @@ class Trajectory:
         of velocity, acceleration and jerk. Torque limits of the plan are ignored.
 
         The stop begins at t. If the motion itself comes to rest sooner, the motion is returned. If no stop along the
-        path keeps the limits, as right before the motion reverses, every joint stops independently, which may leave
-        the path.
+        path keeps the limits, for example just before the motion reverses, every joint stops independently, and the
+        arm may leave the path.
         """
     def splice(self, next: Trajectory, t: float) -> Trajectory:
-        """Return this motion until time t (s) and ``next`` from there on.
+        """Return this motion until time t (s) and ``next`` from then on.
 
         Raises ProblemError if ``next`` does not continue the state at t: position, velocity and acceleration must agree
         within 1e-6, and joints that neither motion moves, such as fingers, must have the same position. Use ``since``
-        to drop the part before t.
+        to drop the part before a time.
         """
     def since(self, t: float) -> Trajectory:
-        """Return this motion from time t (s) on, so that a repeatedly spliced motion does not grow."""
+        """Return the part of this motion from time t (s) on. Use it to keep a repeatedly spliced motion short."""
     def sample_every(self, dt: float) -> Array:
-        """Return positions every ``dt`` (s), (ceil(duration / dt) + 1, n); at most a million rows."""
+        """Return positions (ceil(duration / dt) + 1, n), one row every ``dt`` seconds; at most a million rows."""
 
 class Plan:
-    """Result of planning: the motion, constraint residuals, and reasons of a failure. Instances can be pickled."""
+    """Result of planning: motion, residuals of the constraints, reason of a failure. Instances can be pickled."""
 
     @property
     def status(self) -> Status:
@@ -699,14 +700,14 @@ class Plan:
         was found, but no motion along it within the limits), "cancelled". Only the first two have a trajectory."""
     @property
     def reason(self) -> str:
-        """Explanation in one sentence: the missed constraint and its error, the unreached keyframe, or the colliding
-        bodies."""
+        """Reason of a failure in one sentence: the missed constraint and its error, the unreached keyframe, or the
+        colliding bodies."""
     @property
     def warnings(self) -> list[str]:
-        """Warnings about assumptions and omitted checks."""
+        """Warnings about assumed values and omitted checks."""
     @property
     def margin(self) -> float:
-        """Clearance that the motion keeps from bodies that it may not touch, m, except the pairs in ``tight``."""
+        """Clearance (m) that the motion keeps from bodies that it may not touch, except for the pairs in ``tight``."""
     @property
     def tight(self) -> list[TightPair]:
         """Pairs closer than the margin at the start or at a keyframe that may not touch before or after it:
@@ -725,7 +726,7 @@ class Plan:
         them."""
     @property
     def q_actuation(self) -> Array | None:
-        """(n,) cheapest pose that meets all constraints, ignoring obstacles."""
+        """(n,) actuation pose with the lowest cost that meets all constraints, ignoring obstacles."""
     @property
     def cost(self) -> float | None:
         """Cost of ``q_actuation``."""
@@ -747,10 +748,10 @@ class Plan:
         """The motion; None unless the status is "solved" or "partial"."""
     @property
     def tried(self) -> int:
-        """Number of actuation poses for which planning a motion was attempted."""
+        """Number of actuation poses for which the planner attempted to find a motion."""
     @property
     def tried_poses(self) -> list[TriedPose]:
-        """Outcome of each pose that was tried, if ``explain`` was set: ``q`` (n,), ``rank``, ``status``, ``reason``."""
+        """Result for each pose that was tried, if ``explain`` was set: ``q`` (n,), ``rank``, ``status``, ``reason``."""
     @property
     def reached_fraction(self) -> float:
         """Fraction of the motion after the actuation pose that is reachable and collision-free, 0..1."""
@@ -776,10 +777,10 @@ def read_urdf(content: bytes, file: str) -> dict[str, Any]:
         file: file name for error messages.
 
     Returns:
-        ``name``, ``links``, ``joints`` and ``materials``; None for missing or infinite values.
+        A dict with ``name``, ``links``, ``joints`` and ``materials``; missing or infinite values are None.
 
     Raises:
-        UrdfError: the content is no valid URDF; names the link or joint, the attribute and the remedy.
+        UrdfError: the content is no valid URDF; the error names the link or joint, the attribute and the remedy.
 
     Example:
         ```python
@@ -794,7 +795,7 @@ def read_obj(content: bytes) -> tuple[Array, list[tuple[str, npt.NDArray[np.int6
         content: bytes of the file.
 
     Returns:
-        Vertices (N, 3); name and triangles (M, 3) of each material; names of the material files.
+        Vertices (N, 3); the name and the triangles (M, 3) of each material; the names of the material files.
 
     Raises:
         ValueError: a vertex is not three numbers, or a face has fewer than three vertices or an invalid index.
@@ -828,14 +829,14 @@ def plan(
     Args:
         problem: robot, config, keypoints and obstacles.
         warm_start: earlier plan of this or a similar problem, whose pose and path are tried first.
-        resume: label of the first keyframe still to reach. Earlier parts of the motion have been executed: ``q_start``
-            and ``start_velocity`` are the current state; everything else is as in the problem of that plan.
+        resume: label of the next keyframe, if earlier parts of the plan's motion have been executed. ``q_start`` and
+            ``start_velocity`` are then the current state; all other data are those of the problem that was planned.
             After the actuation pose, ``warm_start`` is required.
         max_checks: maximum number of states checked for collisions, a limit independent of the machine.
-        deadline_ms: time limit in wall-clock time, after which the best result so far is returned; without a limit,
-            the result is reproducible.
+        deadline_ms: wall-clock limit, ms, after which the best result so far is returned; without a limit, the result
+            is reproducible.
         cancel: flag that ends planning from another thread.
-        explain: whether to record the outcome of each tried pose in ``Plan.tried_poses``.
+        explain: whether to record the result for each tried pose in ``Plan.tried_poses``.
 
     Returns:
         The plan; if ``status`` is neither "solved" nor "partial", ``reason`` names the failing constraint, keyframe
@@ -846,14 +847,14 @@ def plan(
     """
 
 def ik(problem: KeypointProblem, max_solutions: int = 10) -> list[ActuationPose]:
-    """Find the cheapest distinct poses that meet the constraints, ignoring obstacles.
+    """Find distinct joint vectors of lowest cost that meet the constraints, ignoring obstacles.
 
     Args:
         problem: robot, config and keypoints.
-        max_solutions: maximum number of poses.
+        max_solutions: maximum number of solutions.
 
     Returns:
-        Poses, cheapest first: ``q`` (n,) and ``cost``. Use ``Scene.check`` to find the bodies that a pose touches.
+        Solutions, cheapest first: ``q`` (n,) and ``cost``. Use ``Scene.check`` to find the bodies that a pose touches.
 
     Example:
         ```python
@@ -863,7 +864,7 @@ def ik(problem: KeypointProblem, max_solutions: int = 10) -> list[ActuationPose]
     """
 
 def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
-    """Return the travel (N,), rad or m, that the planner assumes for the object's joint at times (N,), s, of a plan.
+    """Return the travel (N,), rad or m, of the object's joint that the planner assumes at times (N,), s, of a plan.
 
     Example:
         ```python
@@ -890,10 +891,10 @@ class ParallelGripper:
 
         Args:
             tool_head: (3,) midpoint between the pads.
-            tool_tail: (3,) point behind the midpoint, against the direction of the fingers.
-            tool_side: (3,) point beside the midpoint, in the opening direction of one finger.
+            tool_tail: (3,) point behind the midpoint; the fingers point from here to ``tool_head``.
+            tool_side: (3,) point next to the midpoint, in the opening direction of one finger.
             pad: (2,) size of a pad, across and along the fingers, m.
-            stroke: (2,) smallest and largest opening, m.
+            stroke: (2,) smallest and largest distance between the pads, m.
             palm: shapes that do not move with the fingers.
             fingers: shapes of the finger away from ``tool_side`` and of the finger towards it, at opening zero.
         """
@@ -901,58 +902,58 @@ class ParallelGripper:
     def of_robot(robot: Robot, tool_head: Numbers, tool_tail: Numbers, tool_side: Numbers) -> ParallelGripper:
         """Derive the gripper of a robot whose fingers slide along the axis from ``tool_head`` to ``tool_side``.
 
-        Pads and stroke are derived from shapes and joint limits.
+        Pads and stroke are derived from the shapes and joint limits of the fingers.
 
         Raises:
             ProblemError: the robot has no such fingers.
         """
     @property
     def T_hand_grip(self) -> Array:
-        """(4, 4) grip frame: x along the closing axis, z along the fingers, origin midway between the centres of the
-        pads."""
+        """(4, 4) pose of the grip frame in the hand frame. Its x axis is the closing axis, z points along the fingers,
+        and the origin is midway between the centres of the pads."""
     @property
     def pad(self) -> tuple[float, float]:
-        """Size of a pad, m, across and along the fingers."""
+        """Size of a pad across and along the fingers, m."""
     @property
     def stroke(self) -> tuple[float, float]:
-        """Smallest and largest opening, m."""
+        """Smallest and largest distance between the pads, m."""
 
 class Grasp:
     """A grasp of an object. Instances can be pickled."""
 
     @property
     def T_object_hand(self) -> Array:
-        """(4, 4) hand in the object frame."""
+        """(4, 4) pose of the hand in the object frame."""
     @property
     def T_base_hand(self) -> Array:
-        """(4, 4) hand in the robot base frame, for the object's current pose."""
+        """(4, 4) pose of the hand in the robot base frame, for the object's current pose."""
     @property
     def approach(self) -> Array:
-        """(3,) unit direction in which the hand approaches, robot base frame."""
+        """(3,) unit direction in which the hand moves towards the object, robot base frame."""
     @property
     def width(self) -> float:
-        """Distance of the pads in the grasp, m."""
+        """Distance between the pads in the grasp, m."""
     @property
     def opening(self) -> float:
-        """Distance of the pads during the approach, m."""
+        """Distance between the pads during the approach, m."""
     @property
     def score(self) -> float:
-        """Rank, 0 to 1; higher is better."""
+        """Score from 0 to 1; grasps with a higher score rank first."""
     @property
     def quality(self) -> GraspQuality:
-        """Terms of the rank: ``friction_margin`` (rad inside the friction cone), ``contact`` (fraction of a pad in
+        """Terms of the score: ``friction_margin`` (rad inside the friction cone), ``contact`` (fraction of a pad in
         contact), ``lever`` (m, lever arm of gravity about the midpoint of the pads), ``clearance`` (m, of the open
         hand), ``tilt`` (rad between approach and straight down)."""
 
 class GraspPlan:
-    """A grasp with its planned motions."""
+    """A grasp with the planned motions of the pick and its placements."""
 
     @property
     def index(self) -> int:
-        """Index of the grasp in the given list."""
+        """Index of the grasp in the list of candidates given to ``plan_grasp``."""
     @property
     def T_object_hand(self) -> Array:
-        """(4, 4) hand in the object frame, possibly with the fingers swapped."""
+        """(4, 4) pose of the hand in the object frame, possibly with the fingers swapped."""
     @property
     def pick(self) -> Plan:
         """Plan from the start to the grasp ("actuation") and the lift ("post_0")."""
@@ -961,14 +962,14 @@ class GraspPlan:
         """Plans to the targets, each starting at the end of the previous one."""
 
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
-    """Plan several problems in parallel; Ctrl-C interrupts.
+    """Plan several problems in parallel. Ctrl-C interrupts planning.
 
     Args:
         problems: independent problems.
         threads: number of threads, 1 to 256; default: number of cores.
 
     Returns:
-        The same plans as from :func:`plan`, in order.
+        The same plans as from :func:`plan`, in the order of the problems.
 
     Example:
         ```python
@@ -980,12 +981,12 @@ def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> Clearanc
     """Measure the smallest signed distances (m) of checked pairs along a plan's motion.
 
     Args:
-        problem: planned problem.
-        plan: plan of the problem.
-        step: interval of the samples, s; at least a 100,000th of the motion.
+        problem: the problem that was planned.
+        plan: its plan.
+        step: time between samples of the motion, s; at least a 100,000th of its duration.
 
     Returns:
-        Distances by kind of pair: "self", "table", "object"; None if the plan has no motion.
+        Smallest distance for each kind of pair: "self", "table", "object"; None if the plan has no motion.
 
     Example:
         ```python
@@ -1009,27 +1010,27 @@ def retime(
     method: Literal["reachability", "conic"] = "reachability",
 ) -> tuple[Trajectory, Array]:
     """Return the fastest motion along the cubic spline through waypoints within velocity, acceleration and jerk
-    limits. Ctrl-C interrupts.
+    limits. Ctrl-C interrupts the computation.
 
     Args:
         waypoints: (N, n) joint positions, rad or m; the natural spline is parametrized by chord length.
         velocity_limits, acceleration_limits, jerk_limits: (n,) per second, per second squared and cubed.
-        stops: indices of waypoints at which the motion stops, in addition to the last.
+        stops: indices of waypoints at which the motion stops, in addition to the last waypoint.
         slowest: (N - 1,) minimum time of each interval between waypoints, s.
-        start_velocity, start_acceleration: (n,) at the first waypoint; default: at rest. If the start does not move
+        start_velocity, start_acceleration: (n,) at the first waypoint; default: zero. If the start does not move
             towards the second waypoint, the motion leaves the path in a turn, or stops first if no turn is possible.
         start_time: time of the first waypoint, s.
         position_limits: (n,) lower and upper limits within which a moving start must be able to stop.
-        braking: upper, lower, gain and offset for each joint, or None. Upwards, the joint moves no faster than
-            ``-offset + sqrt(gain * (upper - q))``, downwards than ``-offset + sqrt(gain * (q - lower))``.
+        braking: (upper, lower, gain, offset) of each joint, or None. Upwards, the joint moves no faster than
+            ``-offset + sqrt(gain * (upper - q))``, downwards no faster than ``-offset + sqrt(gain * (q - lower))``.
         method: "conic" solves a cone program with Clarabel instead, which is slower and gives the same motion.
 
     Returns:
         The motion from the start time on, and the times (N,) at which it passes the waypoints.
 
     Raises:
-        ProblemError: an argument is invalid; names the argument. It is ``start_velocity`` if no motion from the
-            start keeps the limits.
+        ProblemError: an argument is invalid; the error names the argument, which is ``start_velocity`` if no motion
+            from the start keeps the limits.
 
     Example:
         ```python
@@ -1047,18 +1048,18 @@ def refine(
     0.03 rad), joint limits are kept, collision-free steps stay collision-free, and the cost never increases.
 
     Args:
-        problem: planned problem.
-        plan: plan of the problem with a trajectory.
-        times: (N,) times of waypoints in the plan's motion, s, in addition to its start, end and keyframes; default:
-            about 40, evenly spaced.
-        keep_paths: whether the hand stays on its lines and arcs after the actuation, not only at keyframes.
+        problem: the problem that was planned.
+        plan: its plan, which has a trajectory.
+        times: (N,) times of the motion at which waypoints are placed, s, in addition to its start, end and keyframes;
+            default: about 40 evenly spaced times.
+        keep_paths: whether the hand also stays on its lines and arcs between keyframes after the actuation.
 
     Returns:
         ``waypoints`` (N, n), ``times`` (N,), ``keyframes`` (indices of their waypoints), ``cost_before``,
         ``cost_after``, ``rounds``. ``retime`` computes a motion from the waypoints.
 
     Raises:
-        ProblemError: the plan has no motion, or a time lies outside it.
+        ProblemError: the plan has no motion, or a time lies outside the motion.
 
     Example:
         ```python

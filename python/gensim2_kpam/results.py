@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Status(StrEnum):
-    """Outcome of planning a keypoint problem. Only ``SOLVED`` and ``PARTIAL`` have a trajectory."""
+    """Status of a planned keypoint problem. Only ``SOLVED`` and ``PARTIAL`` have a trajectory."""
 
     SOLVED = "solved"
     """The whole motion is reachable and collision-free."""
@@ -22,9 +22,9 @@ class Status(StrEnum):
     ACTUATION_INFEASIBLE = "actuation_infeasible"
     """No joint values meet the constraints."""
     UNREACHABLE = "unreachable"
-    """From every tried actuation pose, a keyframe is out of reach."""
+    """For every tried actuation pose, a keyframe is out of reach."""
     COLLISION = "collision"
-    """From every tried actuation pose, an obstacle is in the way."""
+    """For every tried actuation pose, an obstacle blocks the motion."""
     START_IN_COLLISION = "start_in_collision"
     """At the start, the robot overlaps a body by more than ``start_depth``."""
     TOO_FAST = "too_fast"
@@ -40,7 +40,7 @@ class Status(StrEnum):
 
 
 class MotionStatus(StrEnum):
-    """Outcome of planning a motion to a goal."""
+    """Status of a planned motion to a goal."""
 
     SOLVED = "solved"
     """A motion was found."""
@@ -57,13 +57,13 @@ class MotionStatus(StrEnum):
     CANNOT_STOP = "cannot_stop"
     """No motion from the start state stays within the joints' limits."""
     LATE = "late"
-    """The deadline passed."""
+    """The time limit has passed."""
     CANCELLED = "cancelled"
     """Planning was cancelled."""
 
 
 class Residual(TypedDict):
-    """Residual of a constraint at a pose; metres or radians."""
+    """Error of a constraint at a pose, in metres or radians."""
 
     name: str
     residual: float
@@ -75,22 +75,22 @@ class Keyframe(TypedDict):
     """A pose of the hand that a motion passes through."""
 
     label: str
-    """Name: "pre_1", "pre_0", "actuation", "post_0", "let_go"."""
+    """Name of the keyframe: "pre_1", "pre_0", "actuation", "post_0", "let_go"."""
     time: float | None
-    """Time on the motion's clock, s; None if not reached."""
+    """Time at which the motion passes the keyframe, s; None if not reached."""
     T_base_hand: Array
     """Pose (4, 4) of the hand in the base frame."""
     reached: bool
 
 
 class Collision(TypedDict):
-    """Collision that blocks a motion."""
+    """A collision that blocks a motion."""
 
     bodies: tuple[str, str]
     time: float | None
-    """Time in s; None if the motion has no time there."""
+    """Time of the collision, s; None if the colliding part of the motion was not timed."""
     toward: str
-    """Keyframe at the end of the segment."""
+    """Name of the keyframe at the end of the segment."""
     distance: float
     """Distance in m, negative if the bodies overlap."""
     point: Array
@@ -104,7 +104,7 @@ class TightPair(TypedDict):
     at: str
     """"start" or the name of a keyframe."""
     distance: float
-    """Distance, m."""
+    """Distance between the two bodies, m."""
 
 
 class Touch(TypedDict):
@@ -121,26 +121,26 @@ class Guess(TypedDict):
     """A segment of a motion in which the travel of the object's joint is only estimated."""
 
     toward: str
-    """Keyframe at the end of the segment."""
+    """Name of the keyframe at the end of the segment."""
     travel: float
     """Estimated travel, rad or m."""
     depth: float
-    """Overlap tolerated because of the estimate, m."""
+    """Overlap of bodies that is tolerated because of the estimate, m."""
 
 
 class TriedPose(TypedDict):
-    """Outcome of one actuation pose."""
+    """Result of planning a motion with one actuation pose."""
 
     q: Array
     """Joints (n,)."""
     rank: int
-    """Rank by cost, 0 for the cheapest."""
+    """Rank of the pose by cost; 0 has the lowest cost."""
     status: Status
     reason: str
 
 
 class CpuTimes(TypedDict):
-    """Thread CPU times of planning, ms."""
+    """CPU times of planning in its thread, ms."""
 
     setup: float
     """Time for building the scene and checking the start."""
@@ -150,7 +150,7 @@ class CpuTimes(TypedDict):
 
 
 class CheckedPair(TypedDict):
-    """Two bodies and their distance."""
+    """Two bodies and the distance between them."""
 
     bodies: tuple[str, str]
     distance: float
@@ -168,7 +168,7 @@ class ActuationPose(TypedDict):
 
 
 class Clearances(TypedDict):
-    """Minimum signed distances along a motion, m; None if no pair is closer than a metre."""
+    """Minimum signed distances along a motion, m, by kind of pair; None if no such pair is closer than a metre."""
 
     self: float | None
     table: float | None
@@ -176,16 +176,16 @@ class Clearances(TypedDict):
 
 
 class GraspQuality(TypedDict):
-    """Quantities by which grasps are ranked."""
+    """Quantities from which the score of a grasp is computed."""
 
     friction_margin: float
-    """Angle in rad from the edge of the friction cone."""
+    """Angle between the line of the contacts and the edge of the friction cone, rad."""
     contact: float
-    """Fraction of a pad in contact."""
+    """Fraction of a pad's area in contact with the object."""
     lever: float
     """Lever arm of gravity about the midpoint of the pads, m."""
     clearance: float
-    """Clearance of the open hand, m."""
+    """Minimum distance between the open hand and all bodies during the approach, m."""
     tilt: float
     """Angle between approach and straight down, rad."""
 
@@ -198,7 +198,7 @@ class Refined(TypedDict):
     times: Array
     """Times (N,), s."""
     keyframes: list[int]
-    """Indices of the keyframes' waypoints."""
+    """Indices of the waypoints that are keyframes."""
     cost_before: float
     cost_after: float
     rounds: int

@@ -33,14 +33,14 @@ def show(
     host: str = "localhost",
     port: int = 8080,
 ) -> Any:
-    """Serve a web page that shows a scene and, if given, a motion; return at once.
+    """Serve a web page that shows a scene and an optional motion, and return immediately.
 
     Args:
         scene: robot and bodies.
-        motion: plan, motion or trajectory; without a trajectory the arm is shown at ``q``.
+        motion: plan, motion or trajectory; without a trajectory, the page shows the arm at ``q``.
         q: (n,) joints, rad or m; default: middle of the joint ranges.
         host: address to listen on.
-        port: port of the page; the next free one if it is in use.
+        port: port of the page; if it is in use, the next free port.
 
     Returns:
         The ``viser.ViserServer``; its ``stop()`` ends the page.
@@ -123,7 +123,7 @@ def _middle(robot: Robot) -> Array:
 
 
 def _draw(server: Any, name: str, surface: tuple[Array, Array], color: tuple[int, int, int]) -> list[Any]:
-    """Draw triangles and spheres as scene nodes below ``name``, and return their handles."""
+    """Add triangles and spheres to the page as scene nodes below ``name``, and return their handles."""
     triangles, balls = surface
     out = []
     if len(triangles):
@@ -171,7 +171,7 @@ def _quaternion(turn: Array) -> Array:
 
 
 def add_clock(server: Any, trajectory: Trajectory, pose_at: Any) -> None:
-    """Add a slider over the motion's time, and a play button."""
+    """Add a slider that selects the time of the motion, and a button that plays the motion."""
     start, end = float(trajectory.times[0]), float(trajectory.times[-1])
     pose_at(trajectory.sample(start)[0])
     if end <= start:

@@ -9,7 +9,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-// Status of a call.
+// Status that a function returns.
 typedef enum kpam_status {
     // Success.
     KPAM_OK = 0,
@@ -17,7 +17,7 @@ typedef enum kpam_status {
     KPAM_NO_MOTION = 1,
     // An argument is invalid; the message names it.
     KPAM_INVALID = 2,
-    // A file cannot be used; the message names file and field.
+    // A file cannot be used; the message names the file and the field in it.
     KPAM_FILE = 3,
     // The solver failed because of a bug, which should be reported; nothing was written.
     KPAM_PANIC = 4,
@@ -39,19 +39,19 @@ typedef struct kpam_scene kpam_scene;
 // A timed motion of all joints.
 typedef struct kpam_trajectory kpam_trajectory;
 
-// Options of a motion; `kpam_options_default` returns the defaults.
+// Options of planning a motion; `kpam_options_default` returns the defaults.
 typedef struct kpam_options {
-    // Minimum distance (m) to all obstacles along the motion, 0 to 0.1.
+    // Minimum distance (m) between the robot and all obstacles along the motion, 0 to 0.1.
     double margin;
-    // Fraction of the velocity limits, above 0, at most 1.
+    // Fraction of the velocity limits that the motion may use, above 0, at most 1.
     double velocity_scale;
-    // Fraction of the acceleration and jerk limits, above 0, at most 1.
+    // Fraction of the acceleration and jerk limits that the motion may use, above 0, at most 1.
     double acceleration_scale;
-    // Time limit of the search in wall-clock time (ms); 0 for none.
+    // Wall-clock limit of the search (ms); 0 for no limit.
     double deadline_ms;
     // Seed of the planner's random samples.
     uint64_t seed;
-    // A member of `kpam_limit_set`.
+    // Acceleration and jerk limits: a member of `kpam_limit_set`.
     uint32_t limits;
 } kpam_options;
 
@@ -59,15 +59,15 @@ typedef struct kpam_options {
 extern "C" {
 #endif // __cplusplus
 
-// Returns the message of the last call on this thread that did not return `KPAM_OK`; empty if there was none. The text
-// is valid until the next such call on this thread.
+// Returns the message of the last call on this thread that did not return `KPAM_OK`; empty if every call returned it.
+// The text is valid until the next failing call on this thread.
 const char *kpam_last_error(void);
 
-// Returns the defaults: 5 mm, full limits, no time limit, seed 0, plain limits.
+// Returns the default options: a margin of 5 mm, scales of 1, no time limit, seed 0, `KPAM_LIMITS_PLAIN`.
 struct kpam_options kpam_options_default(void);
 
-// Loads a robot from its URDF, an SRDF that disables pairs of links (null for none), and the name of the link that
-// carries the tool.
+// Loads a robot. `urdf` is its file, `srdf` a file that disables pairs of links (null for none), and `hand_link` the
+// link that carries the tool.
 //
 // # Safety
 // `urdf`, `srdf` and `hand_link` are null or zero-terminated strings; `out` can be written.
@@ -82,7 +82,7 @@ enum kpam_status kpam_scene_load(const char *urdf,
 // `scene` is null or a scene that was not freed.
 size_t kpam_scene_joints(const struct kpam_scene *scene);
 
-// Adds a fixed box: half extents (3 numbers, m) and pose (16 numbers, row-major, base frame).
+// Adds a fixed box to the scene: half extents (3 numbers, m) and pose (16 numbers, row-major, base frame).
 //
 // # Safety
 // `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
@@ -129,8 +129,8 @@ double kpam_trajectory_end(const struct kpam_trajectory *trajectory);
 size_t kpam_trajectory_joints(const struct kpam_trajectory *trajectory);
 
 // Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Times before the
-// start give the state at the start; after its end the motion is at rest. The function takes no lock, and allocates no
-// memory if it returns `KPAM_OK`.
+// start give the state at the start; after its end, the motion is at rest. The function takes no lock, and allocates
+// no memory if it returns `KPAM_OK`.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed; the other pointers are null or have room for
@@ -141,10 +141,10 @@ enum kpam_status kpam_trajectory_sample_into(const struct kpam_trajectory *traje
                                              double *velocity,
                                              double *acceleration);
 
-// Creates a stop that begins at time `t` (s) with the motion's state and brakes along its path, everywhere as hard as
-// the limits of velocity, acceleration and jerk allow. If no such stop keeps the limits, as right before the motion
-// reverses, every joint stops independently as fast as it can, which may leave the path. The stop may need more torque
-// than the motion, and is not checked for collisions off the path.
+// Creates a stop that begins at time `t` (s) in the state of the motion and brakes along its path as hard as the
+// limits of velocity, acceleration and jerk allow. If no stop along the path keeps the limits, for example just before
+// the motion reverses, every joint stops independently as fast as it can, and the arm may leave the path. The stop may
+// need more torque than the motion, and is not checked for collisions off the path.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed; `out` can be written.
@@ -152,7 +152,7 @@ enum kpam_status kpam_trajectory_brake(const struct kpam_trajectory *trajectory,
                                        double t,
                                        struct kpam_trajectory **out);
 
-// Creates the part of a motion from time `t` on, so that a repeatedly spliced motion does not grow.
+// Creates the part of a motion from time `t` (s) on. Use it to keep a repeatedly spliced motion short.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed; `out` can be written.
@@ -160,8 +160,9 @@ enum kpam_status kpam_trajectory_since(const struct kpam_trajectory *trajectory,
                                        double t,
                                        struct kpam_trajectory **out);
 
-// Creates the motion that follows `trajectory` until time `t` and `next` from there on. Both must have the same state
-// at `t`, within 1e-6 in position, velocity and acceleration, and the same values of joints that neither motion moves.
+// Creates the motion that follows `trajectory` until time `t` (s) and `next` from then on. Both must have the same
+// state at `t` (within 1e-6 in position, velocity and acceleration), and the same values of joints that neither motion
+// moves.
 //
 // # Safety
 // `trajectory` and `next` are null or motions that were not freed; `out` can be written.

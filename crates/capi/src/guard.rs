@@ -1,10 +1,10 @@
-//! Guard between C and the solver: validates pointers, stops panics, and turns errors into a status and a message.
+//! Layer between C and the solver. It validates pointers, stops panics, and turns errors into a status and a message.
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Status of a call.
+/// Status that a function returns.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum kpam_status {
@@ -14,7 +14,7 @@ pub enum kpam_status {
     KPAM_NO_MOTION = 1,
     /// An argument is invalid; the message names it.
     KPAM_INVALID = 2,
-    /// A file cannot be used; the message names file and field.
+    /// A file cannot be used; the message names the file and the field in it.
     KPAM_FILE = 3,
     /// The solver failed because of a bug, which should be reported; nothing was written.
     KPAM_PANIC = 4,
@@ -24,14 +24,14 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::new(CString::default());
 }
 
-/// Returns the message of the last call on this thread that did not return `KPAM_OK`; empty if there was none. The text
-/// is valid until the next such call on this thread.
+/// Returns the message of the last call on this thread that did not return `KPAM_OK`; empty if every call returned it.
+/// The text is valid until the next failing call on this thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn kpam_last_error() -> *const c_char {
     LAST.with(|last| last.borrow().as_ptr())
 }
 
-/// Status and message of a failed call.
+/// Status and message of a failed call, which the C caller receives.
 pub(crate) struct Fault(pub kpam_status, pub String);
 
 impl Fault {
@@ -40,7 +40,7 @@ impl Fault {
     }
 }
 
-/// Runs the work of an interface function, and turns errors and panics into a status and a message.
+/// Runs the body of an interface function, and turns errors and panics into a status and a message.
 pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Fault>) -> kpam_status {
     let Fault(status, sentence) = match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(())) => return kpam_status::KPAM_OK,
@@ -51,7 +51,7 @@ pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Fault>) -> kpam_status {
             Fault(kpam_status::KPAM_PANIC, format!("the solver failed: {said}"))
         }
     };
-    // A message with a file name may contain a zero byte, which would end the C string.
+    // The message may contain a file name with a zero byte, which would end the C string.
     let sentence = CString::new(sentence.replace('\0', " ")).unwrap_or_default();
     LAST.with(|last| *last.borrow_mut() = sentence);
     status
@@ -90,7 +90,7 @@ pub(crate) unsafe fn held<'a, T>(handle: *const T, name: &str) -> Result<&'a T, 
     unsafe { handle.as_ref() }.ok_or_else(|| Fault::invalid(format!("{name} is null")))
 }
 
-/// Runs the work of an interface function and stores the result through a pointer, or null if the work fails.
+/// Runs the body of an interface function and stores the result through a pointer, or null if the body fails.
 ///
 /// # Safety
 /// `out` is null or can be written.

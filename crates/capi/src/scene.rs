@@ -28,25 +28,25 @@ pub enum kpam_limit_set {
     KPAM_LIMITS_FR3 = 2,
 }
 
-/// Options of a motion; `kpam_options_default` returns the defaults.
+/// Options of planning a motion; `kpam_options_default` returns the defaults.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct kpam_options {
-    /// Minimum distance (m) to all obstacles along the motion, 0 to 0.1.
+    /// Minimum distance (m) between the robot and all obstacles along the motion, 0 to 0.1.
     pub margin: f64,
-    /// Fraction of the velocity limits, above 0, at most 1.
+    /// Fraction of the velocity limits that the motion may use, above 0, at most 1.
     pub velocity_scale: f64,
-    /// Fraction of the acceleration and jerk limits, above 0, at most 1.
+    /// Fraction of the acceleration and jerk limits that the motion may use, above 0, at most 1.
     pub acceleration_scale: f64,
-    /// Time limit of the search in wall-clock time (ms); 0 for none.
+    /// Wall-clock limit of the search (ms); 0 for no limit.
     pub deadline_ms: f64,
     /// Seed of the planner's random samples.
     pub seed: u64,
-    /// A member of `kpam_limit_set`.
+    /// Acceleration and jerk limits: a member of `kpam_limit_set`.
     pub limits: u32,
 }
 
-/// Returns the defaults: 5 mm, full limits, no time limit, seed 0, plain limits.
+/// Returns the default options: a margin of 5 mm, scales of 1, no time limit, seed 0, `KPAM_LIMITS_PLAIN`.
 #[unsafe(no_mangle)]
 pub extern "C" fn kpam_options_default() -> kpam_options {
     kpam_options {
@@ -79,8 +79,8 @@ impl kpam_options {
     }
 }
 
-/// Loads a robot from its URDF, an SRDF that disables pairs of links (null for none), and the name of the link that
-/// carries the tool.
+/// Loads a robot. `urdf` is its file, `srdf` a file that disables pairs of links (null for none), and `hand_link` the
+/// link that carries the tool.
 ///
 /// # Safety
 /// `urdf`, `srdf` and `hand_link` are null or zero-terminated strings; `out` can be written.
@@ -114,7 +114,7 @@ pub unsafe extern "C" fn kpam_scene_joints(scene: *const kpam_scene) -> usize {
     unsafe { scene.as_ref() }.map_or(0, |s| s.0.robot().joints().len())
 }
 
-/// Adds a fixed box: half extents (3 numbers, m) and pose (16 numbers, row-major, base frame).
+/// Adds a fixed box to the scene: half extents (3 numbers, m) and pose (16 numbers, row-major, base frame).
 ///
 /// # Safety
 /// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated

@@ -38,8 +38,8 @@ pub unsafe extern "C" fn kpam_trajectory_joints(trajectory: *const kpam_trajecto
 }
 
 /// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Times before the
-/// start give the state at the start; after its end the motion is at rest. The function takes no lock, and allocates no
-/// memory if it returns `KPAM_OK`.
+/// start give the state at the start; after its end, the motion is at rest. The function takes no lock, and allocates
+/// no memory if it returns `KPAM_OK`.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed; the other pointers are null or have room for
@@ -68,7 +68,7 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
     })
 }
 
-/// Creates a motion from another motion with `make`.
+/// Creates a motion from another motion by calling `make`.
 unsafe fn made_of(
     trajectory: *const kpam_trajectory,
     out: *mut *mut kpam_trajectory,
@@ -80,10 +80,10 @@ unsafe fn made_of(
     unsafe { giving(out, || make(motion()?).map(kpam_trajectory)) }
 }
 
-/// Creates a stop that begins at time `t` (s) with the motion's state and brakes along its path, everywhere as hard as
-/// the limits of velocity, acceleration and jerk allow. If no such stop keeps the limits, as right before the motion
-/// reverses, every joint stops independently as fast as it can, which may leave the path. The stop may need more torque
-/// than the motion, and is not checked for collisions off the path.
+/// Creates a stop that begins at time `t` (s) in the state of the motion and brakes along its path as hard as the
+/// limits of velocity, acceleration and jerk allow. If no stop along the path keeps the limits, for example just before
+/// the motion reverses, every joint stops independently as fast as it can, and the arm may leave the path. The stop may
+/// need more torque than the motion, and is not checked for collisions off the path.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed; `out` can be written.
@@ -97,7 +97,7 @@ pub unsafe extern "C" fn kpam_trajectory_brake(
     unsafe { made_of(trajectory, out, |motion| motion.brake(t).map_err(Fault::invalid)) }
 }
 
-/// Creates the part of a motion from time `t` on, so that a repeatedly spliced motion does not grow.
+/// Creates the part of a motion from time `t` (s) on. Use it to keep a repeatedly spliced motion short.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed; `out` can be written.
@@ -111,8 +111,9 @@ pub unsafe extern "C" fn kpam_trajectory_since(
     unsafe { made_of(trajectory, out, |motion| motion.since(t).map_err(Fault::invalid)) }
 }
 
-/// Creates the motion that follows `trajectory` until time `t` and `next` from there on. Both must have the same state
-/// at `t`, within 1e-6 in position, velocity and acceleration, and the same values of joints that neither motion moves.
+/// Creates the motion that follows `trajectory` until time `t` (s) and `next` from then on. Both must have the same
+/// state at `t` (within 1e-6 in position, velocity and acceleration), and the same values of joints that neither motion
+/// moves.
 ///
 /// # Safety
 /// `trajectory` and `next` are null or motions that were not freed; `out` can be written.

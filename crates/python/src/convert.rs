@@ -14,15 +14,15 @@ use serde_json::{Map, Number, Value};
 use crate::KpamError;
 use crate::errors::problem_error;
 
-/// Tolerance of rigid transforms, since simulators write poses in single precision.
+/// Tolerance for rigid transforms: simulators write poses in single precision.
 const RIGID: f64 = 1e-3;
 
-/// Returns the member of an enumeration of `gensim2_kpam.results` with this value.
+/// Returns the member with value `value` of an enumeration in `gensim2_kpam.results`.
 pub(crate) fn member<'py>(py: Python<'py>, class: &str, value: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import("gensim2_kpam.results")?.getattr(class)?.call1((value,))
 }
 
-/// Returns the numbers of any array-like, flattened, with their shape. Returns an error for complex numbers, dates,
+/// Returns the numbers of an array-like as a flat list, with their shape. Returns an error for complex numbers, dates,
 /// text, structured arrays and masked entries, because NumPy would silently convert some of them.
 pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let array = match value.cast_exact::<PyArrayDyn<f64>>() {
@@ -39,7 +39,7 @@ pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f6
     Ok((data, view.shape().to_vec()))
 }
 
-/// Returns whether the numbers of an array are aligned in memory.
+/// Returns whether the numbers of an array are aligned in memory for direct access.
 pub(crate) fn is_aligned<D: ndarray::Dimension>(array: &Bound<'_, PyArray<f64, D>>) -> bool {
     array.data().is_aligned() && array.strides().iter().all(|step| step % 8 == 0)
 }
@@ -67,7 +67,7 @@ fn converted<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f
     Ok(array.call_method1("astype", ("float64",))?.cast_into()?)
 }
 
-/// Reads limits (n,): a list of any length, whose numbers may be infinite.
+/// Reads joint limits (n,): a list of any length, whose numbers may be infinite.
 pub(crate) fn list(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Vec<f64>> {
     let (data, shape) = numbers(value, field)?;
     if shape.len() == 1 { Ok(data) } else { Err(problem_error(field, format!("must have shape (n,), not {shape:?}"))) }
@@ -154,7 +154,7 @@ pub(crate) fn json(
     {
         return Ok(Value::Number(i.into()));
     }
-    // NumPy scalars are recognized by their dtype, because NumPy integers are not instances of Python's int.
+    // Recognize NumPy scalars by their dtype, because NumPy integers are not instances of Python's int.
     if value.hasattr("dtype")? && value.getattr("shape")?.len()? == 0 {
         return json(&value.call_method0("item")?, field, depth + 1, error);
     }
@@ -186,7 +186,7 @@ pub(crate) fn json(
     fail(format!("{} is not a mapping, list, text or number", value.get_type().name()?))
 }
 
-/// Converts JSON to plain Python values.
+/// Converts JSON to dicts, lists, strings and numbers of Python.
 pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     match value {
         Value::Null => Ok(py.None().into_bound(py)),
@@ -213,7 +213,7 @@ pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py,
     }
 }
 
-/// Header of pickled data with the version of its layout. Increment the version whenever a pickled type changes.
+/// Header of pickled data with the version of their layout. Increment it whenever a pickled type changes.
 const TAG: &[u8; 4] = b"kpam";
 const LAYOUT: u8 = 2;
 
@@ -240,7 +240,7 @@ pub(crate) fn thaw<T: DeserializeOwned>(bytes: &[u8]) -> PyResult<T> {
     }
 }
 
-/// Joint vectors of an (n,) or (N, n) array.
+/// Joint vectors from an (n,) or (N, n) array.
 pub(crate) struct JointRows {
     data: Vec<f64>,
     n: usize,
@@ -262,7 +262,7 @@ impl JointRows {
         Ok(Self { data, n, count })
     }
 
-    /// The joint vectors; empty if the robot has no joints.
+    /// The joint vectors; no rows if the robot has no joints.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = &[f64]> {
         (0..self.count.unwrap_or(1)).map(|r| &self.data[r * self.n..(r + 1) * self.n])
     }

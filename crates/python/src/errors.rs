@@ -1,4 +1,4 @@
-//! Exceptions that name the file or field and the remedy, in their text and as attributes.
+//! Exceptions that name the file or field and the remedy, both in their message and as attributes.
 
 use gensim2_geometry::{ShapeError, UrdfError as GeometryUrdfError};
 use gensim2_kpam::{ConfigError as KpamConfigError, ProblemError as KpamProblemError};
@@ -16,7 +16,7 @@ create_exception!(gensim2_kpam, UrdfError, KpamError, "A robot description that 
 create_exception!(gensim2_kpam, ConfigError, KpamError, "A solver config that cannot be used: field, remedy.");
 create_exception!(gensim2_kpam, ProblemError, KpamError, "A problem whose parts do not fit each other: field, remedy.");
 
-/// Adds the exceptions to the module. Attributes that do not apply to an exception are None.
+/// Adds the exception classes to the module. Attributes that do not apply to an exception are None.
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = m.py();
     let base = py.get_type::<KpamError>();

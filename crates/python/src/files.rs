@@ -16,7 +16,7 @@ pub(crate) fn read_urdf<'py>(py: Python<'py>, content: &[u8], file: &str) -> PyR
     py.import("json")?.call_method1("loads", (text,))
 }
 
-/// Parses an OBJ file: returns vertices (N, 3), each material's name and triangles (M, 3), names of material files.
+/// Parses an OBJ file: vertices (N, 3), name and triangles (M, 3) of each material, names of the material files.
 #[pyfunction]
 pub(crate) fn read_obj<'py>(
     py: Python<'py>,

@@ -14,10 +14,10 @@ use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, from_shape, from_urdf, problem_error};
 use crate::interrupt::interruptible;
 
-/// Shapes with at least this many parts are created in pieces; signals are checked before each piece.
+/// Shapes with at least this many parts are created in pieces; signals are handled before each piece.
 pub(crate) const LONG: usize = 8192;
 
-/// Converts triangles (M, 3, 3) and spheres (K, 4) of shapes.
+/// Converts triangles (M, 3, 3) and spheres (K, 4) of shapes to NumPy arrays.
 fn surface<'py>(py: Python<'py>, shapes: &[Convex]) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
     let is_ball = |s: &&Convex| s.points().len() == 1 && s.radius() > 0.0;
     let balls: Vec<Vec<f64>> =
@@ -88,8 +88,8 @@ impl PyRobot {
         convert::array1(py, &self.0.joints().iter().map(|j| j.velocity()).collect::<Vec<_>>()).into_any()
     }
 
-    /// Triangles (M, 3, 3) of a link's collision shapes, and centres and radii (K, 4) of its spheres, in the link frame
-    /// (m).
+    /// Triangles (M, 3, 3) of a link's collision shapes, and its spheres (K, 4): centre and radius. All are in the link
+    /// frame (m).
     fn surface<'py>(&self, py: Python<'py>, link: &str) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let named = self.0.links().iter().find(|l| l.name() == link);
         let link = named.ok_or_else(|| problem_error("link", format!("{link:?} is not a link of the robot")))?;
@@ -111,13 +111,13 @@ impl PyRobot {
         convert::array1(py, &self.0.joints().iter().map(|j| j.effort()).collect::<Vec<_>>()).into_any()
     }
 
-    /// Mass of all links (kg).
+    /// Total mass of all links (kg).
     #[getter]
     fn mass(&self) -> f64 {
         self.0.mass()
     }
 
-    /// Joint torques (N m; N for sliding joints) under gravity, of the arguments' shape: (n,) or (N, n).
+    /// Joint torques (N m; N for sliding joints) under gravity, (n,) or (N, n) like the arguments.
     #[pyo3(signature = (q, velocity, acceleration, *, gravity = None), text_signature = "($self, q, velocity, acceleration, *, gravity=(0.0, 0.0, -9.81))")]
     fn inverse_dynamics<'py>(
         &self,
@@ -150,7 +150,7 @@ impl PyRobot {
         }
     }
 
-    /// Pose of `link` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4).
+    /// Pose of `link` (default: the hand) in the base frame: (4, 4) for joints (n,), (N, 4, 4) for joints (N, n).
     #[pyo3(signature = (q, link = None))]
     fn forward_kinematics<'py>(
         &self,
@@ -171,7 +171,7 @@ impl PyRobot {
         Ok(PyArray3::from_owned_array(py, array).into_any())
     }
 
-    /// Jacobian (6, n) or (N, 6, n) of `link` (default: the hand): linear, then angular velocity in base axes.
+    /// Jacobian (6, n) or (N, 6, n) of `link` (default: the hand) in base axes: linear, then angular velocity.
     #[pyo3(signature = (q, link = None))]
     fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
         let n = self.0.joints().len();
@@ -259,14 +259,14 @@ impl PyShape {
         one(Convex::ball(radius, Point3::from(center)))
     }
 
-    /// Capsule along z of `pose`; `length` is the distance between the centres of its caps (m).
+    /// Capsule along the z axis of `pose`; `length` is the distance between the centres of its caps (m).
     #[staticmethod]
     #[pyo3(signature = (radius, length, pose = None))]
     fn capsule(radius: f64, length: f64, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         one(Convex::capsule(radius, length, &convert::optional_pose(pose, "pose")?))
     }
 
-    /// Cylinder along z of `pose`, approximated by a circumscribed prism of 32 sides.
+    /// Cylinder along the z axis of `pose`, approximated by a circumscribed prism of 32 sides.
     #[staticmethod]
     #[pyo3(signature = (radius, length, pose = None))]
     fn cylinder(radius: f64, length: f64, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
@@ -283,7 +283,7 @@ impl PyShape {
         one(interruptible(py, Cancel::new(), move |_| Convex::hull(&points))?)
     }
 
-    /// Surface of triangles (M, 3) over vertices (N, 3); a body entirely inside does not collide with it.
+    /// Surface of triangles (M, 3) over vertices (N, 3). A body entirely inside does not collide with the surface.
     #[staticmethod]
     fn mesh(py: Python<'_>, vertices: &Bound<'_, PyAny>, triangles: &Bound<'_, PyAny>) -> PyResult<Self> {
         let vertices = convert::points(vertices, "vertices")?;
@@ -312,11 +312,11 @@ impl PyShape {
         Ok(Self(out))
     }
 
-    /// Point cloud (N, 3), each point a sphere of `radius` (m); an empty cloud is no obstacle.
+    /// Point cloud (N, 3), in which each point is a sphere of `radius` (m). An empty cloud is no obstacle.
     #[staticmethod]
     fn point_cloud(py: Python<'_>, points: &Bound<'_, PyAny>, radius: f64) -> PyResult<Self> {
         let points = convert::points(points, "points")?;
-        // The radius is validated even without points.
+        // Validates the radius even if the cloud is empty.
         Convex::ball(radius, Point3::origin()).map_err(|e| from_shape(&e))?;
         let mut out = Vec::with_capacity(points.len());
         for (k, point) in points.into_iter().enumerate() {
@@ -387,7 +387,7 @@ impl PyBody {
         self.0.role().name()
     }
 
-    /// Triangles (M, 3, 3) of the surface, and centres and radii (K, 4) of its spheres, in the body frame (m).
+    /// Triangles (M, 3, 3) of the surface, and spheres (K, 4): centre and radius. All are in the body frame (m).
     fn surface<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         surface(py, self.0.shapes())
     }
@@ -413,7 +413,7 @@ impl PyBody {
     }
 }
 
-/// The object's moving joint; `origin` and `axis` are (3,) in the robot base frame.
+/// The joint with which an object moves; `origin` and `axis` are (3,) in the robot base frame.
 #[pyclass(name = "Joint", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyJoint(pub ObjectJoint);
 

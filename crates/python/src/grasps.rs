@@ -169,7 +169,7 @@ impl PyGrasp {
     }
 }
 
-/// A grasp with its planned motions.
+/// A grasp with the planned motions of the pick and its placements.
 #[pyclass(name = "GraspPlan", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyGraspPlan(GraspPlan);
 
@@ -198,7 +198,7 @@ impl PyGraspPlan {
 }
 
 impl PyScene {
-    /// Calls [`Scene::grasps`] without the GIL; Ctrl-C interrupts.
+    /// Calls [`Scene::grasps`] without the GIL; Ctrl-C interrupts the search.
     pub(crate) fn grasps_of(
         &self,
         py: Python<'_>,
@@ -215,7 +215,7 @@ impl PyScene {
             .map_err(|e| from_problem(&e))
     }
 
-    /// Calls [`Scene::plan_grasp`] without the GIL; Ctrl-C interrupts.
+    /// Calls [`Scene::plan_grasp`] without the GIL; Ctrl-C interrupts planning.
     pub(crate) fn plan_grasp_with(
         &self,
         py: Python<'_>,

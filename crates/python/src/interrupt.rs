@@ -11,10 +11,10 @@ use pyo3::prelude::*;
 
 use crate::KpamError;
 
-/// Interval between checks for signals.
+/// Interval between two checks for signals.
 const POLL: Duration = Duration::from_millis(50);
 
-/// Time that cancelled work has to end.
+/// Time that cancelled work gets to end.
 const GRACE: Duration = Duration::from_millis(300);
 
 /// Runs `work` on its own thread. If a signal handler raises an exception meanwhile, this function sets the flag
@@ -28,7 +28,7 @@ pub(crate) fn interruptible<T: Send + 'static>(
     let (sender, receiver) = channel();
     let flag = cancel.clone();
     thread::Builder::new()
-        // Sending fails if a signal has already made the caller return.
+        // Sending fails if a signal has made the caller return before the work ended.
         .spawn(move || drop(sender.send(work(&flag))))
         .map_err(|e| KpamError::new_err(format!("threads: cannot be started ({e})")))?;
     let receiver = Mutex::new(receiver);

@@ -1,4 +1,4 @@
-//! Python bindings: conversions and errors only. The GIL is released while planning.
+//! Python bindings of the solver. They only convert values and errors. The GIL is released while planning.
 
 mod convert;
 mod errors;

@@ -8,7 +8,7 @@ use crate::KpamError;
 use crate::convert;
 use crate::timing::PyTrajectory;
 
-/// Result of planning: the motion, constraint residuals, and reasons of a failure. Instances can be pickled.
+/// Result of planning: motion, residuals of the constraints, reason of a failure. Instances can be pickled.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyPlan(pub(crate) Plan, pub(crate) StageTimes);
 
@@ -18,7 +18,7 @@ fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyA
 
 #[pymethods]
 impl PyPlan {
-    /// Outcome: a member of `Status`, which is a string.
+    /// Result of planning as a member of `Status`, which is a string.
     #[getter]
     fn status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         convert::member(py, "Status", self.0.status().name())
@@ -40,7 +40,7 @@ impl PyPlan {
         self.0.margin
     }
 
-    /// Limits ("acceleration", "jerk") for which defaults are assumed because none were given.
+    /// Limits ("acceleration", "jerk") for which default values are assumed because none were given.
     #[getter]
     fn assumed_limits(&self) -> Vec<String> {
         self.0.assumed_limits.clone()
@@ -119,13 +119,13 @@ impl PyPlan {
         Ok(out)
     }
 
-    /// Number of actuation poses for which planning a motion was attempted.
+    /// Number of actuation poses for which the planner attempted to find a motion.
     #[getter]
     fn tried(&self) -> usize {
         self.0.tried
     }
 
-    /// Outcome of each actuation pose that was tried, if `explain` was set: dicts `q`, `rank`, `status`, `reason`.
+    /// Result for each actuation pose that was tried, if `explain` was set: dicts `q`, `rank`, `status`, `reason`.
     #[getter]
     fn tried_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let out = PyList::empty(py);

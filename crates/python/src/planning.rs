@@ -15,10 +15,10 @@ use crate::renamed;
 use crate::scene::PyCancel;
 use crate::transit::deadline;
 
-/// Plans one problem without the GIL; Ctrl-C interrupts. `warm_start` is an earlier plan, tried first. `resume` is the
-/// label of the next keyframe if q_start lies in the middle of that plan's motion. `max_checks` limits the collision
-/// checks, `deadline_ms` the wall-clock time, and `cancel` ends planning from another thread. With `explain`, the plan
-/// records the outcome of each tried pose.
+/// Plans one problem without the GIL; Ctrl-C interrupts. `warm_start` is an earlier plan, whose solution is tried
+/// first. `resume` is the label of the next keyframe if q_start lies in the middle of that plan's motion. `max_checks`
+/// limits the number of collision checks, and `deadline_ms` the wall-clock time; `cancel` ends planning from another
+/// thread. With `explain`, the plan records the result for each tried pose.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 #[pyo3(signature = (problem, *, warm_start = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false, **others), text_signature = "(problem, *, warm_start=None, resume=None, max_checks=None, deadline_ms=None, cancel=None, explain=False)")]
@@ -51,8 +51,8 @@ pub(crate) fn plan(
     planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))
 }
 
-/// Returns the cheapest distinct poses that meet the problem's constraints, ignoring obstacles, cheapest first, at most
-/// `max_solutions`: dicts `q` (n,) and `cost`.
+/// Returns at most `max_solutions` distinct joint vectors that meet the problem's constraints, ignoring obstacles,
+/// those with the lowest cost first: dicts `q` (n,) and `cost`.
 #[pyfunction]
 #[pyo3(signature = (problem, max_solutions = None, **others), text_signature = "(problem, max_solutions=10)")]
 pub(crate) fn ik<'py>(
@@ -74,8 +74,8 @@ pub(crate) fn ik<'py>(
     Ok(out)
 }
 
-/// Returns the travel (N,) of the object's joint (rad or m, from its current value) that the planner assumes at times
-/// (N,) of a plan's motion.
+/// Returns the travel (N,) of the object's joint that the planner assumes at times (N,) of a plan's motion (rad or m,
+/// from the joint's current value).
 #[pyfunction]
 pub(crate) fn joint_travel<'py>(
     py: Python<'py>,
@@ -90,7 +90,7 @@ pub(crate) fn joint_travel<'py>(
 }
 
 /// Plans several problems on `threads` threads, 1 to 256 (default: number of cores), without the GIL; Ctrl-C
-/// interrupts. The results equal those of `plan`, in the order of the problems, for any number of threads.
+/// interrupts. For any number of threads, the results are the same as those of `plan`, in the order of the problems.
 #[pyfunction]
 #[pyo3(signature = (problems, threads = None))]
 pub(crate) fn plan_batch(
@@ -108,8 +108,8 @@ pub(crate) fn plan_batch(
     Ok(plans.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect())
 }
 
-/// Returns the smallest signed distances (m) along a plan's motion, sampled every `step` seconds: `self`, `table` and
-/// `object`, each None if no such pair comes closer than 1 m. Returns None if the plan has no motion.
+/// Returns the smallest signed distances (m) along a plan's motion, sampled every `step` seconds, for the kinds `self`,
+/// `table` and `object`; each is None if no such pair comes closer than 1 m. Returns None if the plan has no motion.
 #[pyfunction]
 pub(crate) fn min_clearance<'py>(
     py: Python<'py>,

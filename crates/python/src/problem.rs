@@ -30,7 +30,7 @@ impl PySolverConfig {
         SolverConfig::from_value(&value).map(Self).map_err(|e| from_config(&e))
     }
 
-    /// Returns the config as the caller gave it.
+    /// Returns the config in the form in which the caller gave it.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let value = serde_json::from_str(self.0.source()).map_err(|e| KpamError::new_err(e.to_string()))?;
         convert::python(py, &value)
@@ -41,7 +41,7 @@ impl PySolverConfig {
         self.0.gripper().name()
     }
 
-    /// Distance (m) by which the hand retreats after the final release; None for no release.
+    /// Distance (m) by which the hand retreats after releasing the object; None without a release.
     #[getter]
     fn let_go(&self) -> Option<f64> {
         self.0.let_go()
@@ -105,7 +105,7 @@ pub(crate) fn read_options<O: DeserializeOwned + Default>(value: Option<&Bound<'
     }
 }
 
-/// Arguments of a problem other than its scene.
+/// All arguments of a problem except its scene.
 #[allow(non_snake_case)]
 pub(crate) struct Question<'a, 'py> {
     pub config: &'a Bound<'py, PySolverConfig>,
@@ -201,7 +201,7 @@ impl PyKeypointProblem {
     }
 
     /// Return the problem with another start state: joints (n,), velocity and acceleration (n,), zero by default, and
-    /// the time (s) on the motion's clock.
+    /// the time (s) at which the motion starts.
     #[pyo3(signature = (q, velocity = None, time = 0.0, *, acceleration = None))]
     fn with_start(
         &self,
@@ -216,7 +216,7 @@ impl PyKeypointProblem {
         self.0.with_start(q, velocity, acceleration, time).map(|p| Self(Arc::new(p))).map_err(|e| from_problem(&e))
     }
 
-    /// Scene of the problem, in which the joint is named "joint".
+    /// Scene of the problem, in which the object's joint has the name "joint".
     #[getter]
     fn scene(&self) -> PyScene {
         PyScene(self.0.scene())

@@ -1,4 +1,4 @@
-//! Names of the previous release, accepted for one release with a `FutureWarning` that gives the current name.
+//! Names of the previous release. This release still accepts them, with a `FutureWarning` that gives the current name.
 
 use std::ffi::CString;
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::errors::problem_error;
 
-/// Former and current names of options; users' files may still contain the former names.
+/// Former and current names of options. Files of users may still contain the former names.
 const OPTIONS: [(&str, &str); 3] =
     [("starts", "num_seeds"), ("descents", "num_refinements"), ("harvest", "extra_seeds")];
 
@@ -29,7 +29,7 @@ pub(crate) fn options(py: Python<'_>, options: &mut Value) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns the keyword argument `today`, accepted also under its old name `former`; other keywords are errors.
+/// Returns the keyword argument `today`, which may also be given under its former name; any other keyword is an error.
 pub(crate) fn keyword<'py, T>(
     py: Python<'py>,
     given: Option<T>,

@@ -37,7 +37,7 @@ impl PySceneJoint {
         self.0.name()
     }
 
-    /// Current value (rad or m).
+    /// Current value of the joint (rad or m).
     #[getter]
     fn value(&self) -> f64 {
         self.0.joint().value()
@@ -58,7 +58,7 @@ impl PySceneJoint {
     }
 }
 
-/// A robot and its surroundings, shared by every problem on it. Instances can be pickled.
+/// A robot and its surroundings, shared by all problems created from the scene. Instances can be pickled.
 #[pyclass(name = "Scene", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyScene(pub Scene);
 
@@ -76,8 +76,8 @@ impl PyScene {
         Scene::new(Arc::clone(&robot.get().0), bodies, joints).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// Returns (N,) bool: which of the points (N, 3) lie within `clearance` (m) of the robot at joints `q` (n,) or of
-    /// its attached bodies.
+    /// Returns (N,) bool: whether each of the points (N, 3) lies within `clearance` (m) of the robot at joints `q` (n,)
+    /// or of its attached bodies.
     #[pyo3(signature = (q, points, clearance = 0.02))]
     fn own_points<'py>(
         &self,
@@ -143,7 +143,7 @@ impl PyScene {
     }
 
     /// Returns a problem on this scene, with the given keypoints and those of the scene's bodies. `joint` names the
-    /// joint that the config moves; the bodies of this joint are the moving link.
+    /// joint that the config moves; the bodies moved by this joint are the moving link.
     #[pyo3(signature = (
         config, q_start, *, tool_keypoints = None, object_keypoints = None, T_base_object = None, joint = None,
         object_axis = "y", object_yaw = 0.0, T_base_world = None, options = None
@@ -177,7 +177,7 @@ impl PyScene {
         question.asked_of(builder)
     }
 
-    /// Returns grasps of a body, best first, in which the hand avoids the other bodies.
+    /// Returns grasps of a body, best first, at which the hand does not collide with the other bodies.
     #[pyo3(signature = (body, gripper, center_of_mass = None, options = None))]
     fn grasps(
         &self,
@@ -190,7 +190,7 @@ impl PyScene {
         self.grasps_of(py, body, gripper, center_of_mass, options)
     }
 
-    /// Plans a pick and its placements with the first grasp that reaches every target.
+    /// Plans a pick and its placements with the first of `grasps` that allows all motions.
     #[pyo3(signature = (body, gripper, q_start, grasps, *, targets = Vec::new(), approach = 0.1, lift = None, options = None))]
     #[allow(clippy::too_many_arguments)]
     fn plan_grasp(
@@ -275,8 +275,8 @@ impl PyScene {
         self.motion_to(py, q_start, Asked { goal, link, deadline_ms, cancel, options })
     }
 
-    /// Returns distinct joint vectors (K, n) that bring `link` (default: the hand) to a pose (4, 4) in the base frame,
-    /// closest to `q_start` first, at most `max_solutions`. Obstacles are ignored.
+    /// Returns at most `max_solutions` distinct joint vectors (K, n) that bring `link` (default: the hand) to a pose
+    /// (4, 4) in the base frame, closest to `q_start` first. Obstacles are ignored.
     #[allow(clippy::too_many_arguments)]
     #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **others), text_signature = "($self, pose, q_start, *, link=None, max_solutions=16, seed=0)")]
     fn ik<'py>(
@@ -304,8 +304,8 @@ impl PyScene {
         Ok(PyArray1::from_vec(py, hits).into_any())
     }
 
-    /// Returns the smallest signed distance (m) of the robot to a body or itself, at most `max_distance`: (n,) ->
-    /// float, (N, n) -> (N,).
+    /// Returns the smallest signed distance (m) between the robot and a body or another part of the robot, at most
+    /// `max_distance`: (n,) -> float, (N, n) -> (N,).
     #[pyo3(signature = (q, max_distance = None, **others), text_signature = "($self, q, max_distance=1.0)")]
     fn distance<'py>(
         &self,
@@ -366,7 +366,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// Hand pose at joints `q` (n,).
+    /// Pose of the hand in the base frame at joints `q` (n,).
     fn hand(&self, q: &Bound<'_, PyAny>) -> PyResult<Pose> {
         let robot = self.0.robot();
         let q = convert::vector(q, "q", Some(robot.joints().len()))?;
@@ -380,14 +380,14 @@ impl PyScene {
     }
 
     /// Whether a check is faster than starting an interruptible thread: there are few configurations, and the scene is
-    /// prepared (for distances, with `places`, also its bodies).
+    /// prepared (also its bodies, if `places` is set because the check measures distances).
     fn is_quick(&self, q: &JointRows, places: bool) -> bool {
         let (scene, bodies) = (&self.0, self.0.bodies());
         let ready = scene.is_ready() && (!places || bodies.is_ready());
         q.rows().len() <= FEW && (ready || bodies.iter().map(|b| b.shapes().len()).sum::<usize>() < LONG)
     }
 
-    /// Returns whether any pair overlaps, for each row.
+    /// Returns whether any pair overlaps, for each row of joints.
     fn hits(&self, py: Python<'_>, q: JointRows) -> PyResult<Vec<bool>> {
         let (scene, quick) = (self.0.clone(), self.is_quick(&q, false));
         let look = move |cancel: &Cancel| {
@@ -404,7 +404,7 @@ impl PyScene {
         found.map_err(|e| from_problem(&e))
     }
 
-    /// Computes `ask` for each row of joints; `places` tells whether `ask` needs the prepared bodies.
+    /// Computes `ask` for each row of joints. `places` tells whether `ask` needs the bodies prepared for distances.
     fn each<T: Send + 'static>(
         &self,
         py: Python<'_>,
@@ -467,7 +467,7 @@ impl PyCancel {
         Self(Cancel::new())
     }
 
-    /// Requests the end of planning, with status "cancelled".
+    /// Requests the end of planning. The plan then has the status "cancelled".
     fn cancel(&self) {
         self.0.cancel();
     }

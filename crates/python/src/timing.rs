@@ -13,7 +13,7 @@ use crate::interrupt::interruptible;
 use crate::plan::PyPlan;
 use crate::problem::PyKeypointProblem;
 
-/// Maximum number of rows of a sampled motion.
+/// Maximum number of rows returned for a sampled motion.
 const MAX_ROWS: f64 = 1e6;
 
 /// Timed joint motion. Instances can be pickled.
@@ -68,7 +68,7 @@ impl PyTrajectory {
         Ok((array(|s| &s.position), array(|s| &s.velocity), array(|s| &s.acceleration)))
     }
 
-    /// Returns positions (ceil(duration / dt) + 1, n) every `dt` seconds; the last row is the end of the motion.
+    /// Returns positions (ceil(duration / dt) + 1, n), one row every `dt` seconds; the last row is the end.
     fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
         let (start, end) = (self.0.start(), self.0.end());
         let steps = ((end - start) / dt - 1e-9).ceil();
@@ -109,18 +109,18 @@ impl PyTrajectory {
             .map_err(|e| from_problem(&e))
     }
 
-    /// Return the fastest stop within the limits from the state at t, along the motion's own path.
+    /// Return the fastest stop from the state at t, within the limits and along the path of the motion.
     fn brake(&self, py: Python<'_>, t: f64) -> PyResult<Self> {
         py.detach(|| self.0.brake(t)).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// Return this motion until t and `next` from there on; `next` must have the same state at t (within 1e-6).
+    /// Return this motion until t and `next` from t on; both must have the same state at t (within 1e-6).
     fn splice(&self, py: Python<'_>, next: &Bound<'_, Self>, t: f64) -> PyResult<Self> {
         let next = &next.get().0;
         py.detach(|| self.0.splice(next, t)).map(Self).map_err(|e| from_problem(&e))
     }
 
-    /// Return this motion from t on.
+    /// Return the part of this motion from t on.
     fn since(&self, t: f64) -> PyResult<Self> {
         self.0.since(t).map(Self).map_err(|e| from_problem(&e))
     }

@@ -1,4 +1,4 @@
-//! Motions to goals given as joints or poses.
+//! Motions to goals that are given as joint values or as poses.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ use crate::timing::PyTrajectory;
 pub(crate) struct PyMotion(Result<Motion, NoMotion>, f64);
 
 impl PyMotion {
-    /// Name of the member of `MotionStatus`.
+    /// Returns the name of the member of `MotionStatus`.
     fn word(&self) -> &'static str {
         match &self.0 {
             Ok(_) => "solved",
@@ -36,13 +36,13 @@ impl PyMotion {
 
 #[pymethods]
 impl PyMotion {
-    /// Outcome: a member of `MotionStatus`, which is a string.
+    /// Result of planning as a member of `MotionStatus`, which is a string.
     #[getter]
     fn status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         convert::member(py, "MotionStatus", self.word())
     }
 
-    /// Explanation of a failure in one sentence; empty if solved.
+    /// Reason of a failure in one sentence; empty if solved.
     #[getter]
     fn reason(&self) -> String {
         self.0.as_ref().err().map_or_else(String::new, NoMotion::to_string)
@@ -67,7 +67,7 @@ impl PyMotion {
         Some(convert::array2(py, &motion.corners, joints).into_any())
     }
 
-    /// Pairs closer than the margin at the start or the goal: (name, name, distance in m).
+    /// Pairs closer than the margin at the start or the reached goal: (name, name, distance in m).
     #[getter]
     fn nearer(&self) -> Vec<(String, String, f64)> {
         let all = self.0.as_ref().map_or(&[][..], |m| m.nearer.as_slice());
@@ -80,8 +80,8 @@ impl PyMotion {
         self.0.as_ref().ok().map(|m| m.checks)
     }
 
-    /// Limits ("acceleration", "jerk") for which defaults are assumed because neither the options nor the URDF give
-    /// them; empty without a motion.
+    /// Limits ("acceleration", "jerk") for which default values are assumed because neither the options nor the URDF
+    /// give them; empty without a motion.
     #[getter]
     fn assumed_limits(&self) -> Vec<String> {
         self.0.as_ref().map_or_else(|_| Vec::new(), |m| m.assumed_limits.clone())
@@ -184,7 +184,7 @@ impl PyScene {
     }
 }
 
-/// Converts milliseconds to a deadline.
+/// Converts a time limit in milliseconds.
 pub(crate) fn deadline(ms: f64) -> PyResult<Duration> {
     if (0.0..=1e9).contains(&ms) {
         return Ok(Duration::from_secs_f64(1e-3 * ms));
@@ -192,7 +192,7 @@ pub(crate) fn deadline(ms: f64) -> PyResult<Duration> {
     Err(problem_error("deadline_ms", format!("must lie in 0 to 1e9 ms, not {ms}")))
 }
 
-/// Returns a set of limits by name.
+/// Returns the set of limits with this name.
 pub(crate) fn limit_set(name: &str) -> PyResult<LimitSet> {
     match name {
         "panda" => Ok(LimitSet::Panda),
