@@ -646,7 +646,7 @@ class KeypointProblem:
         """Scene of the problem, in which the object's joint has the name "joint"."""
 
 class Trajectory:
-    """Timed joint motion. Instances can be pickled."""
+    """A timed motion of all joints. Instances can be pickled."""
 
     @property
     def times(self) -> Array:

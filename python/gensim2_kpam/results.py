@@ -132,7 +132,7 @@ class TriedPose(TypedDict):
     """Result of planning a motion with one actuation pose."""
 
     q: Array
-    """Joints (n,)."""
+    """Joint values (n,), rad or m."""
     rank: int
     """Rank of the pose by cost; 0 has the lowest cost."""
     status: Status
@@ -160,10 +160,10 @@ class CheckedPair(TypedDict):
 
 
 class ActuationPose(TypedDict):
-    """Joint values that meet the constraints."""
+    """Joint values that meet the constraints of a problem, with their cost."""
 
     q: Array
-    """Joints (n,)."""
+    """Joint values (n,), rad or m."""
     cost: float
 
 
@@ -194,9 +194,9 @@ class Refined(TypedDict):
     """A waypoint path after shortening."""
 
     waypoints: Array
-    """Joints (N, n)."""
+    """Joint values (N, n) at the waypoints, rad or m."""
     times: Array
-    """Times (N,), s."""
+    """Times (N,) of the waypoints, s."""
     keyframes: list[int]
     """Indices of the waypoints that are keyframes."""
     cost_before: float

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-/// Axis-aligned box.
+/// An axis-aligned box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aabb {
     /// Corner with the smallest coordinates.

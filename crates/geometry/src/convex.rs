@@ -131,7 +131,7 @@ impl Convex {
         &self.points
     }
 
-    /// Rounding radius (m).
+    /// Radius (m) by which the hull is enlarged.
     #[must_use]
     pub fn radius(&self) -> f64 {
         self.radius

@@ -38,7 +38,7 @@ pub fn signed_distance(
     measured(first, second, toward, reach, Depth::Measured)
 }
 
-/// Accuracy of a penetration depth.
+/// Required accuracy of a penetration depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Depth {
     Measured,

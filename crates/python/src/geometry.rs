@@ -34,7 +34,7 @@ fn surface<'py>(py: Python<'py>, shapes: &[Convex]) -> PyResult<(Bound<'py, PyAn
     Ok((PyArray3::from_owned_array(py, triangles).into_any(), convert::array2(py, &balls, 4).into_any()))
 }
 
-/// A robot arm read from a URDF. Instances can be pickled.
+/// A robot arm that was read from a URDF. Instances can be pickled.
 #[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyRobot(pub Arc<Robot>);
 
@@ -61,7 +61,7 @@ impl PyRobot {
         self.0.joints().iter().map(|j| j.name().to_owned()).collect()
     }
 
-    /// Pairs of links that are not checked because they overlap when all joints are at the middle of their ranges.
+    /// Pairs of links that are not checked for collision because they overlap when all joints are at the middle of their ranges.
     #[getter]
     fn unchecked_pairs(&self) -> Vec<(String, String)> {
         let name = |link: usize| self.0.links()[link].name().to_owned();

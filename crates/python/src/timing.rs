@@ -16,7 +16,7 @@ use crate::problem::PyKeypointProblem;
 /// Maximum number of rows returned for a sampled motion.
 const MAX_ROWS: f64 = 1e6;
 
-/// Timed joint motion. Instances can be pickled.
+/// A timed motion of all joints. Instances can be pickled.
 #[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyTrajectory(pub(crate) Trajectory);
 

@@ -53,7 +53,7 @@ impl PyMotion {
         self.0.as_ref().ok().map(|m| PyTrajectory(m.trajectory.clone()))
     }
 
-    /// Index of the goal at which the motion ends.
+    /// Index, in the list of goals, of the goal at which the motion ends.
     #[getter]
     fn goal(&self) -> Option<usize> {
         self.0.as_ref().ok().map(|m| m.goal)

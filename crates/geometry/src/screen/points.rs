@@ -138,8 +138,8 @@ impl PointGrid {
         field
     }
 
-    /// Returns the squared distance, in cells, from each corner to the nearest occupied cell. Computed axis by axis,
-    /// each capped at [`FURTHEST`].
+    /// Returns the squared distance, in cells, from each corner to the nearest occupied cell, computed axis by axis
+    /// and capped at [`FURTHEST`] along each axis.
     fn beyond_cells(&self, counts: &[u32]) -> Vec<i16> {
         const MOST: i16 = FURTHEST * FURTHEST;
         let [nx, ny, nz] = self.dims;

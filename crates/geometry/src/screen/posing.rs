@@ -245,7 +245,7 @@ impl Posing {
         }
     }
 
-    /// Maximum distance (m) of link origins from the base; prismatic joints travel up to `reach` (m).
+    /// Upper bound on the distance (m) between link origins and the base; `reach` is the travel (m) of a prismatic joint.
     pub fn size(&self, reach: impl Fn(usize) -> f64) -> f64 {
         self.steps
             .iter()

@@ -200,7 +200,7 @@ impl Screen {
         if !all_at_least(bound, limit) {
             let close = need + reach.min(CLOSE);
             for lane in 0..LANES {
-                // NaN counts as close.
+                // A NaN counts as too close.
                 if !is_at_least(gap[lane], close) {
                     let balls = batch.centers[own.clone()].iter().zip(&self.balls[own.clone()]);
                     [gap[lane], max_gap[lane]] = nearest(cloud, lane, close, balls, &bounds);

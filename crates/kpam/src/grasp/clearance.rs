@@ -7,7 +7,7 @@ use super::gripper::ParallelGripper;
 use super::surface::{Plane, planes};
 use crate::ProblemError;
 
-/// Distances are capped at this value (m).
+/// Measured distances from obstacles are capped at this value (m).
 pub(super) const FAR: f64 = 0.01;
 /// The closing fingers are checked until their pads are this far from the object (m).
 const BEFORE_TOUCH: f64 = 1e-3;

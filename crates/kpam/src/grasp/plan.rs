@@ -104,7 +104,7 @@ pub struct GraspPlan {
     pub object_hand: Pose,
     /// Plan from the start to the grasp and the lift.
     pub pick: Plan,
-    /// Plans to the targets.
+    /// Plans that carry the object to the targets, one for each target.
     pub carries: Vec<Plan>,
 }
 

@@ -13,7 +13,7 @@ pub(super) const ON_SURFACE: f64 = 1e-6;
 /// Sampling weight of a horizontal face relative to a vertical one: objects rest on horizontal faces, and are grasped
 /// at the sides.
 const LEVEL: f64 = 0.2;
-/// Planes closer than this count as one plane.
+/// Two planes count as one plane if they are closer than this.
 const SAME_PLANE: f64 = 1e-7;
 
 #[derive(Debug, Clone, Copy)]

@@ -7,10 +7,10 @@ use crate::world::TOUCH;
 
 /// Upper bound on the rounding error of positions in single precision (m).
 const ROUNDING: f32 = 2e-5;
-/// Total rotation of all joints (rad) between two configurations beyond which no bound is computed.
+/// If all joints together rotate by more than this (rad) between two configurations, no bound is computed.
 const MOST_TURN: f32 = 0.8;
 
-/// Movement of the joints between two checked configurations.
+/// Bounds on the movement of each joint between two checked configurations.
 pub(super) struct Travel {
     /// Upper bound on the movement of each joint between the configurations (rad or m).
     pub gone: Vec<f32>,
@@ -21,7 +21,7 @@ pub(super) struct Travel {
 }
 
 impl Sweep<'_> {
-    /// Returns the movement of the joints between two checked configurations.
+    /// Returns bounds on the movement of each joint between two checked configurations.
     pub fn travel(&self, motion: &Trajectory, a: &Look, b: &Look) -> Travel {
         let h = b.time - a.time;
         let hardest = motion.hardest([a.time, b.time]);
@@ -156,7 +156,7 @@ mod tests {
     use crate::world::Compiled;
     use crate::{Cancel, Scene, TransitOptions};
 
-    /// An arm with revolute, sliding and revolute joint, and a box on each link.
+    /// An arm with a revolute, a sliding and another revolute joint, and a box on each link.
     fn arm() -> Arc<Robot> {
         let joint = |i: usize, kind: &str, axis: &str, xyz: &str| {
             let (above, reach) = (i - 1, if kind == "prismatic" { 0.2 } else { 2.5 });
@@ -240,7 +240,7 @@ mod tests {
                 }
             }
         }
-        // The bound is nearly reached by a motion.
+        // The bound is tight: at least one motion comes close to it.
         assert!(tightest > 0.1, "{tightest}");
     }
 }

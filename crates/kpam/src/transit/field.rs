@@ -87,7 +87,7 @@ impl<'s> Field<'s> {
         }
     }
 
-    /// Returns whether the search must end.
+    /// Returns whether the search must end because it was cancelled, is late, or has used up its checks.
     pub fn is_over(&self) -> bool {
         self.ending.max_checks.is_some_and(|most| self.checks >= most) || self.ending.reason().is_some()
     }
@@ -162,7 +162,7 @@ impl<'s> Field<'s> {
         for s in self.suspects.iter() {
             let apart = world.screen.needed(&self.needs, s.group, s.other);
             for lane in 0..count {
-                // NaN does not count as clear.
+                // A NaN must not count as collision-free.
                 if s.gap[lane] >= 0.0 {
                     continue;
                 }

@@ -40,7 +40,7 @@ const MET: f64 = 1e-7;
 const SAME: f64 = 0.05;
 
 impl Goal {
-    /// Returns the joint vectors of the goals as variables; empty if a goal pose is unreachable.
+    /// Returns the joint vectors of the goals, reduced to the planned variables; empty if a goal pose is unreachable.
     pub(super) fn joints(
         &self,
         scene: &Scene,

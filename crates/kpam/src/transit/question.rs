@@ -105,7 +105,7 @@ pub struct Motion {
     pub trajectory: Trajectory,
     /// Index, in the list of goals, of the goal at which the motion ends.
     pub goal: usize,
-    /// Vertices of the path that the motion follows, with one entry for each joint.
+    /// Vertices of the path that the motion follows; each vertex has one entry for each joint.
     pub corners: Vec<Vec<f64>>,
     /// Pairs closer than the margin at the start or at the reached goal, with the distance that the motion keeps.
     pub nearer: Vec<Approached>,
@@ -139,13 +139,13 @@ pub enum NoMotion {
     StartBlocked(Approached),
     /// Bodies overlap at every goal; contains the overlapping pair of the first goal.
     GoalsBlocked(Approached),
-    /// No goal can be reached: no joint values within the limits bring the link there.
+    /// No joint values within the limits bring the link to the goal pose.
     Unreachable,
     /// The samples or checks were used up; a motion may exist. Contains the last timed motion's obstacle.
     NotFound(Option<Approached>),
     /// A free path was found, but no motion along it within the limits of velocity, acceleration, jerk and torque.
     Untimed,
-    /// No motion from the start state stays within the joints' limits: name of the joint, and reason.
+    /// No motion from the start state stays within a joint's limits; contains the joint's name and the reason.
     CannotStop(String, CannotStop),
     /// The time limit has passed; a motion may exist.
     Late,

@@ -91,7 +91,7 @@ pub(super) fn tauten(field: &mut Field<'_>, path: &[Row], pace: &Row) -> Option<
     moved.then_some(out)
 }
 
-/// Drops vertices if the straight edge past them is free.
+/// Drops vertices between two others if the straight edge that joins the two is free.
 fn skip(field: &mut Field<'_>, path: &mut Vec<Row>) {
     let mut i = 0;
     while i + 2 < path.len() {

@@ -172,7 +172,7 @@ impl<'s> Sweep<'s> {
                 let place = place_of(s, groups);
                 for look in looks.iter_mut() {
                     let gap = s.gap[look.lane];
-                    // NaN does not count as clear.
+                    // A NaN must not count as collision-free.
                     if !is_clear(gap, REACH) {
                         look.gaps[place] = if gap < look.gaps[place] { gap } else { look.gaps[place].min(gap) };
                         look.suspects.push(*s);

@@ -8,7 +8,7 @@ use super::rules::{CollisionObjects, Group};
 use super::{EXACT, Scene};
 use crate::{ProblemError, Role};
 
-/// Two bodies that are close or overlap.
+/// Two bodies that are close to each other or overlap.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Nearness {
@@ -130,7 +130,7 @@ impl<'s> Checker<'s> {
             true
         });
         for (lane, hit) in hits.iter_mut().enumerate() {
-            // NaN does not count as clear.
+            // A NaN must not count as collision-free.
             let near: Vec<_> = suspects.iter().filter(|s| s.gap[lane].is_nan() || s.gap[lane] < 0.0).collect();
             if near.is_empty() {
                 continue;

@@ -19,7 +19,7 @@ impl Movers {
         self.0.iter()
     }
 
-    /// Number of joints.
+    /// Number of moving joints.
     pub fn len(&self) -> usize {
         self.0.len()
     }

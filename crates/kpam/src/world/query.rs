@@ -166,7 +166,7 @@ impl World<'_> {
             Seen::Body(_) => picked(world, group),
             Seen::Pair(pair) => {
                 let (a, b) = world.objects.pairs[pair];
-                // The hand is excepted: a body inside the arm cannot be grasped.
+                // Overlaps with the robot are not recorded: a body inside the arm cannot be grasped.
                 (picked(world, a) || picked(world, b)) && !matches!(world.objects.groups[a], Group::Link(_))
             }
         };

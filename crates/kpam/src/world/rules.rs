@@ -219,7 +219,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let steps = joint_steps(self.problem);
         let guessed = match segment {
             MotionSegment::Post(i) => steps[i].is_none(),
-            // The joint stays where the previous motions left it. This value is estimated if one of them is.
+            // The joint stays where the previous motions left it. Its travel is estimated if one of theirs is.
             MotionSegment::LetGo => steps.contains(&None),
             MotionSegment::Approach | MotionSegment::Pre(_) | MotionSegment::ToActuation => false,
         };
