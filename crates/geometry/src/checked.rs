@@ -22,7 +22,7 @@ macro_rules! checked_when_read {
 
 pub(crate) use checked_when_read;
 
-/// Serializes numbers, with null for infinite ones because JSON has no infinity.
+/// Serializes numbers; infinite numbers become null because JSON has no infinity.
 macro_rules! open_ended {
     ($name:ident, $end:expr) => {
         pub(crate) mod $name {

@@ -158,7 +158,7 @@ impl Convex {
         Aabb { min: center - reach, max: center + reach }
     }
 
-    /// Writes the vertices at a pose into `out`.
+    /// Writes the vertices of the shape at a pose into `out`.
     pub fn corners_at(&self, pose: &Pose, out: &mut Corners) {
         out.place(&self.points, pose);
     }

@@ -29,7 +29,7 @@ pub struct Description {
     pub links: Vec<LinkDescription>,
     /// Joints with unique names and unique child links, in the order of the file.
     pub joints: Vec<JointDescription>,
-    /// Colours of the robot's named materials.
+    /// Names and colours (red, green, blue, alpha) of the robot's materials.
     pub materials: Vec<(String, [f64; 4])>,
 }
 
@@ -43,7 +43,7 @@ pub struct LinkDescription {
     pub visuals: Vec<ShapeDescription>,
     /// Collision elements.
     pub collisions: Vec<ShapeDescription>,
-    /// Mass properties, if given.
+    /// Mass properties, if the file gives them.
     pub inertial: Option<InertialDescription>,
 }
 
@@ -61,7 +61,7 @@ pub struct ShapeDescription {
     pub geometry: Geometry,
     /// Name of the element's material.
     pub material: Option<String>,
-    /// Colour of the material, if it is defined with the element.
+    /// Colour (red, green, blue, alpha), if the element itself defines its material.
     pub rgba: Option<[f64; 4]>,
 }
 

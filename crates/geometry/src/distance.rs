@@ -12,9 +12,9 @@ use crate::corners::FURTHEST;
 pub struct Contact {
     /// Signed distance (m), negative if the shapes overlap.
     pub distance: f64,
-    /// Point on the first shape.
+    /// Closest or deepest point of the first shape.
     pub on_first: Point3<f64>,
-    /// Point on the second shape.
+    /// Closest or deepest point of the second shape.
     pub on_second: Point3<f64>,
     /// Unit direction from the first shape to the second; moving the first shape along it reduces the distance.
     pub normal: Vector3<f64>,
@@ -106,7 +106,7 @@ const UNMEASURABLE: Contact = Contact {
     normal: Vector3::new(1.0, 0.0, 0.0),
 };
 
-/// Result of a test whether two shapes keep a distance.
+/// Result of a test whether two shapes are at least a requested distance apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Reach {
     /// The shapes are proven to be at least the requested distance apart.

@@ -48,7 +48,7 @@ struct Moving {
     moment: Vector3<f64>,
 }
 
-/// Buffers of [`Robot::inverse_dynamics`].
+/// Buffers that [`Robot::inverse_dynamics`] reuses.
 #[derive(Debug, Clone, Default)]
 pub struct DynamicsScratch {
     poses: Vec<Pose>,

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// A robot description cannot be used.
+/// Error for a robot description that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct UrdfError {
@@ -28,7 +28,7 @@ impl fmt::Display for UrdfError {
 
 impl std::error::Error for UrdfError {}
 
-/// Parts of a robot do not fit each other.
+/// Error for parts of a robot that do not fit each other.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RobotError {
@@ -52,7 +52,7 @@ impl fmt::Display for RobotError {
 
 impl std::error::Error for RobotError {}
 
-/// A shape has no extent or no points, or a number is not finite.
+/// Error for a shape that has no extent or no points, or a number that is not finite.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ShapeError {
@@ -76,13 +76,13 @@ impl fmt::Display for ShapeError {
 
 impl std::error::Error for ShapeError {}
 
-/// A joint vector has the wrong length.
+/// Error for a joint vector of the wrong length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct JointCountError {
     /// Number of joints of the robot.
     pub joints: usize,
-    /// Length of the vector.
+    /// Length of the joint vector.
     pub entries: usize,
 }
 

@@ -3,7 +3,7 @@
 
 use nalgebra::{ArrayStorage, IsometryMatrix3, Matrix3, Matrix4, Rotation3, Translation3, Unit, Vector3};
 
-/// Rigid transform `T_a_b`.
+/// Rigid transform `T_a_b`, which maps coordinates in frame `b` to frame `a`.
 pub type Pose = IsometryMatrix3<f64>;
 
 /// Creates a pose from a translation and fixed-axis roll, pitch, yaw, as in URDF.

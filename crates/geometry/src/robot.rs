@@ -259,7 +259,7 @@ impl Robot {
         &self.joints
     }
 
-    /// Index of the hand link.
+    /// Index of the hand's link.
     #[must_use]
     pub fn hand(&self) -> usize {
         self.hand

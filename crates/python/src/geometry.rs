@@ -61,7 +61,7 @@ impl PyRobot {
         self.0.joints().iter().map(|j| j.name().to_owned()).collect()
     }
 
-    /// Pairs of links that are not checked for collision because they overlap when all joints are at the middle of their ranges.
+    /// Pairs of links that are not checked because they overlap when all joints are at the middle of their ranges.
     #[getter]
     fn unchecked_pairs(&self) -> Vec<(String, String)> {
         let name = |link: usize| self.0.links()[link].name().to_owned();

@@ -19,7 +19,7 @@ const MAX_BALLS: usize = 20;
 const SLOP: f64 = 0.004;
 /// Number of iterations of the algorithm that finds a smallest sphere around points (Badoiu and Clarkson).
 const ROUNDS: usize = 48;
-/// Number of directions in which the distance by which a sphere exceeds the shape is measured.
+/// Number of directions in which a sphere is measured to find how far it extends beyond the shape.
 const LOOKS: usize = 48;
 
 /// Returns an approximately smallest sphere around points, enlarged by `radius`.

@@ -60,7 +60,7 @@ struct Cluster {
     link: usize,
     around: Sphere,
     balls: std::ops::Range<usize>,
-    /// Vertices of the box around its shapes, in the link's frame.
+    /// Vertices of the box around the group's shapes, in the link's frame.
     corners: [[f32; 3]; 8],
 }
 

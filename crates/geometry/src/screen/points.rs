@@ -132,7 +132,7 @@ impl PointGrid {
         let mut field = Vec::with_capacity(mx * my * mz);
         let squared = (self.cell * self.cell) as f32;
         for (far, near) in far.chunks_exact(mx).zip(near.chunks_exact(stride)) {
-            // Both are lower bounds, so the larger one counts.
+            // Both values are lower bounds, so the larger one is valid and tighter.
             field.extend(far.iter().zip(&near[TIGHT..]).map(|(f, n)| f32::from(*f).max(*n) * squared));
         }
         field

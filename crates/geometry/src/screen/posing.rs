@@ -245,7 +245,7 @@ impl Posing {
         }
     }
 
-    /// Upper bound on the distance (m) between link origins and the base; `reach` is the travel (m) of a prismatic joint.
+    /// Upper bound on the distance (m) of link origins from the base; `reach` is a prismatic joint's travel (m).
     pub fn size(&self, reach: impl Fn(usize) -> f64) -> f64 {
         self.steps
             .iter()

@@ -21,7 +21,7 @@ pub type Points = [F32x8; 3];
 pub(crate) enum Solid {
     /// Rounded box: centre, axes as rows, half extents.
     Cuboid { center: [f32; 3], axes: [[f32; 3]; 3], half: [f32; 3], radius: f32 },
-    /// Cylinder: centre, axis, half length.
+    /// Cylinder: centre, unit axis, half length, radius.
     Cylinder { center: [f32; 3], axis: [f32; 3], half: f32, radius: f32 },
     /// Capsule (a sphere if the length is 0): one end, direction, length.
     Capsule { end: [f32; 3], axis: [f32; 3], length: f32, radius: f32 },

@@ -52,7 +52,7 @@ impl Surroundings {
         self.others.iter().any(|planes| planes.iter().all(|plane| plane.height(point) < margin))
     }
 
-    /// Returns the distance of a shape to the nearest obstacle, at most `FAR`; the search stops once it is below
+    /// Returns the distance of a shape from the nearest obstacle, at most `FAR`; the search stops at a distance below
     /// `enough`.
     fn distance(&self, corners: &Corners, radius: f64, bounds: &Aabb, enough: f64) -> f64 {
         let mut least = FAR;

@@ -45,7 +45,7 @@ checked_when_read!(ParallelGripper);
 struct FingerJoint {
     /// Index in the robot's joint vector.
     index: usize,
-    /// Value (m) at the smallest opening.
+    /// Joint value (m) at the smallest opening.
     closed: f64,
     /// Change of the joint value per change of the opening.
     slope: f64,
@@ -135,7 +135,7 @@ impl ParallelGripper {
             let Some(middle) = middle(robot, index, &hand_from_link) else { continue };
             let side = usize::from((middle - keypoints.head).dot(&axis) > 0.0);
             let outwards = if side == 1 { along } else { -along };
-            // When closed, the finger joint is as far inwards as it can slide.
+            // In the closed gripper, each finger is as far inwards as its joint can slide.
             q[joint] = if outwards > 0.0 { slide.lower() } else { slide.upper() };
             joints.push(FingerJoint { index: joint, closed: q[joint], slope: 0.5 * outwards.signum() });
             range = range.min(slide.upper() - slide.lower());

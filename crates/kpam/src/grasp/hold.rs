@@ -29,7 +29,7 @@ pub(super) struct Hold {
     pub width: f64,
     /// Midpoint between the pads as a position on the closing axis (m), measured from the grip frame's origin.
     pub offset: f64,
-    /// Contacts of the pad on the negative and of the pad on the positive side of the closing axis.
+    /// Contact of the pad on the negative side of the closing axis, then of the pad on the positive side.
     pub patches: [Patch; 2],
     /// Unit direction (object frame) along which the pads press on each other through the object: the closing axis if
     /// the contacts are opposite each other, otherwise the line between the centres of both contacts.

@@ -30,7 +30,7 @@ use crate::{ProblemError, Role, Scene};
 pub struct GraspOptions {
     /// Maximum number of grasps to return.
     pub count: usize,
-    /// Number of sampled surface points.
+    /// Number of surface points from which grasps are derived.
     pub samples: usize,
     /// Whether every part of the body gets the same number of samples regardless of its area; useful for a knob, which
     /// is a small part of a drawer.
@@ -71,11 +71,11 @@ impl Default for GraspOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Grasp {
-    /// The hand in the object frame.
+    /// Pose of the hand in the object frame.
     pub object_hand: Pose,
-    /// The hand in the base frame, for the object's current pose.
+    /// Pose of the hand in the base frame, for the object's current pose.
     pub base_hand: Pose,
-    /// Unit direction in which the hand approaches, base frame.
+    /// Unit direction in which the hand moves towards the object, base frame.
     pub approach: Vector3<f64>,
     /// Distance between the pads in the grasp (m).
     pub width: f64,

@@ -16,19 +16,19 @@ use crate::{
 /// Tolerances of the position (m) and the orientation (rad) of the hand.
 const PLACE: f64 = 2e-4;
 const DIRECTION: f64 = 5e-3;
-/// Distance (m) from the keypoint at the hand's frame to the keypoints that define its directions.
+/// Distance (m) between the keypoint at the hand's origin and the keypoints that define the hand's directions.
 const ARM: f64 = 0.1;
 
 /// A target pose of the object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Target {
-    /// The object in the base frame.
+    /// Pose of the object in the base frame.
     pub object: Pose,
     /// Direction (base frame) about which the object may be rotated by any angle; `None` for a fixed orientation.
     pub free_axis: Option<Vector3<f64>>,
 }
 
-/// An object to pick, and its targets.
+/// An object to pick, and the target poses to which it is carried.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct GraspTask {

@@ -2,7 +2,7 @@
 
 use crate::model::{MAX_JOINTS, Row};
 
-/// A pair of bodies and its gap.
+/// A group, the body near it, and the gap between both.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Near {
     pub gap: f64,
@@ -37,7 +37,7 @@ pub(crate) struct Bubble {
     pub travel: f64,
     /// Number of joints.
     pub joints: usize,
-    /// Maximum distance of each group's points from each joint's axis, one row for each group.
+    /// Maximum distance of each group's points from each joint's axis (m), one row for each group.
     pub levers: Vec<f64>,
     pub pairs: Vec<Near>,
 }

@@ -16,7 +16,7 @@ pub struct Nearness {
     pub first: String,
     /// Name of the second body: a body of the scene, a link or an attached body.
     pub second: String,
-    /// Signed distance (m).
+    /// Signed distance between the two bodies (m).
     pub distance: f64,
     /// Midpoint between the closest points of the two bodies, base frame (m).
     pub point: Point3<f64>,

@@ -14,7 +14,7 @@ pub(crate) struct Clearance {
 }
 
 impl World<'_> {
-    /// Appends to `out` the checked pairs whose distance exceeds their margin by less than `reach` (m).
+    /// Appends to `out` the checked pairs whose distance is less than their margin plus `reach` (m).
     pub fn clearances(
         &mut self,
         state: State<'_>,

@@ -1,4 +1,4 @@
-//! Required clearance of pairs.
+//! Required clearances between pairs of bodies.
 
 use super::Overlaps;
 use super::query::Seen;

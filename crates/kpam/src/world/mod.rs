@@ -111,7 +111,7 @@ pub(crate) struct World<'p> {
     obstacles: &'p Obstacles,
     pub schedule: Schedule,
     segments: Vec<SegmentWorld>,
-    /// Maximum distance of a group's shapes from their centre (m), and that centre in the group's frame.
+    /// Maximum distance (m) of any point of a group from the group's centre, and this centre in the group's frame.
     extents: Vec<f64>,
     middles: Vec<Point3<f64>>,
     /// Pose of each attached group in the hand frame, and of each released group in the base frame.
@@ -197,7 +197,7 @@ impl<'p> World<'p> {
         self.cancel = cancel;
     }
 
-    /// Whether planning must end: checks used up, time limit passed, or cancelled.
+    /// Whether planning must end because its checks are used up, it is late, or it was cancelled.
     pub fn is_over(&self) -> bool {
         self.is_spent() || self.is_late() || self.is_cancelled()
     }
@@ -227,7 +227,7 @@ impl<'p> World<'p> {
         self.scratch.set_early_exit(early_exit);
     }
 
-    /// Required clearance (m) from the handled bodies up to the actuation pose.
+    /// Clearance (m) required from the handled bodies before the actuation pose is reached.
     fn reach_clearance(&self) -> f64 {
         self.problem.options.reach_clearance.unwrap_or(0.0)
     }

@@ -14,7 +14,7 @@ impl Movers {
         Self(model.map().driven().to_vec())
     }
 
-    /// Iterates over the joints.
+    /// Iterates over the moving joints.
     pub fn iter(&self) -> std::slice::Iter<'_, DrivenJoint> {
         self.0.iter()
     }

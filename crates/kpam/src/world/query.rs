@@ -7,7 +7,7 @@ use super::{EXACT, Hit, Margins, MotionSegment, State, TOUCH, World};
 use crate::Role;
 use crate::model::Row;
 
-/// Smallest signed distances over the checked pairs.
+/// Smallest signed distances (m) over the checked pairs of each kind.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clearances {
     pub itself: f64,
@@ -268,7 +268,7 @@ impl World<'_> {
         found
     }
 
-    /// Updates the smallest distances with those of a state, except pairs whose position is estimated.
+    /// Updates the smallest distances with those of a state. Pairs whose position is estimated are left out.
     pub fn measure(&mut self, state: State<'_>, segment: MotionSegment, out: &mut Clearances) {
         self.place(state, segment);
         // Only distances below the smallest ones found so far matter.
@@ -300,7 +300,7 @@ impl World<'_> {
     }
 }
 
-/// A pair that overlaps by more than rounding.
+/// A pair whose overlap exceeds rounding errors.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Overlap {
     group: usize,

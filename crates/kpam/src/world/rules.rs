@@ -57,7 +57,7 @@ impl Verdict {
 pub(crate) struct SegmentWorld {
     /// Source of each group's pose.
     pub carriers: Vec<Carrier>,
-    /// Groups that are present.
+    /// Groups that are part of the segment.
     pub present: Vec<usize>,
     /// Rule for each group and fixed body, one row for each group.
     pub bodies: Vec<Verdict>,
@@ -195,13 +195,13 @@ impl<'c, 'p> Compiler<'c, 'p> {
                     depth: w.depth.or(problem.options.contact_depth),
                 })
             };
-            // Validation has refused windows that name no keyframe.
+            // Validation has refused windows whose `from` or `to` is no keyframe.
             windows.iter().filter_map(resolve).collect()
         });
         Self { problem, objects, movers, schedule, windows }
     }
 
-    /// Returns the world of a segment.
+    /// Returns the groups and contact rules of a segment.
     pub fn segment(&self, segment: MotionSegment) -> SegmentWorld {
         let groups = self.objects.groups.len();
         let carriers: Vec<Carrier> = (0..groups).map(|g| self.carrier(g, segment)).collect();

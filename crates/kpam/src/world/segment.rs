@@ -18,7 +18,7 @@ pub(crate) enum MotionSegment {
 }
 
 impl MotionSegment {
-    /// Whether the segment comes after the actuation.
+    /// Whether the segment lies after the actuation pose.
     pub fn is_after(self) -> bool {
         matches!(self, Self::Post(_) | Self::LetGo)
     }
@@ -36,7 +36,7 @@ pub(crate) struct Schedule {
 }
 
 impl Schedule {
-    /// Returns the schedule of a config.
+    /// Returns the segments and keyframes that a config defines.
     pub fn of(config: &SolverConfig) -> Self {
         Self { before: config.pre.len(), after: config.post.len(), lets_go: config.let_go.is_some() }
     }
@@ -46,7 +46,7 @@ impl Schedule {
         self.before + 1 + self.after + usize::from(self.lets_go)
     }
 
-    /// Index in time order of the actuation pose.
+    /// Index of the actuation pose in the time order of keyframes.
     pub fn actuation(&self) -> usize {
         self.before
     }

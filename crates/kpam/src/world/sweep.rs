@@ -53,7 +53,7 @@ impl World<'_> {
         None
     }
 
-    /// Computes the maximum displacement of each group's points per unit of each joint.
+    /// Computes the maximum displacement of each group's points per unit of each joint (m per rad or m).
     fn measure_levers(&self, segment: MotionSegment, levers: &mut Vec<f64>) {
         let table = self.table(segment);
         let joints = table.carried.joints;
