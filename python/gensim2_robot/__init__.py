@@ -1,1 +1,1 @@
-"""Run a controller on an arm with cameras: control loop, command limits, watchdog and log (docs/guides/robot.md)."""
+"""Run a controller on an arm with cameras, with command limits, a watchdog and a log (docs/guides/robot.md)."""

@@ -14,7 +14,7 @@ from gensim2_robot.devices import ArmDriver, ArmState
 from gensim2_robot.limits import Sent, begin, check_force, halt, limit
 
 _STATES = 200
-"""Number of past arm states that are stored to look up the arm's position when an image was taken."""
+"""Number of stored past arm states, from which the arm's position at the time of an image is interpolated."""
 
 
 class LimitedArm:
@@ -138,13 +138,13 @@ _FITTED = 0.999
 
 
 class Streamer:
-    """Smooth motion through the targets, from which commands are sampled.
+    """Plans a smooth motion through the targets; commands are samples of this motion.
 
     The motion reaches each target no earlier than the target's time, and comes to rest shortly after the last target.
     The arm therefore stops by itself if no more targets arrive. New targets extend the motion.
 
     Args:
-        limits: joint limits of the motion. Limits of tool and workspace are checked for each command.
+        limits: joint limits of the motion. Limits of the tool and the workspace are checked for each command instead.
 
     Attributes:
         late: number of targets that were dropped because they arrived after their time.
@@ -152,7 +152,7 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # The mean velocity of a cycle occurs in the middle of the cycle, but the position at the cycle's end limits it.
+        # A cycle's mean velocity occurs in its middle, but the velocity limit depends on the position at its end.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
@@ -208,7 +208,7 @@ class Streamer:
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:
-        """Return the displacement (m,) in which the arm comes to rest from a velocity, within the joint range."""
+        """Return the displacement (m,) over which the arm stops from a velocity, clipped to the joint range."""
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
         room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)
@@ -225,7 +225,7 @@ class Streamer:
         return self._motion is not None and bool(np.abs(self._motion.sample(now)[0] - sent.q).max() <= _SAME)
 
     def brake(self, now: float) -> float:
-        """Replace the motion by the fastest stop along its path, drop the targets, and return its duration, s."""
+        """Drop the targets, replace the motion by the fastest stop along its path, and return the stop's seconds."""
         self._ahead = []
         if self._motion is None:
             return 0.0

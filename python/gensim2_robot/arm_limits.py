@@ -42,7 +42,7 @@ class Braking:
         return self._root(self.upper - q), self._root(q - self.lower)
 
     def ahead(self, seconds: float) -> Braking:
-        """Return stricter limits: a joint that keeps them still keeps the original limits after moving for ``seconds``.
+        """Return stricter limits, such that a joint that keeps them now keeps the original limits ``seconds`` later.
 
         Solving ``v = -offset + sqrt(gain (room - v seconds))`` for v gives limits of the same form.
         """
@@ -51,7 +51,7 @@ class Braking:
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """Return lower and upper positions (m,), rad, at which a joint may still move outwards at ``0.1 * offset``."""
+        """Return the lower and upper positions (m,), rad, up to which a joint may move outwards at ``0.1 * offset``."""
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
 
@@ -80,9 +80,9 @@ CYCLE = 0.01
 SPEED = 0.1
 """Default fraction of the arm's maximum speed."""
 MARGIN = 0.1
-"""Default distance (rad or m) of joints from the ends of their range."""
+"""Default minimum distance (rad or m) of joints from the ends of their range."""
 TOOL_SPEED = 1.7
-"""Tool speed (m/s) at full speed. It is the Panda's limit, which is the lowest of all supported arms."""
+"""Maximum tool speed (m/s) at full arm speed: the limit of the Panda, which is the lowest of all supported arms."""
 
 FORCE = 140.0
 """Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""
@@ -107,8 +107,8 @@ _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
 class ArmLimits:
     """Limits of every command to an arm.
 
-    Velocities are a fraction of the arm's maximum. Accelerations and jerks may always reach the arm's maximum, so that
-    the arm stops as fast as it can.
+    Velocity limits are a fraction of the arm's maximum. Acceleration and jerk limits are always the arm's maximum, so
+    that the arm stops as fast as it can.
 
     Attributes:
         profile: robot profile.
@@ -233,7 +233,7 @@ class ArmLimits:
         return len(self.lower)
 
     def prepare(self) -> None:
-        """Build the collision scene and caches now, because this would delay the first command."""
+        """Build the collision scene and caches in advance, so that they do not delay the first command."""
         here = self._open[None, list(self.profile.arm_columns)]
         self.tool(here)
         self.is_clear(here)

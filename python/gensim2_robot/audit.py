@@ -1,4 +1,4 @@
-"""Check sent commands independently of the limits' own code, by finite differences and the ray caster's kinematics."""
+"""Check sent commands without the code of the limits: by finite differences and the ray caster's kinematics."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Clock(Protocol):
         ...
 
     def punctual(self) -> AbstractContextManager[str]:
-        """Make wake-ups of this thread punctual within the block; yield the scheduling policy."""
+        """Let this thread wake up with as little delay as possible within the block; yield the scheduling policy."""
         ...
 
 
@@ -90,7 +90,7 @@ class SimulatedClock:
     """A clock that does not advance during computations, so that a run in one process is reproducible.
 
     Attributes:
-        hooks: functions called in order with each new time.
+        hooks: functions that are called, in this order, with each new time.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Configure the control loop of runs, trials and web pages."""
+"""Configure the control loop that runs, trials and web pages use."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CameraKind = Literal["simulated", "software", "recording", "realsense"]
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Kind of cameras, and their devices or files.
+    """Kind of the cameras, and the devices or files that images come from.
 
     Attributes:
         kind: ``simulated``: ray casting; ``software``: ray casting, passed through software devices of
@@ -69,7 +69,7 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of simulated devices with a simulated clock: ranges (s) from which each episode draws a value.
+    """Ranges (s) of the delays of simulated devices with a simulated clock; a value is drawn for each episode.
 
     Attributes:
         camera: delay from the exposure of an image to its arrival.
@@ -118,7 +118,7 @@ class LineConfig:
         cameras: as in :meth:`CameraSource.parse`. Recordings require a dry run with a simulated arm.
         policy: checkpoint, URL of a policy server (``ws://host:port``), or name of a controller; None: the planner,
             which knows the true scene.
-        deadline: time limit for an action from a server, s.
+        deadline: time limit for an action from a policy server, s.
         speed: fraction of the arm's maximum speed; control steps take longer in proportion.
         margin: minimum distance (rad) of joints from the ends of their range.
         force: maximum contact force, N.

@@ -56,7 +56,7 @@ class CameraFrame:
         captured: time when the image was taken, s.
         depth: (H, W) uint16, mm; 0 for no measurement.
         colors: (H, W, 3) uint8, RGB, aligned with the depth image.
-        serial: serial number reported by the device; empty if none.
+        serial: serial number that the device reported; empty if it reported no number.
     """
 
     camera: str

@@ -1,4 +1,4 @@
-"""Compute observations from images and joints; robot and replay use the same code."""
+"""Compute observations from images and joints; control loop and replay of logs use the same code."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ THROUGH = 0.05
 THROUGH_SHARE = 0.3
 """Minimum fraction of the robot's pixels that measure points behind it, for which the camera pose counts as wrong."""
 THROUGH_PIXELS = 1.0 / 400.0
-"""Minimum fraction of an image that the robot must cover for the test of the camera pose."""
+"""Minimum fraction of an image that the robot must cover for a check of the camera pose."""
 
 
 class CameraPoseError(GenSim2Error):
@@ -36,7 +36,7 @@ class OwnPoints:
 
     Args:
         cameras: cameras. The pose of a camera on a link is in the link's frame.
-        near: maximum difference (m) between depth and meshes.
+        near: maximum difference (m) between the measured depth and the depth of the robot's meshes.
 
     Attributes:
         robot: segmentation ids of the hand (with its descendants) and of the other links.
@@ -120,7 +120,7 @@ def _marked(
 ) -> npt.NDArray[np.int16]:
     """Return segmentation ids of the pixels whose depth agrees with the meshes at the pixel or at a neighbour.
 
-    Neighbours count because stereo cameras widen edges.
+    Neighbouring pixels count, because stereo cameras widen objects at their edges.
     """
     found = np.where((ids > 0) & (np.abs(depth - meshes) < near), ids, np.int16(0))
     for here, there in (
@@ -199,7 +199,7 @@ class Eyes:
         if not set(spec.modalities) <= {"pointcloud", "depth"}:
             raise InputError("the cameras provide only point clouds and depth", field="modalities")
         used = [there[name] for name in spec.cameras] if spec.modalities else []
-        # Policies that use depth images need them in full size.
+        # Depth images are not thinned for policies that use them.
         whole = "depth" in spec.modalities
         looked = [(camera, 1) if whole else thinned(camera, pixels) for camera in used]
         self._used, self._steps = tuple(camera for camera, _ in looked), tuple(step for _, step in looked)

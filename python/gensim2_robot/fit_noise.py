@@ -30,7 +30,7 @@ TOLD = 200
 SMOOTHED = 1.0
 """Standard deviation (pixels) of the smoothing before surface angles are computed."""
 DOUBT = 0.1
-"""Width (rad) of the range of surface angles that are excluded as uncertain."""
+"""Width (rad) of the range of surface angles that the fit excludes as uncertain."""
 WORKSPACE = 2.0
 """Maximum depth (m) of pixels that the fit uses; noise beyond the workspace does not matter."""
 MILLIMETRE = 1e-3
@@ -57,7 +57,7 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
     Args:
         log: folder of the log.
         out: file to write.
-        base: noise parameters; gives values that cannot be estimated, and the stereo pair's focal length and baseline.
+        base: noise parameters that supply the values that cannot be estimated, and the stereo pair's geometry.
 
     Returns:
         Plain data: the parameters, and the number of pixels from which each one was estimated.
@@ -86,7 +86,7 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
 
 
 def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[DepthNoise, dict[str, int]]:
-    """Fit noise parameters; return them and the number of pixels from which each one was estimated.
+    """Fit noise parameters; return them, and the number of pixels from which each parameter was estimated.
 
     Parameters that cannot be estimated keep their value in ``base``.
 
@@ -191,7 +191,7 @@ class _Part:
         return (float(np.mean(found)) if found else 0.0), int(which.sum())
 
     def lost(self, mask: npt.NDArray[np.bool_]) -> tuple[float, int]:
-        """Return the fraction of missing measurements in the pixels of ``mask``."""
+        """Return the fraction of the pixels in ``mask`` that have no measurement."""
         return (float(1.0 - self._share[mask].mean()) if mask.any() else 0.0), int(mask.sum())
 
     def mixed(self) -> tuple[float, int]:
@@ -202,7 +202,7 @@ class _Part:
         depths = self._depths[:, self.edges]
         room = np.minimum(0.2 * (far - near), 0.02)
         between = (depths > near + room) & (depths < far - room)
-        # Fraction of mixed depths that is visible, if mixed depths are uniformly distributed.
+        # Uniformly distributed mixed depths can be told from both sides of the edge only in this fraction of cases.
         shows = (far - near - 2.0 * room) / (far - near)
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 

@@ -2,7 +2,8 @@
 
 For every command, a complete stop from this command is computed and checked: positions, velocities, accelerations,
 jerks, speed and workspace of the tool, and distances of the robot from itself and the table. If the check fails, the
-next command of the last checked stop is sent instead, possibly mixed with the request. So no input can exceed a limit.
+next command of the last checked stop is sent instead, possibly mixed with the request. So no request can make the arm
+exceed a limit.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from gensim2.core.errors import GenSim2Error
 from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
 
 SLACK = 1e-9
-"""Tolerance for rounding errors: a fraction for speeds and accelerations, rad or m for positions."""
+"""Tolerance for rounding errors: for speeds and accelerations as a fraction of the limit, for positions in rad or m."""
 
 _COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42, 50, 60, 72, 86, 104, 125, 150, 180, 216, 260)
 _EDGES = (0.0, 0.25, 0.5)
@@ -101,7 +102,7 @@ _MIXTURES = (1.0, 0.5, 0.25, 0.1)
 """Weights of the requested motion that are tried when it is mixed with the checked stop."""
 
 _CLOSE = 1e-9
-"""A command that differs from the request by at most this amount (rad or m) counts as equal."""
+"""A command that differs from the request by at most this amount (rad or m) counts as equal to the request."""
 
 
 class RefusedError(GenSim2Error):
@@ -110,7 +111,7 @@ class RefusedError(GenSim2Error):
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """The last command, and the checked stop that follows from it.
+    """The last command, and the checked stop that would follow it.
 
     Attributes:
         q, v, a: (m,) position of the command, and its velocity and acceleration by finite differences.
@@ -195,7 +196,7 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
 def limit(
     sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0, measured: Array | None = None
 ) -> Sent:
-    """Return the next command: the target if it keeps all limits, else a command towards the target that does.
+    """Return the next command: the target, or if it exceeds a limit, a command towards it within all limits.
 
     This is a pure function.
 
@@ -255,7 +256,7 @@ def halt(sent: Sent) -> Sent:
         sent: the last command.
 
     Returns:
-        The command 10 ms after ``sent``, without clips. After the end of the stop, a command to stay in place.
+        The command 10 ms after ``sent``, with empty ``clips``. After the end of the stop, a command to stay in place.
     """
     if not len(sent.stop):
         standing = np.zeros_like(sent.v)
@@ -273,7 +274,7 @@ def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
 
 
 def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]) -> Array:
-    """Return the acceleration (m,) for the next cycle: to the target, or as fast towards it as still allows a stop."""
+    """Return the acceleration (m,) for the next cycle, towards the target but small enough that a stop is possible."""
     inside = np.clip(wanted, limits.lower, limits.upper)
     if (inside != wanted).any():
         clips.append("position")
@@ -300,7 +301,7 @@ def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]
 
 
 def _checked(before: Array, q: Array, v: Array, a: Array, limits: ArmLimits, clips: list[str]) -> Commands | None:
-    """Return a stop from a command if both keep every limit; otherwise add the violated limit to ``clips``."""
+    """Return a stop after a command if both keep every limit; otherwise add the violated limit to ``clips``."""
     if (q < limits.lower - SLACK).any() or (q > limits.upper + SLACK).any():
         clips.append("position")
         return None

@@ -31,12 +31,13 @@ PERIOD = PERIOD_CYCLES * CYCLE
 LEAD = PERIOD
 """Minimum time from a request to its first action, s; the controller computes in this time."""
 BRAKING = PERIOD - 3.0 * CYCLE
-"""Maximum duration (s) of a stop along the path. On a bend such a stop can take longer than one that leaves the path.
+"""Maximum duration (s) of a stop along the path. On a bend, a stop along the path can take longer than a stop that
+leaves the path.
 """
 CATCH_UP = 0.1
-"""Maximum delay (s) that the loop catches up cycle by cycle; a larger delay is skipped."""
+"""Maximum delay (s) that the loop catches up by running the missed cycles; cycles of a larger delay are skipped."""
 FRESH_CYCLES = 3
-"""Maximum number of cycles that images may wait for a request; beyond it the requests are shifted."""
+"""Number of cycles after the arrival of images at which a request is still in time; later requests are shifted."""
 STANDING = 0.02
 """Measured speed (rad/s or m/s) below which the arm counts as standing still."""
 
@@ -84,7 +85,7 @@ class LoopFigures:
         acting_ms: computing times of the controller.
         refused: number of refused targets by reason.
         late_actions: number of actions that arrived too late to be executed.
-        skipped: total time that was skipped because the loop was too late.
+        skipped: total time of the cycles that were skipped because the loop was too late.
     """
 
     periods: list[float] = field(default_factory=list)
@@ -101,7 +102,7 @@ class LoopFigures:
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return by how many cycles (-1, 0 or 1) to change a period, so that requests follow the arrival of images.
 
-    The direction with fewer changes is chosen, unless images would become too old before the next request.
+    Periods become shorter or longer, whichever needs fewer changes, but shorter if images would otherwise be too old.
 
     Args:
         waited: number of cycles from the arrival of the newest complete set of images to a request.
@@ -129,7 +130,7 @@ class Line:
     Attributes:
         pace: control steps per second.
         commands: if set, a list that gets every command.
-        in_phase: whether requests follow soon after the arrival of images.
+        in_phase: whether requests already follow soon after the arrival of images.
         stopped_ms, standing_ms: time from the event that held or stopped the arm to the last moving command, and to the
             measured standstill; None before such an event.
     """

@@ -28,9 +28,9 @@ from gensim2_robot.watch import WatchRules
 EVERY = 0.1
 """Time between two updates of the page, s."""
 NEXT = (255, 120, 0)
-"""Colour of the tool positions at the next actions."""
+"""Colour in which the tool positions at the next actions are drawn."""
 NEXT_POINT = 0.012
-"""Size of the points at the next actions, m."""
+"""Size of the points that mark the tool positions at the next actions, m."""
 
 
 PATIENT = WatchRules(
@@ -56,7 +56,7 @@ class LivePage:
         port: port of the page; if it is in use, the next free port is used.
 
     Attributes:
-        trouble: always None, because a failure of the page must not stop a run.
+        trouble: always None, so that a failure of the page does not stop a run.
 
     Raises:
         InputError: a file of the robot cannot be used.

@@ -25,7 +25,7 @@ class LocalArm:
     """Simulated arm that runs in this process with a simulated clock.
 
     Attributes:
-        goal, at_rest: whether the goal was reached, and the scene was at rest, at the last check.
+        goal, at_rest: whether, at the last check, the goal was reached and the scene was at rest.
     """
 
     def __init__(self, world: SimulatedWorld, clock: SimulatedClock) -> None:

@@ -47,7 +47,7 @@ class Journal(Protocol):
 
 
 class Journals:
-    """Passes data on to several logs, or to none. It fails as soon as one of the logs fails.
+    """Passes data on to any number of logs. It fails as soon as one of them fails.
 
     Args:
         several: logs, in order.
@@ -92,7 +92,7 @@ class Journals:
 
 ENCODING = "gensim2-pack"
 SEGMENT = 256 << 20
-"""Size of a file, bytes."""
+"""Size at which a log file is closed and a new file is started, bytes."""
 MAX_BYTES = 4 << 30
 """Maximum total size of a run's files, bytes."""
 DAYS = 30.0
@@ -101,7 +101,7 @@ RESERVE = 8 << 20
 """Space reserved for closing a file on a full disk, bytes; it fits a chunk and all indices."""
 CHUNK = 1 << 20
 MAX_SECONDS = 1e9
-"""MCAP cannot store times from this value on, or negative times; messages with such times get the log time 0."""
+"""MCAP cannot store negative times, or times (s) from this value on; messages with such times get the log time 0."""
 BEHIND = 2000
 """Maximum number of messages that wait to be written."""
 

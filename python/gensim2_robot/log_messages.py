@@ -74,7 +74,7 @@ def _whole(digits: str) -> int:
 
 
 def _array(kind: str, dimensions: int) -> AfterValidator:
-    """Return a check that a value is a non-empty array of a kind (``dtype.kind`` or the name of a dtype)."""
+    """Return a function that checks that a value is a non-empty array of a kind (``dtype.kind`` or a dtype's name)."""
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:
@@ -94,7 +94,7 @@ Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
 
 
 class LogMessage(BaseModel):
-    """Base class of messages. The array ``posed/left`` is the entry ``left`` of the field ``posed``."""
+    """Base class of messages. An array named ``posed/left`` is the entry ``left`` of the field ``posed``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -105,7 +105,8 @@ class About(LogMessage):
     Attributes:
         robot: name of the robot.
         language: instruction that the policy got.
-        pixels: minimum number of pixels of an image that were used; None: all pixels, as in version 0.1.
+        pixels: minimum number of pixels of each image from which observations were computed; None: all pixels, as in
+            version 0.1.
         observation: observation spec of the policy, as returned by :meth:`ObservationSpec.to_dict`.
         cameras: cameras with images in the log. The pose of a camera on a link is in the link's frame.
         task, controller, arm, speed, margin, seed: settings of the run, for information only.

@@ -72,7 +72,7 @@ class ControllerAnswer:
         actions: (k, m + 1) targets of the arm's joints, rad, and gripper commands from -1 to 1. They start at the
             control step of the request. If the controller is done, k is smaller than requested.
         done: whether the controller has ended the episode.
-        seen: all input arrays of the controller by name.
+        seen: arrays of the controller's observations, by name.
         cloud_ms: time from the newest image to the point cloud, ms; None without a cloud.
         encoding_ms: time for computing the point cloud, ms; None without a cloud.
         acting_ms: computing time of the controller, ms.
@@ -116,7 +116,7 @@ class _OverError(GenSim2Error):
 
 
 class LineBody:
-    """Presents the control loop to a rollout as a robot: observing waits for a request, and steps collect its actions.
+    """Adapter from the rollout loop to the control loop: observing waits for a request, and steps collect its actions.
 
     Args:
         spec: description of the controller.
@@ -165,7 +165,7 @@ class LineBody:
             self.remote.disown()
 
     def prepare(self, spec: ObservationSpec) -> None:
-        """Build data for observations now, because this would delay the first request."""
+        """Build data for observations in advance, so that this does not delay the first answer."""
         self._eyes_of(looked_at(spec, self._spec.cameras) if self._truth is not None else spec)
 
     def reset(self, seed: int, options: Any = None) -> None:
@@ -261,7 +261,7 @@ def think(
     now: Callable[[], float],
     truth: Truth | None,
 ) -> None:
-    """Answer the requests of one episode after another, until None arrives.
+    """Answer the requests of successive episodes, until ``receive`` returns None.
 
     Args:
         spec: description of the controller.

@@ -163,7 +163,7 @@ class Opened:
     Attributes:
         line: control loop.
         devices: devices of the loop.
-        about: description of the loop for the log.
+        about: description of the control loop, which the log stores.
         disk: simulated disk of the log; None without a log.
     """
 

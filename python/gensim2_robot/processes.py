@@ -38,7 +38,7 @@ PRELOAD = (
     "gensim2.sim.sapien_scene",
 )
 SLIP = 0.2
-"""Maximum delay (s) of the simulated time that is caught up."""
+"""Maximum delay (s) of the simulated time behind the clock that is caught up; a larger delay is skipped."""
 
 ENDING = 3.0
 """Time limit for a process to end on request, s."""
@@ -129,7 +129,7 @@ class ProcessArm:
         scene: settings of the scenes.
 
     Attributes:
-        goal, at_rest: whether the goal was reached, and the scene was at rest, at the last check.
+        goal, at_rest: whether, at the last check, the goal was reached and the scene was at rest.
         eyes, truth: pipe ends with which the cameras and a privileged controller request the world's state.
     """
 

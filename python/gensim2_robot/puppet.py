@@ -34,7 +34,7 @@ class HaltedError(GenSim2Error):
 
 
 class GivenActions:
-    """Connection to a controller whose actions another program sets; the last set action answers a request."""
+    """Connection to a controller whose actions another program sets; each request is answered by the newest action."""
 
     is_alive = True
     is_ready = True
@@ -72,7 +72,7 @@ class GivenActions:
 
 
 class Puppet:
-    """A control loop in its own thread that follows joint targets; each target is to be reached within 0.1 s.
+    """A control loop in its own thread that follows joint targets, each of which the arm should reach within 0.1 s.
 
     If the arm moves and no target arrives for 200 ms, the watchdog holds the arm, as with any controller.
 

@@ -23,7 +23,7 @@ from gensim2_robot.session import Layout, Session, result
 from gensim2_robot.watch import Watch
 
 ENDLESS = 100_000
-"""Number of episodes of a run that only the time limits."""
+"""Number of episodes that stands for no maximum, in a run that only its time limit ends."""
 MAX_MINUTES = 1e5
 """Maximum duration of a run, minutes."""
 

@@ -30,7 +30,7 @@ from gensim2_robot.watch import State, Watch
 PATIENCE = 120.0
 """Time limit for devices and controller to become ready, s."""
 MEETING = 2.0
-"""Time limit (s) for aligning requests with images; afterwards the episode starts without alignment."""
+"""Time limit (s) for aligning requests with the arrival of images; after it the episode starts without alignment."""
 COMING_TO_REST = 3.0
 """Time limit for a held or stopped arm to come to rest, s."""
 RESUME = "r"
@@ -43,7 +43,7 @@ def _said(arm: object) -> str:
 
 
 class SceneStage(Protocol):
-    """Interface that lays out scenes, and may know whether the goal is reached."""
+    """Interface of an object that lays out scenes, and may know whether the goal is reached."""
 
     @property
     def is_ready(self) -> bool:
@@ -108,10 +108,10 @@ class Ended:
 
     Attributes:
         goal: whether the goal was reached at the end; None if only a person can tell.
-        over: whether the controller ended the episode; False if the goal or the time limit ended it.
+        over: whether the controller ended the episode, and not the goal or the time limit.
         seconds: duration, s.
         at_rest: whether the scene was at rest at the end; None if only a person can tell.
-        lost: whether the goal was reached for long enough, but was lost while the scene settled.
+        lost: whether the goal was reached for long enough, but no longer after the scene had settled.
     """
 
     goal: bool | None
@@ -177,7 +177,8 @@ class Session:
         Args:
             seconds: time limit, s.
             layouts: scenes of the episodes; the next layout is requested after the previous episode.
-            goal_ends: whether to end an episode once the goal is reached for a while and still after settling.
+            goal_ends: whether to end an episode once the goal stays reached for a while and after the scene has
+                settled.
             ended: callback that is called after each finished episode.
         """
         try:
@@ -294,7 +295,7 @@ class Session:
         return clock.now() - self._held_s > end
 
     def _settle(self) -> float | None:
-        """Keep the arm in place until the scene settles; return the duration of holds, s; None if not resumed."""
+        """Keep the arm in place until the scene settles; return how long (s) it was held, None if nobody resumed."""
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
         since, sat_out = clock.now(), 0.0
@@ -355,9 +356,9 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Wait for the end of a hold; return its duration since ``since``, s, or None if it is not resumed.
+        """Wait for the end of a hold; return the time since ``since``, s, or None if nobody resumes.
 
-        The duration does not count as time of the task.
+        The duration does not count towards the task's time limit.
         """
         self._come_to_rest()
         if not self._resumed():

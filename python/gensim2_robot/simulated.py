@@ -36,7 +36,7 @@ FORCE_CYCLES = 5
 LAG = 0.4
 """Delay (s) of a simulated arm with the fault `arm-lagging`."""
 _MODES: Mapping[str, ArmMode] = {"arm-reflex": "reflex", "arm-refusing": "refusing", "arm-at-limit": "at-limit"}
-"""Mode that the arm reports under each fault."""
+"""Mode that the simulated arm reports while a fault is injected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Rows:
         time: time of the state, s.
         episode: number of resets before this state.
         states: ManiSkill's ``env_states``, with one row in each array.
-        models: models of the objects, by name.
+        models: object models by the name of the object in the task.
         q: (n,) all active joints.
     """
 
@@ -59,7 +59,7 @@ class Rows:
 
 
 class SimulatedWorld:
-    """A simulated world that advances with the cycles of the control loop, with an arm that may have faults.
+    """A simulated world that advances with the cycles of the control loop; faults can be injected into its arm.
 
     Args:
         scene: settings of the scenes.
@@ -120,7 +120,7 @@ class SimulatedWorld:
         self._said.append(ArmState(now, self._env.q, self._env.qvel, force, mode))
 
     def said(self, now: float) -> list[ArmState]:
-        """Return the arm states that have arrived by the time ``now`` (s)."""
+        """Return the arm states that have arrived up to the time ``now`` (s)."""
         found = []
         delay = LAG if "arm-lagging" in self.faults else 0.0
         while self._said and self._said[0].time <= now - delay:
@@ -167,7 +167,7 @@ RATE = 10.0
 LATE = 0.3
 """Delay of a camera's images under the fault ``camera-late``, s."""
 JUMP = 5.0
-"""Jump of a clock under a fault, s."""
+"""Time by which a fault makes a clock jump, s."""
 PASSING = 0.02
 """Time limit for images to pass through the camera manufacturer's library, s."""
 
@@ -212,7 +212,7 @@ class SimulatedCameras:
     Args:
         cameras: cameras to simulate.
         seed: seed of the noise.
-        noise: depth noise of each image. Its errors of pose, depth and clock are drawn for each episode.
+        noise: depth noise of each image. The errors of camera pose, depth and clock are drawn for each episode.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:

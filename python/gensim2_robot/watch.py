@@ -17,7 +17,7 @@ from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.limits import Sent
 
 TOLD_APART = 48
-"""Minimum number of measurements in an image row for which noise never repeats the row."""
+"""Minimum number of measurements in an image row for which noise never produces the same row twice."""
 
 
 class State(StrEnum):
@@ -45,12 +45,12 @@ class WatchRules:
         thinking: time limit for an answer of the controller while the arm stands still.
         late_answers: number of consecutive answers with only late actions that hold the arm.
         state_age: maximum age of the arm's last state.
-        behind: maximum distance (rad or m) of the arm from all commands of the last ``window``. Above the contact force
-            ``pressed`` the force limit applies instead.
-        pressed: contact force above which the arm counts as pressed, N.
-        window: duration of the past commands that the arm is compared with.
-        overrun: tolerated delay of a period.
-        overruns: number of consecutive larger delays that stop the arm.
+        behind: maximum distance (rad or m) of the arm from the nearest command of the last ``window``. Above the
+            contact force ``pressed`` only the force limit applies.
+        pressed: contact force above which the arm may be held back by an obstacle, N.
+        window: time span of the past commands with which the arm is compared.
+        overrun: maximum tolerated delay of the start of a period.
+        overruns: number of consecutive delays larger than ``overrun`` that stop the arm.
     """
 
     frame_age: float = 0.150
@@ -213,7 +213,7 @@ class Watch:
         self._asked = None
 
     def came(self, late: bool, now: float) -> None:
-        """Record the arrival of actions; ``late``: all are too late, which happens once at the start of a motion."""
+        """Record that actions arrived; ``late`` if all came too late, which is normal once at the start of a motion."""
         self._late_answers = self._late_answers + 1 if late else 0
         if self._late_answers >= self.rules.late_answers:
             self.hold(now, f"no action from the controller in time, {self._late_answers} answers in a row")
@@ -263,7 +263,7 @@ class Watch:
         """Hold the arm if the controller has not answered in time."""
         if self._asked is None or self.state is not State.RUNNING:
             return
-        # An arm that stops because its actions have run out was interrupted, too.
+        # An arm that moved since the request counts as moving, even if it has stopped because its actions ran out.
         self._moved_since |= moves
         waited = now - self._asked
         if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):
@@ -271,5 +271,5 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Return the number of image rows with so many measurements that noise never repeats the row."""
+    """Return the number of image rows with enough measurements that noise never produces the same row twice."""
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

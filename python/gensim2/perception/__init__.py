@@ -1,9 +1,9 @@
 """Compute observations of a policy, with the same code for simulated and real cameras.
 
 Depth images of several cameras are fused into one point cloud in the robot's base frame. The cloud is cropped to the
-workspace, includes the robot's gripper, and is sampled to a fixed size. An observation also has the robot's joints,
-tool pose, gripper state and the instruction. An :class:`ObservationSpec` selects the contents, and an :class:`Encoder`
-computes an :class:`Observation`. This package does not depend on a simulator.
+workspace, includes the robot's gripper, and is sampled to a fixed size. An observation also has the robot's joint
+positions, tool pose and gripper state, and the instruction. An :class:`ObservationSpec` selects the contents, and an
+:class:`Encoder` computes an :class:`Observation`. This package does not depend on a simulator.
 """
 
 from __future__ import annotations

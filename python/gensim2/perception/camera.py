@@ -125,23 +125,23 @@ class Camera:
 
 
 TARGET = (-0.1, 0.0, 0.15)
-"""Point that the cameras look at, the centre of the workspace, m in the world frame."""
+"""Point that the fixed cameras look at, the centre of the workspace, m in the world frame."""
 
 PLACES = {"left": (-0.3, 0.75, 0.65), "right": (-0.3, -0.75, 0.65), "front": (0.75, 0.0, 0.65)}
-"""Positions of the cameras, m in the world frame: on the left, on the right, and on the far side."""
+"""Positions of the fixed cameras, m in the world frame: on the left, on the right, and on the far side of the table."""
 
 PIXELS = 128
-"""Width and height of an image, pixels."""
+"""Width and height of an image of a fixed camera, pixels."""
 
 FIELD_OF_VIEW = float(np.deg2rad(60))
-"""Vertical field of view, rad."""
+"""Vertical field of view of the fixed cameras, rad."""
 
 NEAR, FAR = 0.01, 10.0
-"""Minimum and maximum depth, m."""
+"""Minimum and maximum depth that the cameras measure, m."""
 
 
 def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
-    """Return the fixed cameras, with poses in the robot's base frame."""
+    """Return the cameras that are fixed in the world, with poses in the robot's base frame."""
     base, turn = np.array(profile.base_position), profile.T_world_base[:3, :3].T
     return tuple(
         Camera.looking(
@@ -159,7 +159,7 @@ def mounted(camera: MountedCamera, T_base_link: npt.NDArray[np.float64]) -> Came
 
 
 def require_cameras(names: tuple[str, ...], profile: RobotProfile) -> None:
-    """Check that cameras with the given names exist.
+    """Check that each name belongs to exactly one camera.
 
     Raises:
         InputError: no fixed camera and no camera of the robot has the name, or both have it.

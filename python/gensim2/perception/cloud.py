@@ -32,7 +32,7 @@ def uniform_stride(count: int, wanted: int) -> Indices:
 def farthest_points(points: Points, wanted: int) -> Indices:
     """Sample points by farthest point sampling, and return their sorted indices (wanted,).
 
-    If there are fewer points than ``wanted``, all points are repeated in turn.
+    If there are fewer points than ``wanted``, the points are repeated until there are enough.
 
     Args:
         points: (N, 3) finite points, N at least 1.
@@ -70,7 +70,7 @@ LOW, HIGH = (0.15, -0.62, 0.01), (1.15, 0.62, 1.0)
 MAX_POINTS = 49152
 
 RESOLUTION = np.float32(1e-4)
-"""Resolution of coordinates, m. With it points can be stored exactly as 16-bit integers, up to 3.2 m."""
+"""Resolution of coordinates, m, with which coordinates up to 3.2 m can be stored exactly as 16-bit integers."""
 FARTHEST = 3.2
 
 
@@ -87,7 +87,7 @@ class RobotSegments:
 
 
 def candidates_for(points: int) -> int:
-    """Return the default number of candidates: four per point and at least 4,096; 0 (all) above the limit."""
+    """Return the default number of candidates: four per point, at least 4,096; 0 (all pixels) above the limit."""
     wanted = max(4 * points, 4096)
     return wanted if wanted <= MAX_POINTS else 0
 
@@ -100,10 +100,11 @@ class CloudSettings:
         points: number of points.
         low, high: corners of the workspace to which the cloud is cropped. The default contains the objects on the table
             in front of a Panda, but not the table's surface.
-        robot: part of the robot that the cloud contains: ``"gripper"``, ``"all"`` or ``"none"``; needs segmentation.
+        robot: part of the robot that the cloud contains: ``"gripper"``, ``"all"`` or ``"none"``. This needs images with
+            segmentation ids.
         candidates: number of pixels sampled evenly from the images before farthest point sampling; 0: all pixels.
-        outliers: number of standard deviations above which a candidate is dropped (:func:`inlier_mask`), or None.
-        neighbors: number of neighbours for the outlier test.
+        outliers: number of standard deviations above which :func:`inlier_mask` drops a candidate; None: drop none.
+        neighbors: number of nearest points to which :func:`inlier_mask` computes the mean distance.
         noise: noise of the depth images; None: exact images.
         source: ``"depth"``: depth images. ``"keypoints"``: true positions of keypoints and bounding box corners in a
             fixed order (:mod:`gensim2.perception.raycast.observer`), which only a simulator knows, for privileged

@@ -1,4 +1,5 @@
-"""Simulate the noise of a stereo depth camera: disparity steps, edges, holes, calibration and clock errors."""
+"""Simulate the noise of a stereo depth camera: disparity noise, errors at edges, holes, calibration and clock
+errors."""
 
 from __future__ import annotations
 
@@ -45,9 +46,12 @@ class DepthNoise:
             (1/z_near - 1/z_far)`` pixels wide.
         fattening: maximum growth of near objects at their edges, pixels.
         dark, dark_lost: brightness (0 to 1) below which a fraction ``dark_lost`` of pixels has no measurement.
-        grazing, grazing_lost: angle of incidence (rad) above which a fraction ``grazing_lost`` has no measurement.
-        specular, specular_lost: angle of incidence (rad) below which reflections lose a fraction ``specular_lost``.
-        spread: standard deviation of the logarithm of a random factor on noise and losses in each episode.
+        grazing, grazing_lost: angle of incidence (rad) above which a fraction ``grazing_lost`` of pixels has no
+            measurement.
+        specular, specular_lost: angle of incidence (rad) below which a fraction ``specular_lost`` of pixels has no
+            measurement, because of specular reflections.
+        spread: standard deviation of the logarithm of a factor that multiplies noise and losses, drawn for each
+            episode.
         rotation, translation: standard deviations (rad, m) of the error of a camera's pose in each episode.
         scale, bias: standard deviations of the depth errors in each episode: relative error, and offset (m).
         time: standard deviation of the delay between an image and the joint readings in each episode, s.
@@ -158,7 +162,7 @@ class DepthNoise:
     def _lost_by_surface(
         self, depth: Depth, generator: np.random.Generator, colors: Colors | None, focal: float
     ) -> npt.NDArray[np.bool_]:
-        """Return a mask (H, W) of pixels that are lost because their surface is dark, grazing or specular."""
+        """Return a mask (H, W) of pixels without a measurement, because their surface is dark, grazing or specular."""
         lost = np.zeros(depth.shape, dtype=bool)
         if self.dark_lost and colors is not None:
             lost |= (brightness(colors) < self.dark) & (self._even(depth, generator) < self.dark_lost)
@@ -170,7 +174,7 @@ class DepthNoise:
         return lost
 
     def _even(self, depth: Depth, generator: np.random.Generator) -> npt.NDArray[np.floating]:
-        """Return uniform random numbers (H, W) from 0 to 1, correlated like the noise."""
+        """Return uniform random numbers (H, W) from 0 to 1, correlated between pixels like the depth noise."""
         from scipy.special import ndtr
 
         if not self.correlation:
@@ -179,7 +183,7 @@ class DepthNoise:
         return np.asarray(ndtr(field))
 
     def _fattened(self, depth: Depth, generator: np.random.Generator) -> Depth:
-        """Return depth in which near objects have grown at random parts of their edges."""
+        """Return depth (H, W), m, in which near objects are enlarged at random parts of their edges."""
         from scipy.ndimage import minimum_filter
         from scipy.special import ndtr
 
@@ -234,7 +238,7 @@ DEPLOYED = replace(D435, rotation=0.0035, translation=0.003, scale=0.005, bias=0
 """
 
 PRESETS = {"white": DepthNoise(), "d435": D435, "deployed": DEPLOYED}
-"""Noise by name."""
+"""Presets of depth noise by name."""
 
 
 def shadows(depth: Depth, baseline: float, focal: float) -> npt.NDArray[np.bool_]:

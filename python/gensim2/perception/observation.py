@@ -1,4 +1,4 @@
-"""Define observations: spec, columns, proprioception and encoder."""
+"""Define the contents of observations, and compute observations."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ IMAGE, DEPTH, SEGMENTATION = "image_", "depth_", "segmentation_"
 
 
 def cloud_column(xyz: npt.NDArray[Any], rgb: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.float32]:
-    """Return the column of a cloud: (..., N, 6) with coordinates (m) and colours (0 to 1), or (..., N, 3) without."""
+    """Return the cloud column: coordinates (m) and colours (0 to 1), (..., N, 6); without colours (..., N, 3)."""
     points = xyz.astype(np.float32)
     return points if rgb is None else np.concatenate([points, rgb.astype(np.float32) / 255], axis=-1)
 
@@ -119,11 +119,11 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 class ObservationSpec:
     """Modalities, cameras and cloud settings of an observation.
 
-    Every observation also has time, joints, tool pose, gripper and the instruction.
+    Every observation also has the time, joint positions, tool pose, gripper state and instruction.
 
     Attributes:
-        modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer; empty for
-        only the robot's state.
+        modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer. An empty
+        tuple requests only the robot's state.
         cameras: names of the cameras: fixed cameras in their order, then cameras on the robot in the given order.
         cloud: settings of point clouds; its noise also applies to depth images.
     """
@@ -148,7 +148,7 @@ class ObservationSpec:
 
     @property
     def casts(self) -> bool:
-        """Whether any modality needs ray casting."""
+        """Whether ray casting is needed for a modality."""
         rays = {"depth", "segmentation"} if self.is_privileged else {"pointcloud", "depth", "segmentation"}
         return bool(rays & set(self.modalities))
 
@@ -232,7 +232,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Observation(Mapping[str, Array]):
-    """Observation of one instant; also a mapping from names in exports to arrays.
+    """Observation of one instant. It is also a mapping to arrays, from the names that exports use.
 
     Attributes:
         step: number of control steps since the reset.

@@ -20,7 +20,7 @@ STILL, STILL_SECONDS = 0.02, 1.5
 changed by more than ``STILL``. Closing the fingers takes less than half of this time.
 """
 RESTS = 6
-"""Number of control steps for which the arm waits at the start before the next attempt."""
+"""Number of control steps for which the arm waits at the start pose before the next attempt."""
 
 
 class Attempts:
@@ -55,7 +55,7 @@ class Attempts:
     def again(self) -> list[Action]:
         """Start another attempt, and return the actions (m + 1,) that retrace the hand's path to the start.
 
-        On the way back the gripper command stays the same. At the start it returns to its initial value.
+        On the way back the gripper keeps its last command; at the start pose it gets its initial command.
         """
         assert self._last is not None
         begin = self._way[0]
@@ -65,13 +65,13 @@ class Attempts:
         return [*back, *[begin] * RESTS]
 
     def goes_on(self) -> None:
-        """Stop retracing: record the following actions as the policy's path again."""
+        """Stop retracing, and record later actions as the path of the new attempt."""
         self._backs_off = False
 
     def follow(self, action: Action) -> None:
         """Record an action and count steps without motion.
 
-        Commanded targets are compared, because an arm that presses against an object never reaches its targets.
+        Motion is judged by the commanded targets, because an arm that presses against an object never reaches them.
         """
         last = self._last
         moves = last is None or bool(np.abs(action[: self._arm] - last[: self._arm]).max() > STILL)

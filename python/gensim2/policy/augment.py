@@ -75,11 +75,11 @@ def holds(width: Any, command: Any) -> Any:
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Perturb arm joints in half of the samples, so that the targets lead back to the path (Ke et al. 2021).
+    """Perturb arm joints in half of the samples, so that the targets lead back to the demonstration (Ke et al. 2021).
 
-    All frames of a sample get the same normal noise, with a standard deviation of up to ``arm_noise``. The tool pose is
-    recomputed by forward kinematics, and the absolute targets stay the same. Samples with a possibly grasped object are
-    not perturbed, because the object would move with the hand.
+    All frames of a sample get the same Gaussian noise, whose standard deviation is at most ``arm_noise``. The tool pose
+    is recomputed by forward kinematics, and the absolute targets stay the same. Samples with a possibly grasped object
+    are not perturbed, because the object would move with the hand.
 
     Args:
         batch: columns (B, T, ...) in the base frame. Clouds have no points of the robot; targets are relative to the

@@ -193,7 +193,7 @@ class PolicyCheckpoint:
         """Read a checkpoint.
 
         Args:
-            folder: its folder, or ``"builtin"`` for the package's own.
+            folder: folder of the checkpoint, or ``"builtin"`` for the checkpoint that comes with the package.
 
         Raises:
             CheckpointError: the checkpoint is damaged, or another version of gensim2 wrote it.

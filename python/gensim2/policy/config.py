@@ -25,7 +25,7 @@ OF_KEYPOSES = ("ways", "hears", "spread_points")
 
 @dataclass(frozen=True)
 class PolicyConfig(Settings):
-    """Architecture and inputs of a policy. The ``help`` of each attribute describes it."""
+    """Architecture and inputs of a policy. Each field has its own help text."""
 
     of_what: ClassVar[str] = "policy settings"
 
@@ -99,13 +99,13 @@ class PolicyConfig(Settings):
 
     @property
     def source(self) -> Source:
-        """Source of the point clouds that the encoder reads (:class:`~gensim2.perception.CloudSettings`)."""
+        """Value of ``CloudSettings.source`` that the encoder needs: ``"depth"`` or ``"keypoints"``."""
         return "keypoints" if self.encoder == "state" else "depth"
 
 
 @dataclass(frozen=True)
 class TrainConfig(Settings):
-    """Settings of training. The ``help`` of each attribute describes it."""
+    """Settings of a training run. Each field has its own help text."""
 
     of_what: ClassVar[str] = "training settings"
 
@@ -148,7 +148,7 @@ def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
 
     Args:
         path: the YAML file.
-        flags: fields that take precedence over the file.
+        flags: fields whose values override the values in the file.
 
     Raises:
         InputError: the file cannot be read, or a field is unknown or invalid; the message names file and field.

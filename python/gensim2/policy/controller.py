@@ -1,4 +1,4 @@
-r"""Run a trained chunk policy as a controller.
+r"""Run a trained action-chunk policy as a controller.
 
 gensim2 evaluate CloseBox --controller gensim2.policy.controller:PolicyController \
     --controller-args '{"checkpoint": "DIR"}'
@@ -39,7 +39,7 @@ Action = npt.NDArray[np.float32]
 class PolicyController:
     """Executes the first ``execute`` actions of each predicted chunk, then observes and predicts again.
 
-    The episode ends when the policy marks the first action of a new chunk as past the end. If the hand stops earlier
+    The episode ends when the policy sets the end mark of the first action of a new chunk. If the hand stops earlier
     without a grasped object, the attempt has failed: the arm retraces its path, and the policy tries again.
 
     Args:
@@ -50,7 +50,7 @@ class PolicyController:
         unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
             ``"embed"`` encodes them with the text encoder.
         text_model: folder or hub name of the text encoder's weights; needed if they are not one of gensim2's defaults.
-        sees: ablation of the point cloud; ``"all"`` for none.
+        sees: ablation of the point cloud; ``"all"`` for no ablation.
         says: replacement instructions, by the task instruction that each one replaces.
         threads: number of PyTorch threads.
 
@@ -108,8 +108,8 @@ class PolicyController:
     def observation_spec(self) -> ObservationSpec:
         """Observations needed at the next step.
 
-        While a chunk is executed, the controller needs only the robot's state, so no cloud is rendered. A policy with a
-        history needs a cloud at every step.
+        While a chunk is executed, the controller needs only the robot's state, so no cloud is rendered. A policy that
+        uses past frames needs a cloud at every step.
         """
         executes = bool(self._plan) and self._policy.config.history == 1
         return PROPRIOCEPTIVE if executes else self._policy.observation

@@ -25,9 +25,9 @@ from gensim2.rollout.inputs import TaskInput, read_task_inputs
 PURPOSE = "policy/relabels"
 """Name from which the seeds of DAgger scenes are derived; other purposes, such as evaluations, have other names."""
 ROUNDS = "rounds"
-"""Name of the folder with the policies of earlier rounds and with all labels."""
+"""Name of the subfolder with the policies of earlier rounds and with all labels."""
 EPISODES = 20
-"""Default number of episodes for each task and round."""
+"""Default number of rollouts for each task and round."""
 
 
 class _Rounds(RunSettings):
@@ -57,16 +57,17 @@ def train_rounds(
     Args:
         source: demonstrations.
         folders: data sets of the demonstrations. Rollouts use their tasks and objects, with new seeds.
-        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes the full number of steps.
+        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes all of the configured
+            gradient steps.
         out: folder of the last checkpoint; its subfolder ``rounds/`` has the earlier checkpoints and the labels.
-        rounds: number of rounds of rollouts and training after the first training.
+        rounds: number of rounds after the first training run; each round rolls the policy out and trains it again.
         episodes: number of rollouts for each task and round.
         start, resume, device: as for :func:`~gensim2.policy.train.train_policy`.
         workers: simulator processes.
-        assets: folder of the objects; None: the folder that the data sets name.
+        assets: folder of the objects; None: the folder recorded in the data sets.
 
     Returns:
-        Result of the last training, with the steps and the CPU time of all trainings, without the CPU time of rollouts.
+        Result of the last training run. Its steps and CPU time are totals of all training runs, without rollouts.
 
     Raises:
         InputError: a task has several steps or no joint, ``out`` has a policy of other rounds, or an argument is
@@ -146,7 +147,7 @@ def _relabel(
 
 
 def _inputs(dataset: DataSet, tasks: Sequence[str]) -> list[TaskInput]:
-    """Return the tasks of a data set with the strategies that its episodes were planned with."""
+    """Return a data set's tasks, each with the strategies that planned its episodes."""
     record, found = dataset.record, []
     for name in dataset.tasks:
         if name in tasks:

@@ -36,7 +36,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class DecodedEpisode:
-    """Rows that one episode has in the arrays.
+    """Rows of the decoded arrays that belong to one episode.
 
     Attributes:
         task, language: name and instruction of the task.
@@ -84,7 +84,7 @@ class _Row:
 
 
 def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Progress = NULL_PROGRESS) -> DecodedData:
-    """Return the successful, rendered episodes of data sets; use the cache if it has them.
+    """Return the successful, rendered episodes of data sets, from the cache if it contains them.
 
     Args:
         folders: rendered data sets; episodes that are not rendered are left out and reported to ``progress``. An

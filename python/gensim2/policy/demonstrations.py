@@ -85,8 +85,8 @@ class Demonstrations:
 
         Returns:
             Observation columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy uses them.
-            Frames before the start of an episode repeat its first frame. Actions after the last trained frame repeat
-            the last target and are marked as past the end.
+            Frames before the start of an episode repeat its first frame. Actions after the last frame used for training
+            repeat the last target and have the end mark.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
@@ -121,7 +121,7 @@ class Demonstrations:
         return found
 
     def _ahead(self, rows: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return the tool poses at rows ``keys`` (B, K) in the tool frame at ``rows`` (B,)."""
+        """Return the tool poses at rows ``keys`` (B, K), each in the tool frame of its row in ``rows`` (B,)."""
         now = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][rows]))
         then = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][keys]))
         R = matrix_of_quaternion(now[:, 3:])

@@ -1,4 +1,4 @@
-"""Select the devices that a training runs on."""
+"""Select the devices for a training run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gensim2.core.errors import InputError
 
 
 def read_devices(names: str) -> tuple[torch.device, ...]:
-    """Return the devices of a training. The optimizer's state is on the first device.
+    """Return the devices of a training run. The optimizer's state is on the first device.
 
     Args:
         names: ``"auto"`` for the first GPU or else the CPU, or PyTorch device names separated by commas, such as

@@ -117,7 +117,7 @@ def _controller(policy: PolicyCheckpoint, folder: Path, arguments: Mapping[str, 
 
 
 def controller_for(checkpoint: Path | str, given: TaskInput) -> ControllerSpec:
-    """Return the controller of a checkpoint and check that it fits a task and its robot.
+    """Check that a checkpoint fits a task and its robot, and return a controller that runs the checkpoint.
 
     Args:
         checkpoint: folder, or ``"builtin"``.

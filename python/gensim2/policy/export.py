@@ -66,7 +66,7 @@ def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, tor
 
 
 def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
-    """Export a policy's network with batch size 1, and compare its output with the original.
+    """Export a policy's network with batch size 1, and compare its output with the original network's.
 
     The function also writes ``<name>.json`` with the names and shapes of the inputs, the instructions, the observation
     spec and the action format. Inputs are as in :class:`~gensim2.policy.frames.Inputs`; the user transforms clouds and

@@ -25,7 +25,7 @@ class GradientStep:
         training: training settings; ``amp`` enables bfloat16 on a GPU.
         table: encoded instructions, on the network's device.
         size: number of samples that this device processes in a step.
-        number: index of the device's part; every part draws different samples.
+        number: index of the device's part of the batch; every part contains different samples.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ import torch
 WIDTH = 0.02
 """Standard deviation (m) of the target heatmap around a place."""
 OFFSET = 0.1
-"""Length (m) of one unit of an offset."""
+"""Length (m) of a predicted offset of 1."""
 
 
 def fourier_features(positions: torch.Tensor, bands: Sequence[float]) -> list[torch.Tensor]:

@@ -79,7 +79,7 @@ class Latency:
         parameters: number of weights.
         p50, p95: percentiles by stage: ``observation`` (rays, cloud, proprioception), ``inputs`` (transform into the
             policy's frame), ``network``, ``total``.
-        cpu: median CPU time of the same stages.
+        cpu: median CPU time by stage, ms.
     """
 
     encoder: str
@@ -107,7 +107,7 @@ def measure_latencies(
     settings: dict[str, Any] | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure decisions with batch size 1 in a simulated scene. For ``keypose`` the planner is not measured.
+    """Measure the latency of decisions with batch size 1 in a simulated scene, for ``keypose`` without the planner.
 
     Args:
         heads, encoders: names of heads and encoders; all combinations are measured.

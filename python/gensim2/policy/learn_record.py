@@ -36,7 +36,7 @@ class LearnRecord(RunSettings):
         generated: number of generated objects of each class in addition to those of ``scene``.
         verify: whether scenes whose plans fail in simulation are left out.
         noise: depth noise of the cameras; None for exact depth.
-        text, text_model: requested text encoder of a policy of several tasks, and its weights.
+        text, text_model: requested text encoder of a policy of several tasks, and the weights of the encoder.
         settings: network and training settings that the user gave.
         start: folder of the policy to start from, and the SHA-256 of its ``config.json``; None: train from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
@@ -97,7 +97,7 @@ class LearnRecord(RunSettings):
 
 
 class LearnFolder(ResumableFolder[LearnRecord]):
-    """Folder of a run. It has its own lock file, because each training in it locks its folder, too.
+    """Folder of a ``gensim2 learn`` run. Its lock file differs from that of a training run in the same folder.
 
     Raises:
         InputError: the folder has a run with other arguments or another policy, or has a run and ``resume`` is false.

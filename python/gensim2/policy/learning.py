@@ -39,7 +39,7 @@ from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs
 from gensim2.scenes.config import SceneArguments
 
 SCENES = 2000
-"""Default maximum number of scenes of each task; more scenes do not help a training that lasts minutes.
+"""Default maximum number of scenes of each task; more scenes do not help a training run of a few minutes.
 """
 OBJECTS = 200
 """Default number of generated training objects of each class for keypose policies."""

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
 CLOUD, PROPRIO, TEXT = "cloud", "proprio", "text"
-"""Names of a batch's inputs: (B, T, N, C), (B, T, P) (:class:`~gensim2.policy.frames.Inputs`), and encoded instructions
-(B, ...).
+"""Names of a batch's inputs: clouds (B, T, N, C), robot states (B, T, P) (:class:`~gensim2.policy.frames.Inputs`), and
+encoded instructions (B, ...).
 """
 
 SMALLEST = 1e-2
@@ -62,7 +62,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         self.head = make_head(config, arm, self.encoder.feature_width)
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Compute all normalization from a large batch, once before training; it is stored in buffers.
+        """Compute all normalization constants from a large batch, once before training, and store them in buffers.
 
         The x, y and z coordinates of points have the same scale, so that shapes are not distorted.
         """
@@ -130,7 +130,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
-        """Return indices (B, P) of points (B, N, C): one from each of P equal ranges, its middle or a random index."""
+        """Return one index from each of P equal ranges of the points: the middle, or with a generator a random one."""
         count = points.shape[1]
         looked_at = min(self.config.seen_points, count)
         within = torch.full((len(points), looked_at), 0.5, device=points.device)

@@ -13,7 +13,7 @@ from gensim2.rollout.inputs import TaskInput, has_instances, read_all_task_input
 def unseen_instances(given: Sequence[TaskInput]) -> str:
     """Return the name of a set of objects that training on the given tasks did not use.
 
-    The function tries ``test`` (``test-N`` if training used ``train-N``), then ``new``.
+    The function tries the set ``test`` (``test-N`` if training used ``train-N``), then the set ``new``.
 
     Raises:
         InputError: neither set has objects of all classes.

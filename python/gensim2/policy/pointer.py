@@ -30,7 +30,8 @@ BANDS = (1.0, 2.0, 4.0, 8.0, 16.0)
 NEAR = 96
 """Number of points in the second stage."""
 LOOKED_AT = 1
-"""Index of the keyframe on which the second stage is centred. It is not the first one, which is often in free space."""
+"""Index of the keyframe on which the second stage is centred. It is not the first keyframe, because that is often in
+free space."""
 NOISE = 0.01
 """Standard deviation (m) of the noise on the second stage's origin in training."""
 METRE, CENTIMETRES = 0.05, 0.1
@@ -44,7 +45,7 @@ class Pointed:
 
     Attributes:
         tokens: (B, K + 1, D) tokens: one for each of K keyframes, and one from the second stage.
-        points: (B, P, 3) points of the first stage, m.
+        points: (B, P, 3) points that the first stage sees, m.
         logits: (B, P, K) logits of the heatmaps.
         places: (B, K, 3) places predicted by the first stage, m.
         positions, six: (B, K, 3) positions, m, and (B, K, 6) rotations in 6-D form, predicted by the second stage.

@@ -41,17 +41,17 @@ if TYPE_CHECKING:
 Arrays = dict[str, npt.NDArray[Any]]
 
 EVERY = 8
-"""Control steps between labels."""
+"""Number of control steps between two labels."""
 MOVED = 0.02
 """Change of openness since the start above which the object counts as touched."""
 NEAR, TURNED = 0.03, 0.3
-"""Maximum differences (m, rad) between contact poses of the hand that count as equal."""
+"""Maximum distance (m) and angle (rad) between two contact poses of the hand that count as equal."""
 LAST = 0.5
 """No labels are made once the distance to the contact pose is below this fraction of the approach length."""
 SLOW = 0.02
 """Velocity of a finger (m/s) below which it counts as stopped."""
 STILL = 1e-3
-"""Largest change of a joint target (rad) or of the gripper command that counts as no motion."""
+"""Largest change of a joint target (rad) or of the gripper command at which the hand counts as still."""
 SHARE = 0.3
 """Fraction of DAgger labels in a batch, if there are labels."""
 
@@ -124,7 +124,7 @@ def _label(
     observation: Observation,
     horizon: int,
 ) -> npt.NDArray[np.float32] | None:
-    """Return the planner's actions (H, m + 2) from the current state; None if the contact pose differs."""
+    """Return a new plan's actions (H, m + 2); None if its contact pose differs from that of the first plan."""
     scene = env.scene_state()
     planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
     if planned.rank > 0 or not same_pose(began, planned):

@@ -157,7 +157,7 @@ def _replica(
     weights: torch.Tensor,
     gradients: torch.Tensor,
 ) -> None:
-    """Compute gradients for each step number received from the pipe, until the pipe closes or sends None."""
+    """Compute the gradients of each step whose number arrives in the pipe, until the pipe closes or sends None."""
     ignore_interrupts()
     for each in (signal.SIGTERM, signal.SIGHUP):  # sent to the whole group; the trainer ends its replicas
         signal.signal(each, signal.SIG_IGN)

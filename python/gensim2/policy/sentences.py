@@ -17,7 +17,7 @@ Unknown = Literal["refuse", "embed"]
 
 
 def embeds(word: str) -> bool:
-    """Return whether the option ``word`` says that unknown instructions are encoded.
+    """Return whether the option value ``word`` requests that unknown instructions are encoded.
 
     Raises:
         InputError: ``word`` is not one of :data:`Unknown`.
@@ -45,13 +45,13 @@ def sentence_row(
 ) -> torch.Tensor:
     """Return an encoded instruction (1, ...), from the checkpoint's table or from its text encoder.
 
-    Chunk policies without a text encoder accept any instruction. Keypose policies do not, because their classes belong
-    to tasks.
+    Action-chunk policies without a text encoder accept any instruction. Keypose policies do not, because their classes
+    belong to tasks.
 
     Args:
         policy: the checkpoint.
         sentence: the instruction.
-        folder: folder of the checkpoint, for errors.
+        folder: folder of the checkpoint, for error messages.
         embed: whether to encode an instruction that the policy was not trained on.
         text_model: folder or hub name of the text encoder's weights, if they are not one of gensim2's defaults.
 

@@ -61,7 +61,7 @@ def digest_of_start(start: Path) -> tuple[str, str]:
 
 
 def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Progress) -> list[str]:
-    """Return those tasks of a policy that are in the task library and whose objects are available.
+    """Return the tasks of a policy that are in the task library and whose objects are available.
 
     Args:
         assets: see :class:`~gensim2.scenes.config.SceneArguments`.

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from gensim2.data.status import Status
 
 DATA_SHARE = 0.4
-"""Maximum fraction of the CPU time that is used for data."""
+"""Maximum fraction of the CPU time budget that is spent on data."""
 LEAST_STEPS, MAX_STEPS = 20, 10_000
 """Minimum number of gradient steps, and maximum number of gradient steps for each task."""
 EPISODES, PORTION = 600, 25
@@ -60,7 +60,7 @@ def seconds_a_step(
 ) -> float:
     """Return the median time (s) of a gradient step, measured on a temporary network.
 
-    The first steps are not counted, because they take up to four times as long.
+    The first steps are not counted, because they take up to four times as long as later steps.
 
     Args:
         source, policy, training: settings of the training.
@@ -245,7 +245,7 @@ def _decide_steps(
 
 
 def _hearing(policy: PolicyConfig, record: LearnRecord, tasks: int) -> PolicyConfig:
-    """Return the network settings; with several tasks, they have a text encoder."""
+    """Return the network settings, with a text encoder if the policy learns several tasks."""
     text = (record.text or "small") if tasks > 1 else "none"
     told = {"text": text, "text_model": record.text_model or policy.text_model}
     return PolicyConfig.of({**policy.to_dict(), **told})

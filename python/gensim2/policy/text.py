@@ -46,7 +46,7 @@ def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
 
 
 def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Shape:
-    """Return the shape of a policy's table of encoded instructions (:func:`prepare`).
+    """Return the shape of the table that :func:`prepare` returns for a policy.
 
     Args:
         sentences: S, number of instructions.

@@ -76,14 +76,14 @@ def deferred_signals() -> Iterator[Callable[[], bool]]:
 
 @dataclass(frozen=True)
 class TrainResult:
-    """Result of a finished training.
+    """Result of a finished training run.
 
     Attributes:
         folder: folder of the checkpoint.
         checkpoint: policy with the averaged weights.
         loss: mean loss of the last logged interval.
         steps: total number of steps.
-        cpu_s: CPU time of all steps, s, including the steps before the training was resumed.
+        cpu_s: CPU time of all steps, s, including the steps before the run was resumed.
         parameters: number of weights.
     """
 
@@ -128,19 +128,19 @@ def train_policy(
 ) -> TrainResult:
     """Train a policy and write its checkpoint with the averaged weights of the last step.
 
-    On the same CPU model, with the same number of threads and devices, a resumed training produces the same bytes as an
-    uninterrupted training.
+    On the same CPU model, with the same number of threads and devices, a resumed run produces the same bytes as an
+    uninterrupted run.
 
     Args:
         config: settings of the network; with ``start``, the settings of the starting policy.
         out: folder of the checkpoint; its subfolder ``training/`` has state and curves.
         start: checkpoint whose weights and normalization the training starts from, with a fresh optimizer.
-        resume: whether to continue an interrupted training in ``out``.
+        resume: whether to continue an interrupted training run in ``out``.
         device: as for :func:`~gensim2.policy.devices.read_devices`; each batch is divided among several devices.
 
     Raises:
-        InputError: settings and data do not fit together, ``out`` has another training, or another process uses
-            ``out``.
+        InputError: settings and data do not fit together, ``out`` contains another training run, or another process
+            uses ``out``.
         KeyboardInterrupt: a signal has arrived; the state is written first.
     """
     with FolderLock(out):
@@ -257,11 +257,11 @@ def take_steps(
     """Run all remaining steps, and return the mean loss of the last logged interval.
 
     Args:
-        state: state of the training, which is saved to ``folder`` at intervals and at the end.
+        state: state of the training run, which is saved to ``folder`` at intervals and at the end.
         gradients: function that stores the gradients of one step in the network's parameters and returns the loss.
         training: settings.
         folder: folder for the state and the loss curves.
-        identity: all settings and data that determine the result of the training.
+        identity: all settings and data that determine the result of the run.
         progress: listener.
         more_cpu_s: function that returns the CPU time (s) that other processes have spent since the call.
 
@@ -315,7 +315,7 @@ def take_steps(
 
 
 def holds_training(folder: Path) -> bool:
-    """Return whether a folder contains a policy or the state of a training."""
+    """Return whether a folder contains a policy or the state of a training run."""
     return (folder / CONFIG_JSON).exists() or (folder / TRAINING / STATE_JSON).exists()
 
 
@@ -374,7 +374,7 @@ def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source)
 
 
 def _identity(source: Source, config: PolicyConfig, training: TrainConfig, start: PolicyCheckpoint | None) -> Identity:
-    """Return all settings and data that determine the result of a training."""
+    """Return all settings and data that determine the result of a training run."""
     told = training.to_dict()
     for name in ("save_every", "log_every", "threads"):
         del told[name]

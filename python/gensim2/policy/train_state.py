@@ -1,4 +1,4 @@
-"""Save and load the state of a training, so that the training resumes exactly."""
+"""Save and load the state of a training run, so that a resumed run gives the same result."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Record(RunSettings):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the settings that differ, if the SHA-256 differs; earlier versions recorded fewer settings."""
+        """Yield each setting that differs from ``now``; settings that an earlier version did not record are ignored."""
         if self.identity == now.identity:
             return
         theirs = json.loads(json.dumps(now.settings))
@@ -51,7 +51,7 @@ class _Record(RunSettings):
 
 @dataclass(frozen=True)
 class Identity:
-    """Settings and data that determine the result of a training.
+    """Settings and data that determine the result of a training run.
 
     Attributes:
         parts: plain data by name. ``"policy"`` and ``"training"`` are stored setting by setting, others as SHA-256.
@@ -66,7 +66,7 @@ class Identity:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Return the settings of policy and training, and the SHA-256 of each other part."""
+        """Return the settings of policy and training, and the SHA-256 of every other part."""
         others = {
             name: _digest(part) for name, part in self.parts.items() if name not in ("policy", "training", "data")
         }
@@ -86,7 +86,7 @@ def _digest(value: Any) -> str:
 
 @dataclass
 class TrainState:
-    """Weights, averaged weights, optimizer moments, and progress of a training.
+    """Weights, averaged weights, optimizer moments, and progress of a training run.
 
     This is the complete state, because the random numbers of a step depend only on seed and step number.
 
@@ -113,7 +113,7 @@ class TrainState:
 
         Args:
             folder: folder of the state.
-            identity: settings and data that determine the training.
+            identity: settings and data that determine the result of the run.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -138,7 +138,7 @@ class TrainState:
         """Load a state to resume from.
 
         Raises:
-            InputError: the state is damaged, or belongs to another training or to another version of gensim2.
+            InputError: the state is damaged, or belongs to another training run or to another version of gensim2.
         """
         record = read_record(folder / STATE_JSON, _Record, _REMEDY)
         record.require_same(self._record(identity, record.file, record.sha256), folder / STATE_JSON)

@@ -36,7 +36,7 @@ def train(
         settings: settings by name, which take precedence over the file.
         tasks: names of the tasks; empty for all tasks of the data.
         start: checkpoint whose weights the training starts from; its architecture is the default for ``settings``.
-        resume: whether to continue an interrupted training in ``out``.
+        resume: whether to continue an interrupted training run in ``out``.
         device: as for :func:`~gensim2.policy.devices.read_devices`.
         dagger: number of DAgger rounds (:mod:`gensim2.policy.dagger`), each with the same number of gradient steps.
         dagger_episodes: number of rollouts of each task in a DAgger round.

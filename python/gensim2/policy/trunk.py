@@ -64,7 +64,7 @@ class Trunk(nn.Module):  # type: ignore[misc]
         width: D, size of the tokens.
         layers: number of blocks; 0 leaves the tokens unchanged.
         heads: number of attention heads.
-        places: S, number of tokens, including the readout.
+        places: S, number of tokens, including the readout token.
     """
 
     def __init__(self, width: int, layers: int, heads: int, places: int) -> None:

@@ -20,7 +20,7 @@ CAMERA_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 class Refuse(Protocol):
-    """Function that creates an error about a field of the profile."""
+    """Type of a function that creates an error about a field of the profile."""
 
     def __call__(self, field: str, message: str, remedy: str | None = None) -> InputError: ...
 

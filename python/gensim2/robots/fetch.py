@@ -11,7 +11,7 @@ from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation, finger_keypoints
 
 TORSO_HEIGHT = 0.38
-"""Height of the torso joint, m; its maximum is 0.386. The shoulder is then 0.57 m above the table."""
+"""Position of the torso's lift joint, m; its maximum is 0.386. The shoulder is then 0.57 m above the table."""
 
 FINGERTIP = 0.024
 """Distance in metres from ManiSkill's ``gripper_link`` along the fingers, 7 mm behind their tips like the Panda's head
@@ -23,7 +23,8 @@ def fetch_files() -> RobotFiles:
     """Return ManiSkill's description with a fixed base, in the user's cache folder.
 
     Head and torso are fixed. The three continuous joints are limited to half a turn in either direction, because
-    simulators count full turns differently; the hand still reaches every orientation. The hand frame gets its own link.
+    simulators count full turns of continuous joints differently; the hand still reaches every orientation. A new link
+    represents the hand frame.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.

@@ -66,7 +66,7 @@ def fixed_base(
 
 
 def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
-    """Return SRDF text with additional pairs of links that never touch.
+    """Return the text of an SRDF, extended by pairs of links that never touch.
 
     A link inserted between two neighbours separates them, so the SRDF has to disable their collisions explicitly.
     """

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
 OPEN, CLOSED = 1.0, -1.0
-"""Gripper commands, the last number of an action."""
+"""Values of the gripper command, which is the last number of an action."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Gripper(Protocol):
         """Return the joints (g,) at a command, with nothing between the pads."""
 
     def planned(self, opening: float) -> float:
-        """Return the value of the driven joints at ``opening`` (m): the solver's ``finger_width``."""
+        """Return the value of the driven joints at ``opening`` (m), which the solver calls ``finger_width``."""
 
     def travel(self, command: float, other: float) -> float:
         """Return the distance in metres that a finger moves between two commands; negative for opening."""

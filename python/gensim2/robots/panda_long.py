@@ -1,4 +1,4 @@
-"""Profile of the Panda with the long fingers and soft finger drives of the original GenSim2."""
+"""Define the profile of the Panda with the long fingers and the soft finger drives of the original GenSim2."""
 
 from __future__ import annotations
 

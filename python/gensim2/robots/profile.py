@@ -31,12 +31,12 @@ FINGER_KEYPOINTS = {
 
 
 def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict[str, Array]:
-    """Return the tool keypoints of a gripper with two fingers, (3,) each in the hand frame, m.
+    """Return the tool keypoints of a gripper with two fingers, each (3,), m in the hand frame.
 
     Args:
-        tip: height of the fingertips above the hand's origin, m.
-        side: distance of the open right finger from the middle, m.
-        base: height of the finger bases, m; None: 3 cm below the tips.
+        tip: distance of the fingertips from the hand's origin along z, m.
+        side: distance of the right finger of the open gripper from the middle between the fingers, m.
+        base: distance of the finger bases from the hand's origin along z, m; None: 3 cm less than ``tip``.
 
     Example:
         ```python
@@ -59,7 +59,7 @@ class Footprint:
 
     Attributes:
         base_half, hand_half: half side lengths of the areas occupied by the base and by the hand at rest.
-        hand_drop: height of the zone below the resting tool that objects may not enter.
+        hand_drop: height of the zone below the tool in the rest pose that objects may not enter.
     """
 
     base_half: float
@@ -77,7 +77,7 @@ class JointDrive:
 
     @property
     def lag(self) -> float:
-        """Steady-state delay (s) behind a target of constant velocity: kd/kp."""
+        """Steady-state delay (s) of the joint behind a target that moves at constant velocity: damping / stiffness."""
         return self.damping / self.stiffness
 
 
@@ -251,7 +251,7 @@ class RobotProfile:
 
     @property
     def agent(self) -> str:
-        """Name of the ManiSkill agent under which states are recorded."""
+        """Name of the ManiSkill agent, which identifies the robot in recorded states."""
         return self.simulation.agent
 
     @cached_property

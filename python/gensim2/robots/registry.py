@@ -41,7 +41,7 @@ _allowed: set[str] = set()
 """Locations that :func:`robot` may load because the command line, the program or the parent process named them."""
 
 _loading: list[list[str]] = []
-"""Names registered by the files being loaded, innermost last."""
+"""For each file that is being loaded, the names it has registered; a file loaded by another file comes later."""
 
 
 def register_robot(make: _Made) -> _Made:
@@ -209,7 +209,7 @@ def _robot(place: str) -> RobotProfile:
 
 @cache
 def _made(make: Maker, where: str) -> RobotProfile:
-    """Return the profile that a factory function creates."""
+    """Return the profile that a factory function creates, after checking it."""
     profile = _called(make, where)
     if not isinstance(profile, RobotProfile):
         raise InputError(

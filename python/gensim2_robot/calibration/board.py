@@ -20,7 +20,7 @@ LEAST_VIEWS = 4
 LEAST_CORNERS = 6
 DICTIONARY = "DICT_4X4_50"
 OUTLIER = 1.0
-"""Corners with a larger error (pixels) have less weight."""
+"""Reprojection error (pixels) above which a corner has less weight in the fit."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class HandEye:
         camera: (4, 4) pose of the camera, in the hand's frame if the hand carries it, else in the base frame.
         board: (4, 4) pose of the board, in the base frame if the hand carries the camera, else in the hand's frame.
         residual_px, held_out_px: median error of the corners in fitted and held-out images.
-        residual_mm, held_out_mm: these errors, converted to mm at the board's distance.
+        residual_mm, held_out_mm: the same errors, converted from pixels to mm at the board's distance.
     """
 
     camera: Array

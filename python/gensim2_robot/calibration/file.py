@@ -28,13 +28,13 @@ class CameraCalibration(BaseModel):
 
     Attributes:
         serial: serial number of the device; empty if unknown.
-        method: calibration against the robot's meshes or against a board.
+        method: whether the camera was calibrated by the robot's meshes or by a board.
         link: link that carries the camera; None for a camera fixed in the base frame.
         pose: (4, 4) pose of the camera in the frame of the link or in the base frame, m.
         width, height, intrinsic: size (pixels) and intrinsic matrix of the images.
         scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
-        residual_mm, held_out_mm: median errors in fitted and held-out images.
-        links_mm: median error on each link of the robot.
+        residual_mm, held_out_mm: median errors (mm) in the images used for the fit and in held-out images.
+        links_mm: median error (mm) on each link of the robot.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -61,13 +61,13 @@ COARSE_POINTS = 400
 FARTHEST = 3.0
 """Maximum distance of the robot from a camera, m."""
 APART = 0.04
-"""Minimum distance (m) in front of the background at which a pixel counts as moved."""
+"""Minimum distance (m) between a pixel's point and the background behind it at which the pixel counts as moved."""
 LEAST_MOVED = 50
 """Minimum number of moved pixels in an image for the coarse registration."""
 TURN, MAX_STARTS = 0.2, 4
-"""Angle (rad) by which the guess is rotated for additional start poses, and number of these that are used."""
+"""Angle (rad) by which the guess is rotated for additional start poses, and maximum number of such start poses."""
 REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
-"""Maximum distances (m) between matched points, in successive rounds."""
+"""Maximum distance (m) between matched points in each successive round of the coarse registration."""
 
 
 def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
@@ -197,9 +197,9 @@ FINE_PIXELS = 6000
 SCALE_SIGMA, BIAS_SIGMA = 0.01, 0.005
 """Prior standard deviations of a depth camera's scale and bias (m)."""
 PIXEL = 0.5
-"""Standard deviation (pixels) of a ray around its pixel's centre."""
+"""Standard deviation (pixels) of the offset of a ray from its pixel's centre."""
 NEAR = 0.03
-"""Maximum distance (m) from the robot's surface that counts as near."""
+"""Maximum distance (m) between a measured point and the robot's surface at which they count as near."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +214,7 @@ class Compared:
         sigma: (k,) expected standard deviations of the errors, m.
         measured: (k,) measured depth, m.
         links: (k,) indices of the links.
-        covered, near: number of measured pixels on the robot, and number of these that are near the robot's surface.
+        covered, near: number of measured pixels on the robot, and number of those whose points are near its surface.
     """
 
     points: Array
@@ -316,9 +316,9 @@ def refine(
 LEAST_VIEWS, MAX_VIEWS = 3, 9
 """Smallest and largest number of images for the fit."""
 OFF_SIGMAS = 2.0
-"""Maximum median error in held-out images, as a multiple of the expected error."""
+"""Maximum median error in held-out images, divided by the expected error."""
 SEEN_SHARE = 0.7
-"""Minimum fraction of pixels on the robot, in held-out images, that must be near the robot's surface."""
+"""Minimum fraction of the robot's pixels in held-out images whose measured points are near the robot's surface."""
 POSE_SIGMA = 0.003, np.deg2rad(0.3)
 """Maximum standard deviation (m, rad) of the fitted pose; above it the images do not determine the pose."""
 
@@ -332,7 +332,7 @@ class MeshCalibration:
         scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
         residual_mm, held_out_mm: median distance of measured points from the meshes, in fitted and held-out images.
         links_mm: median distance on each link, in all images.
-        seen: fraction of pixels on the robot, in held-out images, that are near the robot's surface.
+        seen: fraction of the robot's pixels in held-out images whose measured points are near the robot's surface.
         sigma_mm, sigma_deg: standard deviation of the pose, as estimated by the fit.
         trouble: reason why the calibration must not be used; None if the fit has converged.
     """

@@ -1,4 +1,4 @@
-"""Collect images of the arm at rest in several poses: move the arm there, or read a log."""
+"""Collect images of the arm at rest in several poses, by moving an arm or by reading a log."""
 
 from __future__ import annotations
 
@@ -167,7 +167,8 @@ class _Walk:
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
     """Return the poses in which a logged arm was at rest, with up to ``pictures`` images of every camera.
 
-    The function reads the log twice, first the times and then the images, so that only the used images are in memory.
+    The function reads the log twice, first the times and then the images, so that memory contains only the images that
+    are used.
 
     Raises:
         InputError: the log is missing or damaged, the arm was never at rest, or there are too many poses for the

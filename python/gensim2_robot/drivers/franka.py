@@ -14,15 +14,15 @@ from gensim2_robot.devices import ArmMode
 from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 
 RATE = 200.0
-"""Reference positions per second; the arm's 1 kHz loop keeps each one until the next arrives."""
+"""Number of commanded positions per second; the arm's 1 kHz loop keeps each position until the next arrives."""
 STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
 """Joint stiffness, N m/rad."""
 CUTOFF = 100.0
 """Cut-off frequency of libfranka's low-pass filter of the torques, Hz."""
 DELTA = 2.4
 """Maximum change of the requested torque in a cycle, N m. The low-pass filter passes 0.386 of each change. So the
-torque changes by at most 0.93 N m; at 1 N m the arm's reflex would stop it. With the library's default of 1 N m only
-0.39 N m would remain, and the arm would lag behind its references and then overshoot.
+torque changes by at most 0.93 N m in a cycle; at 1 N m the arm's reflex would stop the arm. With the library's default
+of 1 N m only 0.39 N m would remain, and the arm would lag behind its commands and then overshoot.
 """
 TORQUES, FORCES = 20.0, 30.0
 """Torques (N m) and forces (N) at which the arm's own reflex stops it."""

@@ -202,7 +202,7 @@ class _Film:
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
-        """Return the highest rate (Hz) of all kinds of streams in the requested size; None if there is none."""
+        """Return the highest rate (Hz) that all kinds of streams have in the requested size; None if there is none."""
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
             for profile, kind, video in _streams(sensor, kinds):
@@ -261,7 +261,7 @@ def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, 
 
 
 LOOK = 5e-4
-"""Time between two polls for an image that is on its way through the library, s."""
+"""Time between two checks whether the library has returned an image, s."""
 
 
 class SoftwareDevice:

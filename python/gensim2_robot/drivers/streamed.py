@@ -21,7 +21,7 @@ from gensim2_robot.clocks import LOOP_PRIORITY, schedule_first
 from gensim2_robot.devices import ArmMode, ArmState
 
 KEPT = 1000
-"""Maximum number of states that wait to be polled."""
+"""Maximum number of arm states that wait to be polled."""
 SILENT = 0.15
 """Time (s) without a target after which the arm is stopped. The control loop sends a target every 10 ms and can be late
 by 0.1 s.
@@ -31,7 +31,7 @@ LEAST, MOST = 1.0, 3.0
 by ``FASTER``.
 """
 FASTER = 1.1
-"""Speed factor when the arm is too far behind, because late targets have arrived in a burst."""
+"""Playback speed (1 is real time) when the arm is too far behind, because late targets have arrived in a burst."""
 HALTING = 2.0
 """Time limit for an arm's library to stop or disconnect the arm, s."""
 TOO_MANY = 30
@@ -229,12 +229,12 @@ class StreamedArm(ABC):
 
 
 def _pace(left: float) -> float:
-    """Return the playback speed of the stream (1 is real time) when ``left`` cycles of targets remain."""
+    """Return the playback speed of the stream (1 is real time) if ``left`` cycles of targets are not played yet."""
     return FASTER if left > MOST else min(1.0, left / LEAST)
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return how many cycles of the stream, fewer than ``left``, are played in ``cycles`` cycles of time."""
+    """Return how many cycles of targets, fewer than ``left``, the stream plays in ``cycles`` cycles of real time."""
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))
     rest = cycles - straight / pace

@@ -30,7 +30,7 @@ FOLDER = Path(__file__).parents[1] / "protocols"
 """Folder of the protocols that come with the package."""
 Text = Annotated[str, Field(min_length=1, max_length=400)]
 Metres = Annotated[float, Field(ge=-3, le=3)]
-"""Type of a distance (m) from the robot's base that an arm can reach."""
+"""Type of a coordinate (m) in the robot's base frame that an arm can reach."""
 Shares = tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
 
 
@@ -42,7 +42,7 @@ class PlacementRange(BaseModel):
         x, y: ranges (m) of the offset to the front and to the left; a single number r stands for -r to r.
         yaw: maximum rotation, degrees. An object left of the centre is rotated towards the robot in one direction, an
             object right of the centre in the other direction.
-        openness: range of its joint's openness; None without a joint.
+        openness: range of the openness (0 to 1) of the object's joint; None without a joint.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -67,7 +67,7 @@ class Placed:
     Attributes:
         x, y: distance in front of the robot's base and to the left of the base, m.
         offset: offset from the centre of the ranges: front (m), left (m), rotation about the vertical (rad).
-        openness: openness of the object's joint; None without a joint.
+        openness: openness (0 to 1) of the object's joint; None without a joint.
     """
 
     x: float

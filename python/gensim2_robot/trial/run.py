@@ -109,7 +109,7 @@ def _interruptible() -> Iterator[None]:
 
 Verdict = Literal["person", "simulator"]
 TRIALS = 10
-"""Number of trials in the paper's protocol."""
+"""Number of trials in the protocol of the GenSim2 paper."""
 
 
 class TrialsEndedError(GenSim2Error):

@@ -37,16 +37,16 @@ LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
 as hidden, and the estimate is discarded."""
 DISTRUST = 0.5
-"""Number of standard deviations by which the estimated joint must exceed its goal for a step to count as done, divided
-by the number of motions so far."""
+"""A step counts as done if the estimated joint exceeds its goal by this number of standard deviations, divided by the
+number of motions so far."""
 
 
 class _Chain(ChainController):
-    """Chain controller on an estimated scene; it detects no deviations, because motions are not observed."""
+    """Chain controller on an estimated scene. It does not observe motions, so it detects no deviations from plans."""
 
     @property
     def waited(self) -> int:
-        """Control steps since the last motion ended."""
+        """Number of control steps since the last motion ended."""
         return self._waited
 
     @property
@@ -75,8 +75,8 @@ class PerceivingChain:
         estimator: folder of the estimator, as written by ``gensim2 perceive train``.
         strategies: strategies by name, as plain data; None: the strategies of the library task with this name.
         robot_name: name of the robot.
-        noise: noise on the simulated depth images, as for :func:`~gensim2.perception.noise.read_noise`; None: no
-            noise.
+        noise: noise that is added to simulated depth images, as for :func:`~gensim2.perception.noise.read_noise`; None:
+            exact images.
         threads: number of PyTorch threads.
 
     Raises:
@@ -114,13 +114,13 @@ class PerceivingChain:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Spec of the next observation: with cameras before a plan and after a motion, else only the robot's state."""
+        """Spec of the next observation: with cameras before planning and after motions, else only the robot's state."""
         waits = 0 < self._chain.waited < self._profile.steps(WAIT_SECONDS) if self.looks else False
         return PROPRIOCEPTIVE if self.looks and (self._chain.is_moving or waits) else self._spec
 
     @property
     def reference(self) -> Reference | None:
-        """Reference of the last action."""
+        """Planned state of joints and gripper at the last action; None before the first motion."""
         return self._chain.reference if self.looks else None
 
     @property
@@ -135,7 +135,7 @@ class PerceivingChain:
 
     @property
     def events(self) -> Sequence[Event]:
-        """Events so far, in order."""
+        """Events of the episode so far, oldest first."""
         return self._chain.events if self._believed is not None else []
 
     @property
@@ -182,7 +182,7 @@ class PerceivingChain:
         return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
 
     def _measurement(self, found: ObjectEstimate, q: Array) -> Measurement:
-        """Return a measurement of the estimated scene, with the joint farther from the goal by the uncertainty."""
+        """Return a measurement of the estimated scene, with the joint moved away from the goal by the uncertainty."""
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
         doubt = DISTRUST * found.joint.openness_deviation / max(self._motions, 1)

@@ -1,4 +1,4 @@
-"""Define the constants of object classes that an estimator knows, such as the names of keypoints."""
+"""Define constants of the object classes that an estimator knows, such as the names of keypoints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ class ClassConstants(BaseModel):
         keypoints: names of the keypoints, in the order in which the objects list them.
         moving: for each keypoint, whether the joint moves it.
         object_axis: axis of the object frame that "rotate" motions turn about.
-        frame: (3, 3) rotation of the object frame in the world, at joint value zero and in the default placement.
+        frame: (3, 3) rotation of the object frame in the world, for an object in its default placement with its joint
+            at zero.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -67,7 +68,7 @@ class ClassConstants(BaseModel):
 
 
 def direction_of(model: ArticulatedObject) -> int:
-    """Return the index into ``DIRECTIONS`` that is closest to the joint axis of an object in its default placement."""
+    """Return the index of the row of ``DIRECTIONS`` closest to the joint axis of an object in its default placement."""
     return int(np.argmax(DIRECTIONS @ (model.placement.rotation @ model.joint.axis)))
 
 

@@ -31,11 +31,11 @@ MAX_BYTES = 10 * 2**20
 _REMEDY = "train it again: gensim2 perceive train"
 
 LEAST_POINTS = 24
-"""Minimum number of points of an articulated object; with fewer points no object is reported."""
+"""Minimum number of cloud points on an articulated object; with fewer points no object is reported."""
 HYPOTHESES = 3
-"""Maximum number of reported directions of a joint."""
+"""Maximum number of reported directions of the joint axis."""
 LEAST_SHARE = 0.02
-"""Minimum probability of a reported direction."""
+"""Minimum probability of a reported direction of the joint axis."""
 
 DEVIATIONS = ("openness", "axis", "keypoints")
 """Names of the estimates whose predicted standard deviation is scaled by the calibration."""
@@ -45,7 +45,7 @@ LEVEL = 0.35
 CONCENTRATED = 0.6
 """Minimum concentration of the upright normals (0 to 1) for an object to count as a box."""
 MOST_REFINED = 0.2
-"""Maximum correction of the yaw from upright surfaces, rad."""
+"""Maximum correction of the yaw that upright surfaces may cause, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class ObjectEstimate:
     """Estimated articulated object.
 
     Attributes:
-        asset_class: class that was assumed for the estimate.
+        asset_class: object class that was assumed for the estimate.
         confidence: probability of the assumed class.
         classes: probability of each class that the estimator knows.
         points: (M,) row indices of cloud points on the object.
@@ -93,7 +93,7 @@ class ObjectEstimate:
         T_base_object: (4, 4) object frame in the base frame.
         joint: estimated joint.
         keypoints: positions (3,) by name, in the base frame, m.
-        keypoint_deviations: standard deviation of the distance to each keypoint, m.
+        keypoint_deviations: standard deviation of the distance from each estimated keypoint to the true one, m.
         size: (3,) extent along the world's axes in the default placement, m.
         object_axis: axis of the object frame that "rotate" motions turn about.
     """
@@ -146,7 +146,7 @@ class SceneEstimator:
         classes: constants of the classes, in the network's order.
         profile: robot whose base frame the clouds use.
         scales: factors on the predicted standard deviations, by the names in ``DEVIATIONS``; None: 1.
-        refine: whether to correct the yaw by the upright surfaces in the cloud.
+        refine: whether to align the estimated yaw with the upright surfaces in the cloud.
 
     Example:
         >>> estimator = SceneEstimator.load("runs/perceive", robot("panda"))

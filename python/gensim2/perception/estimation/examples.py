@@ -1,4 +1,4 @@
-"""Generate labelled point clouds of objects that are placed at random and rendered by ray casting."""
+"""Generate labelled point clouds of randomly placed objects by ray casting."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ STRAY_DISTANCE = 0.012
 SPREAD, MOST_YAW = 0.15, 0.8
 """Maximum offset of objects from their default placement: along x and y (m), and yaw (rad)."""
 AT_AN_END = 0.15
-"""Fraction of the clouds in which the joint is closed; in the same fraction of clouds it is open."""
+"""Fraction of the clouds in which the joint is fully closed, and fraction in which it is fully open."""
 NOISY = 0.5
 """Fraction of the training clouds that have the noise of a deployed camera."""
 REACHING = 0.5
@@ -91,7 +91,7 @@ class Cameras:
         Args:
             placed: articulated object with its placement.
             q: (n,) joint values of the robot.
-            noise: camera noise, drawn as for one episode; None: exact images.
+            noise: camera noise, whose calibration errors are drawn once for the cloud; None: exact images.
             generator: random generator.
         """
         views = self._scene.see(self._scene.poses(self._states(placed, q, generator))[0])
@@ -152,7 +152,7 @@ def _surface(views: Sequence[View], ids: set[int]) -> tuple[npt.NDArray[np.float
 
 
 def _noisy(views: Sequence[Any], noise: DepthNoise, generator: np.random.Generator) -> Iterator[View]:
-    """Yield depth images with noise, and with calibration errors that are drawn as for one episode."""
+    """Yield depth images with noise and with the random calibration errors of one episode."""
     drawn = noise.drawn(generator)
     for view in views:
         error = noise.error(generator)
@@ -236,7 +236,7 @@ def _posture(profile: RobotProfile, thing: PlacedObject, generator: np.random.Ge
 
 
 def example(look: LabelledCloud, classes: Sequence[str], profile: RobotProfile) -> Example:
-    """Return the arrays of a labelled cloud: points with labels, and the true state of the object.
+    """Return a labelled cloud as arrays: points with labels, and the true state of the object.
 
     ``points`` (N, 3) int16 by :func:`~gensim2.perception.cloud.to_steps`, ``group`` (N,), ``moving`` (N,), ``class``,
     ``direction``: row of ``DIRECTIONS``, ``revolute``, ``axis`` and ``origin`` (3,) in the base frame, ``yaw`` (2,)

@@ -84,7 +84,7 @@ def row_of(arrays: Arrays, row: int, found: ObjectEstimate | None) -> dict[str, 
 
 
 def measured(estimator: SceneEstimator, arrays: Arrays, *, given: bool = False) -> list[dict[str, Any]]:
-    """Return the errors of the estimates of all clouds; ``given`` tells the estimator the true class."""
+    """Return the errors of the estimates for all clouds; with ``given`` the estimator gets the true class."""
     names = [each.name for each in estimator.classes]
     rows = []
     for row, number in enumerate(arrays["class"]):
@@ -150,7 +150,7 @@ def measure(
         progress: listener.
 
     Returns:
-        Plain data: error statistics with the class estimated, with the true class given, and for each class.
+        Plain data: error statistics with an estimated class, with the given true class, and for each class.
 
     Raises:
         InputError: the estimator cannot be read, or there is no such class or object.

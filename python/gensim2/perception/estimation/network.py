@@ -21,7 +21,7 @@ NEIGHBORS = 16
 """Number of neighbours from which the normal of a point is computed."""
 ANCHORS, PATCH = 96, 24
 SCALE = 0.25
-"""Length that corresponds to 1 in the network, m."""
+"""Length that the value 1 represents inside the network, m."""
 WIDTH, LAYERS, HEADS = 96, 3, 4
 POINT = 64
 """Width of a point's feature before the transformer."""
@@ -51,7 +51,7 @@ class EncodedCloud:
         xyz: (B, N, 3) points in the base frame, m.
         features: (B, N, F) features of the points.
         context: (B, W) feature of the complete cloud.
-        group: (B, N, 3) logits of the groups (``STRAY``, ``OTHER``, ``TARGET``).
+        group: (B, N, 3) logits of the point groups (``STRAY``, ``OTHER``, ``TARGET``).
         weight: (B, N) logits of the weights with which points contribute to the object's feature.
     """
 

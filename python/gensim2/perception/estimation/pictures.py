@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 SIDE, WORST, COLUMNS = 240, 10, 5
-"""Side of a view (pixels), number of drawn clouds, and number of clouds in a row."""
+"""Side length of a view (pixels), number of drawn clouds, and number of clouds in a row of the picture."""
 FRAME = 0.7
 """Width of the scene that a view shows, m."""
 VIEWS = ((1, 2), (1, 0))
-"""Axes of the base frame to the left and up in a view: from the robot, and from above."""
+"""Axes of the base frame that point left and up, in the view from the robot and in the view from above."""
 STILL, MOVING, ELSE = (90, 110, 140), (230, 140, 30), (205, 205, 205)
 TRUE, ESTIMATED = (30, 150, 60), (200, 30, 60)
 AXIS = 0.25

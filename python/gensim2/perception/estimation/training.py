@@ -35,7 +35,7 @@ OBJECTS_A_FILE = 4
 CALIBRATION = 3
 """Number of additional objects of each class with which the predicted deviations are calibrated."""
 ROOM = 1_000_000
-"""Maximum number of clouds in a training; they take 14 GB of memory."""
+"""Maximum number of clouds of a training run; this number of clouds takes 14 GB of memory."""
 VOTERS = 384
 """Number of points in each cloud whose votes are computed in a training step."""
 MOST_TURN, MOST_SHIFT = 0.4, 0.06
@@ -43,7 +43,7 @@ MOST_TURN, MOST_SHIFT = 0.4, 0.06
 
 
 class PerceiveSettings(RunSettings):
-    """Settings of a training that determine the weights."""
+    """Settings of a training run that determine the weights."""
 
     FREE: ClassVar[frozenset[str]] = frozenset()
 
@@ -75,7 +75,7 @@ def train_estimator(
     """Generate labelled clouds, train an estimator, and calibrate its predicted standard deviations.
 
     Args:
-        out: folder for the examples, the state of the training and the estimator (``config.json`` and
+        out: folder for the examples, the state of the training run and the estimator (``config.json`` and
             ``weights.safetensors``).
         classes: classes of articulated objects; empty: all classes of the library.
         assets: library of the objects, as for :func:`~gensim2.objects.open_library`.
@@ -85,14 +85,14 @@ def train_estimator(
         steps: number of gradient steps.
         batch: number of clouds in a gradient step.
         seed: seed of all random values.
-        resume: whether to continue the training in ``out``.
+        resume: whether to continue the training run in ``out``.
         progress: listener.
 
     Returns:
         Plain data: folder, number of clouds, loss, CPU time of the gradient steps (s), and calibration.
 
     Raises:
-        InputError: a class is unknown or rigid, or ``out`` has a different training.
+        InputError: a class is unknown or rigid, or ``out`` contains a different training run.
     """
     library, profile = open_library(assets), robot(robot_name)
     names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")

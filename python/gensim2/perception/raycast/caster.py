@@ -25,7 +25,7 @@ class CastSolid:
     Attributes:
         id: segmentation id, from 1.
         surface: surface in the frame of the body.
-        still: whether the body usually does not move.
+        still: whether the body rarely moves, so that its hits are worth reusing.
     """
 
     id: int
@@ -72,7 +72,7 @@ def _copied(arrays: tuple[_Kept, ...]) -> tuple[_Kept, ...]:
 class Caster:
     """Casts the rays of cameras at solids.
 
-    Rays are cast at still solids only once, and the result is reused until the solids move; the hits are the same.
+    Rays are cast at still solids only once, and the hits are reused until one of these solids moves.
 
     Args:
         solids: L solids.
@@ -84,7 +84,7 @@ class Caster:
         self._solids = tuple(solids)
         counts = [len(solid.surface.faces) for solid in solids]
         self._first = np.cumsum([0, *counts])
-        # The last entry is for the index -1, which means no hit.
+        # The last entry is found by the index -1, which means no hit.
         self._ids = np.repeat([*(solid.id for solid in solids), 0], [*counts, 1]).astype(np.int16)
         self._colors = np.concatenate([*(solid.surface.colors for solid in solids), np.zeros((1, 3), dtype=np.uint8)])
         self._textures = [

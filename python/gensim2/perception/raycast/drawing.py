@@ -27,7 +27,7 @@ color."""
 FIELD_OF_VIEW = float(np.deg2rad(36))
 OVERSAMPLING = 2
 DOT = 4.5
-"""Radius of a point, pixels of the finished picture."""
+"""Radius of a marked point, in pixels of the finished picture."""
 TEXT = 13
 AXES = ("#d33636", "#2f9e44", "#1c6fd4")
 
@@ -52,7 +52,7 @@ class Drawing:
 
     Args:
         solids: surfaces, each with its pose (4, 4).
-        eye: (3,) position of the camera, m, in the frame of the poses.
+        eye: (3,) position of the camera, m, in the same frame as the poses of the solids.
         target: (3,) point in the middle of the picture, m.
         size: edge of the picture, pixels.
     """

@@ -39,7 +39,7 @@ class Tree:
         names: names of the L links.
         parents: index of each link's parent; -1 for the root.
         joints: joint of each link to its parent; None for the root.
-        coordinates: index of each link's joint in ``q``; -1 if fixed.
+        coordinates: index of the value of each link's joint in ``q``; -1 for a fixed joint.
     """
 
     names: tuple[str, ...]

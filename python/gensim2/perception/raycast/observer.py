@@ -111,7 +111,7 @@ Photograph = Callable[[Mapping[str, Any], int], Mapping[str, npt.NDArray[np.uint
 """Function that returns colour images (H, W, 3) by camera for one row of states."""
 
 _ROOT = 13
-"""Number of values before the joints in ManiSkill's states: root pose and velocities."""
+"""Number of values before the joint values in a ManiSkill articulation state: root pose and velocities."""
 
 
 class Observer:
@@ -190,7 +190,7 @@ class Observer:
 
         Args:
             states: ManiSkill's ``env_states`` of T + 1 instants.
-            actions: (T, m + 1) actions between them.
+            actions: (T, m + 1) actions between these instants.
 
         Raises:
             InputError: as for :meth:`observe`.
@@ -241,7 +241,7 @@ class Observer:
             poses: (L, 4, 4) poses of the solids, one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
             positions: (n,) all active joints, for cameras on the robot.
-            read: (n,) joints that the robot reads with a delay; None: ``positions``.
+            read: (n,) joint positions that the robot reports with a delay; None: ``positions``.
         """
         views = self.scene.see(poses, {} if positions is None else self._links_at(positions))
         if self._noise is None:

@@ -66,7 +66,7 @@ class RaycastScene:
 
     @property
     def names(self) -> Mapping[int, tuple[str, str]]:
-        """Owner (object name, name of the robot's agent, or ``table``) and link, by segmentation id."""
+        """For each segmentation id, the owner (object name, name of the robot's agent, or ``table``) and the link."""
         return self._names
 
     def tree(self, name: str) -> Tree:

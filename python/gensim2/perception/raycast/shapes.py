@@ -24,7 +24,8 @@ WHITE = (255, 255, 255)
 
 NEARLY = 0.01
 """Maximum difference of a node's transform from the identity at which SAPIEN's mesh reader (assimp) ignores the
-transform. This reader ignores it, too, so that images agree; it shifts the Panda's link 4 by 3 mm.
+transform. This module ignores such transforms, too, so that its images equal SAPIEN's; one of them shifts the Panda's
+link 4 by 3 mm.
 """
 
 

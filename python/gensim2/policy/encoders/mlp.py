@@ -10,7 +10,7 @@ ROWS = 1024
 
 
 class StateEncoder(nn.Module):  # type: ignore[misc]
-    """MLP on the concatenated points of a cloud. A point's feature is its own linear feature and the pooled token.
+    """MLP on the concatenated points of a cloud. Each point's feature is its linear embedding and the pooled token.
 
     Args:
         channels: C, number of channels of a point.
@@ -46,7 +46,8 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
     """MLP 64-128-192 with LayerNorm on each point, followed by a maximum over the points.
 
     Only points that attain a maximum have a gradient, about 90 of 512. Training first finds these points without
-    gradients, then evaluates only them with gradients. The result is the same in less than half of the time.
+    gradients, then evaluates only them with gradients. The gradients are the same as without this step, in less than
+    half of the time.
 
     Args:
         channels: C, number of channels of a point.
@@ -80,7 +81,7 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
         return values[of_row, column][:, None]
 
     def _winners(self, points: torch.Tensor) -> torch.Tensor:
-        """Return, for each of F features, the index (B, F) of the point with its maximum."""
+        """Return the index (B, F) of the point at which each of F features is largest."""
         batch, count, _ = points.shape
         clouds = max(ROWS // count, 1) if points.device.type == "cpu" else batch
         parts = [self.layers(part).max(1).indices for part in points.split(clouds)]  # argmax takes three times as long

@@ -20,7 +20,7 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
 
     Args:
         inner, outer: number of input features of a point, and of output features of a centre.
-        stride: ratio of points to centres.
+        stride: number of points divided by the number of centres.
         radius: radius of the balls, in normalized coordinates.
     """
 

@@ -28,7 +28,7 @@ class Arm(BaseModel):
         count: number of generated training objects of each class, in addition to the real ones if ``objects`` is
             ``"real"``. None: only the training split.
         tasks: names of library tasks; one policy learns all of them.
-        minutes_a_task: CPU minutes for data and training of each task; None: as in the experiment.
+        minutes_a_task: CPU minutes for data and training of each task; None: the ``minutes_a_task`` of the experiment.
         start: name of an earlier policy with the same objects. Training starts from its weights and demonstrations, and
             only the additional tasks are new. None: train from scratch.
     """
@@ -54,7 +54,7 @@ class Arm(BaseModel):
         return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:
-        """Return the tasks of this policy that the policy ``start`` lacks."""
+        """Return the tasks of this policy that the policy ``start`` was not trained on."""
         return tuple(name for name in self.tasks if start is None or name not in start.tasks)
 
 
@@ -63,13 +63,13 @@ class ExperimentConfig(BaseModel):
 
     Attributes:
         title, about: title and description in the report.
-        seeds: number of trainings of each policy.
+        seeds: number of training runs of each policy, each with a different seed.
         minutes_a_task: CPU minutes for data and training of each task of a policy.
         scenes: maximum number of planned scenes of each task.
         episodes, control_episodes: number of evaluation episodes of each task, with the point cloud and without it.
         unseen: name of the set of objects that no policy is trained on.
-        tenth: which tenth (0 to 9) of each class's objects the first training leaves out for evaluation. Each later
-            training leaves out the next tenth.
+        tenth: which tenth (0 to 9) of each class's objects the first training run leaves out for evaluation. Each later
+            run leaves out the next tenth.
         transfer: whether to evaluate policies trained on generated objects also on real objects.
         text, text_model: text encoder, and folder or hub name of its weights; None: the defaults of
             :func:`~gensim2.policy.learning.learn`.
@@ -125,7 +125,7 @@ class ExperimentConfig(BaseModel):
         """Return the names of the object sets for training and for the evaluation on unseen objects.
 
         Args:
-            number: index of the training, from 0.
+            number: index of the training run, from 0.
         """
         tenth = (self.tenth + number) % TENTHS if arm.is_split else 0
         behind = f"-{tenth}" if tenth else ""

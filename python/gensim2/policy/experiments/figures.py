@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 from gensim2.rollout.tally import interval
 
 Kind = Literal["seen", "unseen", "real", "opposite", "rephrased", "untaught", "blind"]
-"""Kinds of evaluations: on training objects, on unseen objects, on real objects after training on generated ones; on
+"""Kinds of evaluations: on training objects, on unseen objects, on real objects after training on generated objects; on
 unseen objects with the opposite instruction and with paraphrases; on tasks outside the training; on unseen objects
 without the point cloud.
 """
@@ -81,7 +81,7 @@ class TaskFigures:
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:
-        """Return the rates with all episodes counted as seen, for a task without unseen objects."""
+        """Return the rates with all episodes counted as on seen objects, for a task without unseen objects."""
         rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
         return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
@@ -94,7 +94,7 @@ class TaskFigures:
 
 
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
-    """Return the mean success rates over tasks, and the loss on unseen objects compared with seen ones.
+    """Return mean success rates over tasks, and the difference between seen and unseen objects.
 
     All tasks count equally. ``said_mean`` is the success rate with the correct instruction, on the tasks that have an
     opposite instruction.
@@ -114,7 +114,7 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
 
 
 def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
-    """Return the difference between two kinds of evaluations, over the tasks that have both."""
+    """Return the difference in success rate between two kinds of evaluations, over the tasks that have both."""
     both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
     first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
     found = difference(first, second) if both else None

@@ -48,7 +48,7 @@ def opposites(tasks: Sequence[TaskSpec]) -> dict[str, str]:
 
 
 def _end(task: TaskSpec) -> tuple[str | None, bool]:
-    """Return the class of the task's only object, and whether the task opens it; (None, False) for other tasks."""
+    """Return the object's class, and whether the task opens it; (None, False) if the goal is of another kind."""
     things, goal = list(task.objects.values()), task.success
     if len(things) == 1 and len(goal) == 1 and isinstance(goal[0], ArticulatedOpen | ArticulatedClosed):
         return things[0].asset_class, isinstance(goal[0], ArticulatedOpen)
@@ -78,7 +78,7 @@ class ExperimentRecord(RunSettings):
 
     Attributes:
         config: configuration of the experiment.
-        seed: seed of the first training of each policy.
+        seed: seed of the first training run of each policy.
         assets: folder of the real objects; ``"builtin"`` if the run has no real objects.
     """
 
@@ -91,7 +91,7 @@ class ExperimentRecord(RunSettings):
 
 
 class _Progressed(BaseModel):
-    """Number of trainings that remain, as read from a result file."""
+    """Number of training runs still to be done, as read from a result file."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -100,15 +100,15 @@ class _Progressed(BaseModel):
 
 @dataclass(frozen=True)
 class ArmResult:
-    """Result of one policy of an experiment, over all its trainings.
+    """Result of one policy of an experiment, over all its training runs.
 
     Attributes:
         arm: configuration of the policy.
         tasks: success rates on its tasks.
-        checkpoints: checkpoint folders, one for each training.
-        demonstrations: number of demonstrations in all trainings.
-        cpu_s: CPU time of data and training in all trainings, s.
-        before_s: CPU time that the starting policy took, s.
+        checkpoints: checkpoint folders, one for each training run.
+        demonstrations: number of demonstrations in all training runs.
+        cpu_s: CPU time of data and training in all training runs, s.
+        before_s: CPU time spent on the policy that training starts from, s.
     """
 
     arm: Arm
@@ -137,8 +137,8 @@ class ExperimentResult:
         out: output folder.
         record: settings of the run.
         arms: results in the order of the configuration.
-        skipped: reason for each policy or task (``policy/task``) that was not run, at least not on real objects.
-        remaining: number of trainings still to be done.
+        skipped: for each policy or task (``policy/task``) that was not run, or not on real objects, the reason.
+        remaining: number of training runs still to be done.
     """
 
     out: str
@@ -179,13 +179,13 @@ def run_experiment(
     device: str = "auto",
     progress: Progress = NULL_PROGRESS,
 ) -> ExperimentResult:
-    """Train and evaluate every policy of an experiment, and update its report after each training.
+    """Train and evaluate every policy of an experiment, and update its report after each training run.
 
     Args:
         config: the experiment.
-        out: output folder. ``<policy>/seed-<n>`` is the folder of one training, with the files that
+        out: output folder. ``<policy>/seed-<n>`` is the folder of one training run, with the files that
             :func:`~gensim2.policy.learning.learn` writes.
-        seed: seed of the first training of each policy; the other seeds follow.
+        seed: seed of the first training run of each policy; each further run uses the next integer.
         assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without it, policies for real objects are skipped.
         workers: number of processes that plan and simulate.
         resume: continue the run in ``out``.
@@ -276,7 +276,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Return whether generated objects suit at least one task that the policy adds."""
+    """Return whether generated objects suit a task that the policy adds to its starting policy."""
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
         try:
@@ -310,12 +310,12 @@ def _assets(arm: Arm, record: ExperimentRecord) -> str:
 
 @dataclass(frozen=True)
 class _Training:
-    """One training of a policy, with its evaluations.
+    """One training run of a policy, with its evaluations.
 
     Attributes:
         learned: the trained policy.
-        before_s: CPU time of the policy that this training starts from, s.
-        tables: evaluation results for each kind of evaluation.
+        before_s: CPU time spent on the policy that this run starts from, s.
+        tables: results of each kind of evaluation.
     """
 
     learned: Learned
@@ -388,7 +388,7 @@ def _train(
 
 
 def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], record: ExperimentRecord) -> ArmResult:
-    """Return the success rates of a policy over its finished trainings."""
+    """Return the success rates of a policy over its finished training runs."""
     here = trained[arm.name]
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     for each in here:

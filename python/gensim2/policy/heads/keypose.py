@@ -41,12 +41,12 @@ NEAR, FAR = 128, 64
 """Number of points that the second stage sees: nearest points to the place, and points sampled from the whole cloud."""
 NOISE = (0.01, 0.03)
 """Standard deviations (m) of the noise on the second stage's origin in training; each applies to half of the samples.
-They match the error of a place that was refined once, and the error of the first stage.
+They equal the error of a place after one refinement, and the error of the first stage.
 """
 ROUNDS = 2
 """Number of times that the second stage runs; each run is centred on the place predicted by the previous run."""
 METRE, CENTIMETRES = 0.05, 0.1
-"""Scales (m) that normalize positions."""
+"""Lengths (m) by which positions are divided to normalize them."""
 FORCE_SCALE = 2.0  # N
 SOONEST = 0.02  # s
 
@@ -148,7 +148,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return chosen + (each * share).sum()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return the programs of the most probable classes, (B, ``ANSWERS``, 2 + size of a program).
+        """Return the most probable classes and their programs, (B, ``ANSWERS``, 2 + size of a program).
 
         Each row has the probability, the class index, and the program (:mod:`gensim2.policy.keypose.answers`).
         """

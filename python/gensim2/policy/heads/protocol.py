@@ -17,7 +17,7 @@ class Context:
     """Inputs of a head.
 
     Attributes:
-        tokens: (B, S, D) tokens of the trunk, the readout first.
+        tokens: (B, S, D) tokens of the trunk; the first is the readout token.
         cloud: (B, N, 3) present point cloud in the policy's frame, m.
         points: (B, P, 3) points that have features; all points of the cloud if the head does not need features.
         features: (B, P, G) features of ``points``; None if the head does not need them.
@@ -45,7 +45,7 @@ class Head(Protocol):
     noise: tuple[int, ...]
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Compute the normalization of targets from a large batch, once before training; it is stored in buffers."""
+        """Compute how targets are normalized from a large batch, once before training, and store this in buffers."""
         ...
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:

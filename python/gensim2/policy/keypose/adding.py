@@ -41,12 +41,12 @@ REMEDY = "give a folder that gensim2 learn has made"
 
 
 def is_packaged(start: Path) -> bool:
-    """Return whether a folder is that of the builtin policy."""
+    """Return whether a folder is the builtin policy's folder."""
     return start.resolve() == checkpoint_folder(BUILTIN).resolve()
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
-    """Return those known tasks whose training objects are listed in the present library, with these objects.
+    """Return the known tasks whose training objects are in the present library, each with these objects.
 
     Args:
         start: folder of the policy, as written by ``gensim2 learn``.
@@ -164,7 +164,7 @@ def inputs_beside(
     seed: int,
     **scene: Unpack[SceneArguments],
 ) -> list[TaskInput]:
-    """Return the tasks with generated objects, for training that already uses the objects of a folder.
+    """Return the tasks with generated objects, to be trained on in addition to the objects of a folder.
 
     Args:
         tasks: names or folders of the tasks.

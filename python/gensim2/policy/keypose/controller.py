@@ -30,7 +30,7 @@ Array = npt.NDArray[np.float64]
 MAX_LOOKS = 8
 """Maximum number of predictions in an episode for each step of the task."""
 MAX_TRIES = 2
-"""Number of times that a strategy is tried before the others."""
+"""Number of tries after which a strategy ranks behind strategies with fewer tries."""
 SURE = 0.8
 """Minimum probability of "done" that ends the episode. It is high because an unnecessary motion does less harm than a
 missing motion.
@@ -48,26 +48,26 @@ OVERTRAVEL = 0.03
 this end exactly.
 """
 RELEASES = 0.5
-"""Gripper command above which the hand holds nothing."""
+"""Gripper command above which the open hand is assumed to hold no object."""
 HOLDS = 0.1
 """Finger force (N) in a program above which it grasps an object."""
 EMPTY = 0.003
-"""Finger distance (m) below which closed fingers hold nothing."""
+"""Finger distance (m) below which the closed fingers are assumed to hold no object."""
 
 
 class KeyposeController:
     """Controller of a keypose policy.
 
-    The network predicts strategies, each with a program of hand poses. The controller executes the most probable
-    strategy that was not tried too often, without feedback: a planned collision-free motion to the object, then the
+    The network predicts strategies, each with a program of hand poses. In open loop, the controller executes the most
+    probable strategy that it has not tried too often: first a planned collision-free motion to the object, then the
     hand poses. The arm then returns to its rest pose, unless the hand holds an object. This repeats until the network
     predicts that the task is done. Inputs are point cloud, robot state, instruction and table height.
 
-    The first prediction selects the task of the episode, whose strategies have the largest total probability.
+    The first prediction selects the task of the episode: the one whose strategies have the largest total probability.
 
     Args:
         checkpoint: folder of a policy with a keypose head.
-        sees: ablation of the point cloud; ``"all"`` for none.
+        sees: ablation of the point cloud; ``"all"`` for no ablation.
         says: replacement instructions, by the task instruction that each one replaces.
         unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
             ``"embed"`` encodes them with the text encoder.

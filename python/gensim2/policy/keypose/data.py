@@ -143,7 +143,8 @@ def plan_scenes(
         executor: executor that runs the shards; the data do not depend on it.
         scenes: maximum number of scenes, rounded up to a multiple of ``SHARD``.
         cpu_limit: CPU time (s) after which no new shard is started.
-        verify: whether to simulate the plans and leave out scenes in which they fail; this takes ten times as long.
+        verify: whether to simulate the plans and leave out scenes in which they fail; this takes ten times as long as
+            planning alone.
 
     Raises:
         InputError: the folder has other content.
@@ -239,7 +240,7 @@ def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool =
 
 
 def _is_to_end(step: Step) -> bool:
-    """Return whether the only criterion of a step is that joints are at an end of their range."""
+    """Return whether a step succeeds exactly if its joints are at an end of their range."""
     return bool(step.done) and all(isinstance(each, ArticulatedOpen | ArticulatedClosed) for each in step.done)
 
 

@@ -40,7 +40,7 @@ class Drawn:
 
     Attributes:
         examples: arrays by the names of :func:`example`; one example for each planned step and one for "done".
-        failed: planner status or failure in simulation, if a step or the scene was left out; None if nothing was.
+        failed: planner status or failure in simulation, if a step or the scene was left out; else None.
     """
 
     examples: tuple[Example, ...]
@@ -118,7 +118,7 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
     ways = {step: {f"{step}/{name}": strategy.to_dict()} for step, (name, strategy) in taken.items()}
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(task, ways), chosen, robot(scene.robot), one_plan=True)
-    # Planning does not need to know whether the goal is reached without the robot.
+    # This placeholder suffices, because planning ignores whether the goal is reached without the robot.
     still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
     options = other_openness(scene, seed)
     episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode
@@ -163,7 +163,7 @@ def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
 
 
 def _left_anywhere(now: Scene, step: Step, measured: Measurement, generator: np.random.Generator) -> Scene:
-    """Return the scene of a later step; in some scenes (``OTHER_OPENNESS``) its joint is at a random position."""
+    """Return a later step's scene; in a fraction ``OTHER_OPENNESS`` of scenes, its joint is at a random position."""
     anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
     joint = now.objects[step.object].joint
     if not anywhere or joint is None or now.held is not None or not any(map(criterion_is_of_joint, step.done)):

@@ -63,7 +63,7 @@ class Executor:
     """Converts programs to actions for one robot.
 
     Attributes:
-        around: converter of point clouds to collision scenes.
+        around: builder of collision scenes from point clouds.
     """
 
     def __init__(self, profile: RobotProfile) -> None:

@@ -29,7 +29,7 @@ def measure_looks(
     assets: str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure the duration of predictions of a keypose policy in episodes of the tasks that it knows.
+    """Measure how long predictions of a keypose policy take, in episodes of the tasks that it knows.
 
     Args:
         checkpoint: folder of the policy.

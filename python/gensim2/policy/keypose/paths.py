@@ -52,7 +52,7 @@ class JointPath:
 
     @property
     def rank(self) -> tuple[int, int, float]:
-        """Sort key, larger is better. Rounding the depth to 1 cm keeps the nearest of several similar postures."""
+        """Sort key, larger is better. As depths are rounded to 1 cm, similar postures stay in order of proximity."""
         return self.reached, -self.touches, -round(self.depth, 2)
 
 

@@ -21,7 +21,7 @@ APPROACH, ACTUATION, PATH, RETREAT = 0, 1, slice(2, 2 + PATH_POSES), 2 + PATH_PO
 KEYPOSES = 3 + PATH_POSES
 """Number of poses in a program: approach, actuation pose, path, and retreat."""
 TURN_LENGTH = 0.15
-"""Path length (m) that a rotation of the hand by one radian counts as."""
+"""Path length (m) equivalent to a rotation of the hand by one radian."""
 SAME_COMMAND = 0.1
 """Gripper commands that differ by at most this amount count as equal and take no time."""
 LONGEST = 3.0

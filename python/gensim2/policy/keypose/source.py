@@ -30,7 +30,7 @@ YAW = 0.2
 arm starts at the same pose in every scene and plans of a rotated scene differ slightly.
 """
 NEW = 5.0
-"""Sampling rate of a new task, relative to a task that the policy already knows."""
+"""Sampling rate of a new task divided by the sampling rate of a task that the policy already knows."""
 WIDTH, COMMAND = 0.004, 0.1
 """Standard deviations of the noise on finger distance (m) and gripper command in examples with a grasped object. The
 noise represents the difference between planned and executed grasps.

@@ -19,8 +19,9 @@ POINT_RADIUS = 0.006
 EVERY = 3
 """Stride over a path's waypoints (1.5 cm apart) for the computation of the penetration."""
 NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
-"""Distances (m) for segmenting a grasped object. It begins with points closer than ``NEAR_FINGERS`` to the fingers,
-grows by points closer than ``NEXT``, and ends at the distance ``CARRIED`` from the hand."""
+"""Distances (m) for segmenting a grasped object. The object consists of points closer than ``NEAR_FINGERS`` to the
+fingers, and of points closer than ``NEXT`` to another point of the object, up to the distance ``CARRIED`` from the
+hand."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class Surroundings:
         return depth
 
     def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
-        """Return a mask (N,) of the grasped object: points close to the fingers, and points connected to these."""
+        """Return a mask (N,) of the grasped object: points close to the fingers, and points connected to them."""
         hand = self._model.forward_kinematics(q)[:3, 3]
         near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
         found = np.zeros(len(points), dtype=bool)

@@ -82,7 +82,7 @@ def train_keypose(
         policy: network settings. ``frame`` must be ``turned``, and several instructions need a text encoder; ``ways``
             is set from the source.
         start: policy to start from; its classes must be the first classes of the source.
-        resume: whether to continue an interrupted training.
+        resume: whether to continue an interrupted training run.
         device: as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Define the messages between client and policy server: msgpack maps of plain values and arrays.
+"""Define the messages between client and policy server, which are msgpack maps of plain values and arrays.
 
 The client sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Then each
 request gets one answer with the same number: ``reset`` gets ``ready``, ``act`` gets ``action``, and a failed request
@@ -151,7 +151,7 @@ def _array(value: Any) -> npt.NDArray[Any]:
 
 
 def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
-    """Return a check that a value is an array.
+    """Return a function that checks that a value is an array of the given type and shape.
 
     Args:
         types: allowed data types.

@@ -1,8 +1,8 @@
 """Serve a controller over a websocket (``gensim2 policy serve``).
 
 A client is a stranger until the token in its first message is verified. The number of simultaneous strangers is
-limited, each stranger has its own thread, and may use only a few seconds and kB. Only one authenticated client at a
-time uses the controller.
+limited. Each stranger has its own thread, a few seconds of time, and a few kB of memory. Only one authenticated client
+at a time uses the controller.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from gensim2.rollout.controller import Controller, is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec, close
 
 GREETING = 5.0
-"""Time limits for a stranger to open the websocket and to send the token, s."""
+"""Time limit (s) for a stranger to open the websocket, and then again to send the token."""
 LEAVING = 1.0
 """Maximum time for which a new client waits until the previous client's connection is closed, s."""
 CLOSING = 0.2
@@ -53,7 +53,7 @@ MAX_STRANGERS = 4
 MAX_CONTROL_FRAMES = 100
 """Maximum number of websocket control frames from a stranger; one more closes the connection."""
 READING = 1.0
-"""Time limit for sending a message to a client, which may have stopped reading, s."""
+"""Time limit (s) for sending a message, because a client may have stopped reading."""
 
 
 class PolicyServer:
