@@ -50,7 +50,7 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
 
 
 def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
-    """Read a file written by :func:`write_arrays`; nothing is unpickled, and sizes are checked before allocation.
+    """Read a file of :func:`write_arrays` without unpickling, and check all sizes before memory is allocated.
 
     Args:
         path: the ``.npz`` file.
@@ -103,11 +103,11 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
 
     Args:
         arrays: the arrays that were read.
-        expected: data type and shape by array name; all first axes must have the same length.
+        expected: data type and shape by array name. The first axes of all arrays must have equal lengths.
         path: file name for the error message.
 
     Raises:
-        InputError: an array is missing or wrong; the message names the first such array.
+        InputError: an array is missing, or has another type or shape; the message names the first wrong array.
     """
     rows = None
     for name, (kind, shape) in expected.items():

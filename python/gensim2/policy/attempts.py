@@ -1,4 +1,4 @@
-"""Retry within an episode: a stuck hand retraces its path to the start, and the policy tries again."""
+"""Retry within an episode: a stuck hand retraces its path to the start pose, and the policy makes another attempt."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Attempts:
         return waits and self._begun < self._max and not holds(width, command)
 
     def again(self) -> list[Action]:
-        """Start another attempt, and return the actions (m + 1,) that retrace the hand's path to the start.
+        """Start another attempt, and return the actions (m + 1,) that retrace the hand's path to the start pose.
 
         On the way back the gripper keeps its last command; at the start pose it gets its initial command.
         """

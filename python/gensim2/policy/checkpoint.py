@@ -48,7 +48,7 @@ def checkpoint_folder(place: Path | str) -> Path:
 
 
 class CheckpointError(InputError):
-    """A checkpoint is damaged, has another version, or does not fit the robot, the task or the command."""
+    """A checkpoint is damaged, was written by another version, or does not fit the robot, the task or the command."""
 
 
 class DataRecord(BaseModel):
@@ -236,7 +236,7 @@ class PolicyCheckpoint:
         """Check that the policy was trained for a robot.
 
         Raises:
-            CheckpointError: the policy is for another robot.
+            CheckpointError: the policy was trained for another robot.
             InputError: the robot that the policy was trained for is not registered in this process.
         """
         if robot != self.robot:
@@ -274,7 +274,7 @@ class PolicyCheckpoint:
 
 
 def _check_agreement(record: _Record, config: PolicyConfig, observation: ObservationSpec, file: Path) -> None:
-    """Check that the parts of ``config.json`` agree with each other."""
+    """Check that the sections of ``config.json`` are consistent."""
     of_keyposes = config.head == "keypose"
     contradictions = {
         "action.kind": (record.action.kind == "keypose") is not of_keyposes,

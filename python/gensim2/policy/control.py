@@ -32,7 +32,7 @@ class Shuffled:
 
     Attributes:
         points: (S, N, 3) points of S clouds, m, base frame.
-        colours: (S, N, 3) colours of these points, 0 to 255.
+        colours: (S, N, 3) colours of the points, 0 to 255.
     """
 
     points: npt.NDArray[np.float32]
@@ -79,7 +79,7 @@ class Sight:
 
     @staticmethod
     def of(sees: Sees, folder: Path) -> Sight:
-        """Return an ablation; ``"other"`` reads the clouds in the checkpoint's folder.
+        """Return the ablation named ``sees``; ``"other"`` reads the clouds in the checkpoint's folder.
 
         Raises:
             InputError: the ablation is unknown, or the clouds are missing.

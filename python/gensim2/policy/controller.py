@@ -49,9 +49,9 @@ class PolicyController:
         denoise_steps: number of denoising steps of diffusion and flow heads; None: the checkpoint's setting.
         unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
             ``"embed"`` encodes them with the text encoder.
-        text_model: folder or hub name of the text encoder's weights; needed if they are not one of gensim2's defaults.
+        text_model: folder or Hugging Face name of the text encoder's weights, unless gensim2 uses them by default.
         sees: ablation of the point cloud; ``"all"`` for no ablation.
-        says: replacement instructions, by the task instruction that each one replaces.
+        says: maps a task's instruction to the instruction that the policy gets instead.
         threads: number of PyTorch threads.
 
     Raises:
@@ -118,7 +118,7 @@ class PolicyController:
         """Start an episode.
 
         Raises:
-            CheckpointError: the policy is for another robot, or was not trained on the instruction.
+            CheckpointError: the policy was trained for another robot, or was not trained on the instruction.
         """
         torch.set_num_threads(self._threads)
         check_robot(self._policy.robot, observation, self._folder)

@@ -30,8 +30,8 @@ class Curves:
     """Writes training curves to ``curves.jsonl``, and to ``tensorboard/`` if TensorBoard is installed.
 
     Args:
-        folder: folder in which both are created.
-        step: step from which training resumes; points after this step are deleted, because training repeats them.
+        folder: folder in which the file and the subfolder are created.
+        step: step from which training resumes; points after this step are deleted, because these steps are repeated.
     """
 
     def __init__(self, folder: Path, step: int) -> None:

@@ -40,7 +40,7 @@ class DecodedEpisode:
 
     Attributes:
         task, language: name and instruction of the task.
-        first: row of its first frame.
+        first: row of the first frame.
         steps: T, number of actions. The episode has T + 1 frames; the last frame follows the last action.
     """
 
@@ -156,7 +156,7 @@ def _rows(sets: Sequence[DataSet], tasks: Sequence[str]) -> Iterator[_Row]:
 
 
 def _once(rows: Sequence[_Row]) -> list[_Row]:
-    """Remove duplicate episodes; keep a rendered copy if there is one."""
+    """Remove duplicate episodes; of several copies, keep a rendered copy if possible."""
     found: dict[tuple[str, str, str | None], _Row] = {}
     for each in rows:
         key = (each.store.name, each.language, each.row.episode_digest)

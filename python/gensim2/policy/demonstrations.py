@@ -84,9 +84,9 @@ class Demonstrations:
             rows: (B,) frame numbers.
 
         Returns:
-            Observation columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy uses them.
-            Frames before the start of an episode repeat its first frame. Actions after the last frame used for training
-            repeat the last target and have the end mark.
+            Observation columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy predicts
+            keyframes. Frames before the start of an episode repeat its first frame. Actions after the last frame used
+            for training repeat the last target and have the end mark.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])

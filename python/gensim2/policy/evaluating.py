@@ -71,7 +71,7 @@ class PolicyResult:
         return self.policy.cpu_s + sum(each.cpu_s for each in others)
 
     def mean_of(self, control: str, task: str) -> float | None:
-        """Return the success rate of a control experiment on a task; None if it was not run."""
+        """Return the success rate of a control experiment on a task; None if the experiment was not run."""
         found = self.rows(control).get(task)
         return None if found is None else float(found["held_mean"])
 
@@ -123,7 +123,7 @@ def controller_for(checkpoint: Path | str, given: TaskInput) -> ControllerSpec:
         checkpoint: folder, or ``"builtin"``.
 
     Raises:
-        InputError: the checkpoint cannot be used, or was trained for another robot or other instructions.
+        InputError: the checkpoint cannot be used, or was trained for another robot or with different instructions.
     """
     folder = checkpoint_folder(checkpoint)
     policy = PolicyCheckpoint.load(folder)

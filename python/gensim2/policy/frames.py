@@ -110,7 +110,7 @@ def tool_in(proprio: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, torch.Tensor]:
     """Return the observation after rotating scene and robot by ``angle`` (B,), rad, about the base's z axis.
 
-    The rotation leaves relative actions unchanged. In absolute actions it adds the angle to the first joint.
+    The rotation leaves relative actions unchanged. It adds ``angle`` to the first joint of absolute actions.
     """
     R = turn_matrix(angle)
     found = dict(seen)
@@ -132,7 +132,7 @@ def check_turns(profile: RobotProfile, config: PolicyConfig) -> None:
     """Check that a robot can use the ``turned`` frame: its first joint must rotate about the z axis of its base.
 
     Raises:
-        InputError: the first joint has another axis; the message names the remedy.
+        InputError: the first joint rotates about a different axis; the message names the remedy.
     """
     if config.frame != "turned":
         return

@@ -1,4 +1,4 @@
-"""Prepare batches for the network, and compute the gradients of a batch or of one device's part of it."""
+"""Prepare batches for the network, and compute the gradients of a batch or of one device's part of the batch."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class GradientStep:
-    """Computes gradients of a network on its device, for all samples of a step or for one device's part of them.
+    """Computes gradients of a network on its device, for all samples of a step or for one device's part of the samples.
 
     Args:
         training: training settings; ``amp`` enables bfloat16 on a GPU.

@@ -66,7 +66,8 @@ def taught_frames(
 def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.NDArray[np.int64]:
     """Return the numbers (frames, count) of the next keyframes after each frame.
 
-    At a keyframe, the next keyframe is the following one. After the last keyframe, its number is repeated.
+    At a keyframe, the next keyframe is the following one. After the last keyframe, the number of the last keyframe is
+    repeated.
     """
     first = np.searchsorted(keys, np.arange(frames) + 1, side="right")
     found: npt.NDArray[np.int64] = keys[np.minimum(first[:, None] + np.arange(count), len(keys) - 1)]

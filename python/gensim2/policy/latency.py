@@ -116,7 +116,7 @@ def measure_latencies(
         threads: number of PyTorch threads.
         device: device of the network.
         assets: folder of the scene's objects, or the name of a built-in set.
-        settings: other settings of the policies.
+        settings: further network settings of all measured policies.
 
     Returns:
         ``rows`` of :class:`Latency`, ``threads``, ``decisions``, and the machine's ``load`` at the start.

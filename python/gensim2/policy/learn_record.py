@@ -41,7 +41,7 @@ class LearnRecord(RunSettings):
         start: folder of the policy to start from, and the SHA-256 of its ``config.json``; None: train from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
         steps: number of gradient steps by policy folder, fixed when the training of the policy starts.
-        data_cpu_s: CPU time (s) of the demonstrations by policy folder, including copied ones.
+        data_cpu_s: CPU time (s) of the demonstrations by policy folder, including copied demonstrations.
         episodes: number of demonstrations of each task by policy folder, for action-chunk policies.
     """
 
@@ -69,7 +69,7 @@ class LearnRecord(RunSettings):
     episodes: dict[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences to another record. A different folder of the same starting policy is no difference."""
+        """Yield the fields that differ between two records. The folder of the same starting policy may differ."""
         yield from super().differences(now)
         was, given = ((each.start or (None, None))[1] for each in (self, now))
         yield from differing("start", was, given)
@@ -115,7 +115,7 @@ class LearnFolder(ResumableFolder[LearnRecord]):
 
 
 def check_demonstrations(other: Path, record: LearnRecord) -> None:
-    """Raise an error if another run's demonstrations differ from the ones that this run would make.
+    """Raise an error if another run's demonstrations differ from the demonstrations that this run would make.
 
     Raises:
         InputError: the folder has no run, or a run with other arguments; the message names the field.
@@ -139,7 +139,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     If the observation spec differs, the rendered observations are not copied.
 
     Args:
-        record: record of the run; the CPU time of the copied demonstrations is added to it.
+        record: record of the run; the CPU time of the copied demonstrations is added to the record.
         key: the policy's folder relative to ``out`` and to the other run.
         folder: absolute path of the policy's folder.
         out: folder of the run.

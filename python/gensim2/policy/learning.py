@@ -53,7 +53,7 @@ class Learned:
     """A learned policy.
 
     Attributes:
-        folder: folder of its checkpoint.
+        folder: folder of the checkpoint.
         demonstrations: number of training plans or episodes by task.
         data_cpu_s: CPU time of the data, s.
         trained: result of the training.
@@ -140,7 +140,7 @@ def learn(
             from simulated episodes.
         minutes: CPU minutes for data and training of each task. Training on a GPU may take the remaining time as wall
             time. The limit does not include evaluation.
-        multi_task: whether to train one policy for all tasks; ``minutes`` is then the total.
+        multi_task: whether to train one policy for all tasks; ``minutes`` is then the time for all tasks together.
         scenes: maximum number of planned scenes of each task.
         episodes, control_episodes: number of evaluation episodes of each task, for the policy and for each control.
         controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`; None: all.
@@ -164,14 +164,14 @@ def learn(
             or a YAML file; not together with ``start``.
         test_instances: objects for the evaluation. None: ``new`` if ``objects`` is given or a class has no test split,
             else ``test``.
-        out: output folder. A single policy's checkpoint is written into it; of several policies, each has a subfolder
-            named by its task.
+        out: output folder. It contains the checkpoint of a single policy, or for each of several policies a subfolder
+            with the task's name.
         workers: number of processes that plan and simulate.
         resume: whether to continue the run in ``out``.
         device: device of the training, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
-        InputError: an argument is invalid, or ``out`` has other content.
+        InputError: an argument is invalid, or ``out`` contains something else.
         NotRunError: some scenes or episodes could not be run.
     """
     check_counts(scenes=scenes, episodes=episodes, control_episodes=control_episodes)
@@ -225,7 +225,7 @@ def learn(
     together = multi_task or begun is not None
     several = together and (begun is not None or len(given) > 1)
     check_text(text, text_model, [one.spec.description for one in given] if several else (), begun)
-    # Tasks of the starting policy are evaluated, too, on objects that were not used for training.
+    # The tasks of the starting policy are also evaluated, on objects that no training has used.
     before = [] if start is None else taught_before(start, known, seed=seed, **scene)
     listed = [*(given if objects is None else ()), *before]
     if test_instances is None:

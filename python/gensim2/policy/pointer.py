@@ -2,9 +2,9 @@ r"""Predict the hand's poses at its next keyframes, and pass each prediction to 
 
 Max-pooling over points loses their positions, so this pointer predicts places in two stages. The first stage sees a
 subset of the points. For each keyframe it predicts a heatmap :math:`w` and an offset :math:`o` at each point; the
-predicted place is :math:`p = \sum_i w_i (x_i + o_i)`. The second stage sees the points of the whole cloud near such a
-place, with Fourier features of their coordinates, and refines positions and rotations of the hand. All coordinates are
-in the tool frame, so that a prediction equals the motion that the arm has to make.
+predicted place is :math:`p = \sum_i w_i (x_i + o_i)`. The second stage sees the points of the whole cloud near one
+predicted place, with Fourier features of their coordinates, and refines positions and rotations of the hand. All
+coordinates are in the tool frame, so that a prediction equals the motion that the arm has to make.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
 
         Args:
             points: (B, P, 3) points of the first stage in the tool's frame, m.
-            features: (B, P, G) features of these points.
+            features: (B, P, G) features of ``points``.
             summary: (B, 3 D) tokens of the robot's state, the cloud and the instruction.
             cloud: (B, N, 3) points for the second stage in the tool's frame, m.
             generator: random generator for noise on the second stage's origin in training; None otherwise.

@@ -68,7 +68,7 @@ _COLUMNS: dict[str, Expected] = {
 
 
 def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str, seed: int) -> Arrays:
-    """Roll the policy out in one scene, in a worker process, and return its labels.
+    """Roll the policy out in one scene, in a worker process, and return labels for the visited states.
 
     Returns:
         Arrays of S labels by batch column: ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2); S may be 0.
@@ -162,7 +162,7 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
 
 
 def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Return whether the hand is at the approach pose or past it, where a new plan would move away first."""
+    """Return whether the hand has passed the approach pose, after which a new plan would first move away."""
     actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:
         return False
@@ -240,7 +240,7 @@ class RelabelledSource:
         self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch of demonstrations in which a fraction ``SHARE`` is replaced by labels."""
+        """Return a batch of demonstrations in which labels replace a fraction ``SHARE`` of the samples."""
         few = round(SHARE * size) if self._relabels else 0
         found = self._demonstrations.draw(rng, size - few)
         if not few:

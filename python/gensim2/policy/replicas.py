@@ -31,7 +31,7 @@ class Replicas:
 
     In each step the replicas get the network's weights, and the mean of all gradients is stored in the network for its
     optimizer. Weights and gradients pass through the host's shared memory, which takes milliseconds for a few million
-    weights. Each replica has its own copy of the data and no other state.
+    weights. Each replica has its own copy of the data, and keeps no state between steps.
 
     Args:
         source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.

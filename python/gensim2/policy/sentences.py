@@ -28,7 +28,7 @@ def embeds(word: str) -> bool:
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Check replacement instructions, and return them by the instruction that each one replaces.
+    """Check that ``says`` maps instructions to replacement instructions, and return this mapping.
 
     Raises:
         InputError: ``says`` does not map strings to strings.
@@ -53,7 +53,7 @@ def sentence_row(
         sentence: the instruction.
         folder: folder of the checkpoint, for error messages.
         embed: whether to encode an instruction that the policy was not trained on.
-        text_model: folder or hub name of the text encoder's weights, if they are not one of gensim2's defaults.
+        text_model: folder or Hugging Face name of the text encoder's weights, unless gensim2 uses them by default.
 
     Raises:
         CheckpointError: the instruction is unknown and ``embed`` is false, or only the checkpoint names the encoder.

@@ -21,7 +21,7 @@ def setting(
     """Return a dataclass field with its help text and its allowed values.
 
     Args:
-        default: default value, which also determines the type; None stands for an optional integer.
+        default: default value, whose type is the type of the field; None stands for an optional integer.
         text: help text of the field and of its command-line option.
         choices: allowed strings.
         low, high: inclusive bounds of a number.

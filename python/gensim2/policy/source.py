@@ -24,7 +24,7 @@ class Source(Protocol):
         action: format of the targets.
         observation: observation spec of the clouds.
         sentences: distinct instructions.
-        record: description of the data, which checkpoints contain.
+        record: description of the data, which is stored in checkpoints.
     """
 
     robot: str

@@ -33,7 +33,7 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
 
     Raises:
         InputError: the policy cannot be read, is not a keypose policy of several tasks, already knows one of the tasks,
-            or has another robot or other observations.
+            or was trained with another robot or other observations.
     """
     found = PolicyCheckpoint.load(start)
     if policy != "keypose" or found.action.kind != "keypose":
@@ -78,7 +78,7 @@ def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Pr
 
 
 def check_sentences(sentences: Sequence[str]) -> None:
-    """Check that all tasks have different instructions, because a policy could not distinguish them otherwise.
+    """Check that all tasks have different instructions, by which a policy distinguishes the tasks.
 
     Raises:
         InputError: two tasks have the same instruction.

@@ -1,4 +1,4 @@
-"""Create demonstrations and train one policy of a ``learn`` run within its time budget."""
+"""Create demonstrations and train one policy of a ``gensim2 learn`` run, within the CPU time of the policy."""
 
 from __future__ import annotations
 

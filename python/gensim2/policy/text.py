@@ -50,7 +50,7 @@ def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Sh
 
     Args:
         sentences: S, number of instructions.
-        found: shape of a table that was read from a file; it determines the length of pretrained embeddings.
+        found: shape of a table from a file, which gives the length of pretrained embeddings.
     """
     if config.text == "small":
         return Shape("I64", (sentences, WORDS, PIECES))
@@ -86,7 +86,7 @@ def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | N
 def pieces(sentence: str) -> torch.Tensor:
     """Return hashed indices (24, 12) of a sentence's words and of the words' trigrams, padded with 0.
 
-    Unknown words share trigrams with known ones, for example "opened" with "open".
+    Unknown words share trigrams with known words, for example "opened" with "open".
     """
     found = torch.zeros(WORDS, PIECES, dtype=torch.int64)
     words = "".join(c if c.isalnum() else " " for c in sentence.lower()).split()

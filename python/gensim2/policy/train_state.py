@@ -54,7 +54,8 @@ class Identity:
     """Settings and data that determine the result of a training run.
 
     Attributes:
-        parts: plain data by name. ``"policy"`` and ``"training"`` are stored setting by setting, others as SHA-256.
+        parts: plain data by name. Each setting of ``"policy"`` and ``"training"`` is stored; of all other parts only a
+            SHA-256 is stored.
     """
 
     parts: Mapping[str, Any]
@@ -92,7 +93,7 @@ class TrainState:
 
     Attributes:
         network: the trained network.
-        average: network with the exponential moving average of the weights; its buffers are copies.
+        average: network with the exponential moving average of the weights, and copies of ``network``'s buffers.
         optimizer: AdamW over the network's parameters.
         step: number of steps taken.
         cpu_s: CPU time of these steps, s.

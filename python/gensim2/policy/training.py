@@ -33,9 +33,9 @@ def train(
         data: folders of the data sets.
         out: folder of the checkpoint.
         config: YAML file of settings (:mod:`gensim2.policy.config`).
-        settings: settings by name, which take precedence over the file.
+        settings: settings by name, which override the settings in the file.
         tasks: names of the tasks; empty for all tasks of the data.
-        start: checkpoint whose weights the training starts from; its architecture is the default for ``settings``.
+        start: checkpoint whose weights training starts from; network settings default to those of the checkpoint.
         resume: whether to continue an interrupted training run in ``out``.
         device: as for :func:`~gensim2.policy.devices.read_devices`.
         dagger: number of DAgger rounds (:mod:`gensim2.policy.dagger`), each with the same number of gradient steps.

@@ -46,8 +46,8 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
     """MLP 64-128-192 with LayerNorm on each point, followed by a maximum over the points.
 
     Only points that attain a maximum have a gradient, about 90 of 512. Training first finds these points without
-    gradients, then evaluates only them with gradients. The gradients are the same as without this step, in less than
-    half of the time.
+    gradients, and then evaluates the MLP with gradients at these points alone. The gradients are the same as without
+    this step, in less than half of the time.
 
     Args:
         channels: C, number of channels of a point.

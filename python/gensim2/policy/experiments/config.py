@@ -25,7 +25,7 @@ class Arm(BaseModel):
     Attributes:
         name: name of the policy and of its folder.
         objects: training objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of the run.
-        count: number of generated training objects of each class, in addition to the real ones if ``objects`` is
+        count: number of generated training objects of each class, in addition to the real objects if ``objects`` is
             ``"real"``. None: only the training split.
         tasks: names of library tasks; one policy learns all of them.
         minutes_a_task: CPU minutes for data and training of each task; None: the ``minutes_a_task`` of the experiment.
@@ -71,10 +71,10 @@ class ExperimentConfig(BaseModel):
         tenth: which tenth (0 to 9) of each class's objects the first training run leaves out for evaluation. Each later
             run leaves out the next tenth.
         transfer: whether to evaluate policies trained on generated objects also on real objects.
-        text, text_model: text encoder, and folder or hub name of its weights; None: the defaults of
+        text, text_model: text encoder, and folder or Hugging Face name of the weights; None: the defaults of
             :func:`~gensim2.policy.learning.learn`.
         sentences: whether to evaluate also with the opposite instruction and with paraphrases.
-        untaught: tasks that no policy is trained on; every policy is evaluated on them, too.
+        untaught: tasks on which no policy is trained, but every policy is evaluated.
         arms: policies to train, in the order of the report.
     """
 

@@ -77,7 +77,7 @@ class TaskFigures:
     rates: Mapping[Kind, Rate]
 
     def rate(self, kind: Kind) -> Rate:
-        """Return the success rate of one kind of evaluation; 0 of 0 episodes if it was not run."""
+        """Return the success rate of one kind of evaluation; 0 of 0 episodes if the evaluation was not run."""
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:

@@ -104,7 +104,7 @@ class ArmResult:
 
     Attributes:
         arm: configuration of the policy.
-        tasks: success rates on its tasks.
+        tasks: success rates on the tasks of the policy.
         checkpoints: checkpoint folders, one for each training run.
         demonstrations: number of demonstrations in all training runs.
         cpu_s: CPU time of data and training in all training runs, s.
@@ -186,13 +186,14 @@ def run_experiment(
         out: output folder. ``<policy>/seed-<n>`` is the folder of one training run, with the files that
             :func:`~gensim2.policy.learning.learn` writes.
         seed: seed of the first training run of each policy; each further run uses the next integer.
-        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without it, policies for real objects are skipped.
+        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without this folder, policies for real objects are
+            skipped.
         workers: number of processes that plan and simulate.
         resume: continue the run in ``out``.
         device: device for training, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
-        InputError: an argument is invalid, ``out`` has other content, or no policy can be trained.
+        InputError: an argument is invalid, ``out`` contains something else, or no policy can be trained.
         NotRunError: some scenes or episodes could not be run.
     """
     read_devices(device)
@@ -388,7 +389,7 @@ def _train(
 
 
 def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], record: ExperimentRecord) -> ArmResult:
-    """Return the success rates of a policy over its finished training runs."""
+    """Return the success rates of a policy over all finished training runs."""
     here = trained[arm.name]
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     for each in here:

@@ -26,7 +26,7 @@ SMALLEST = 1e-3
 class ActionScale(nn.Module):  # type: ignore[misc]
     """Mean and standard deviation of each joint target of a chunk; gripper and end mark are not scaled.
 
-    Each step of a chunk has its own scale, because late steps are farther from the present joints than early ones.
+    Each step of a chunk has its own scale, because late steps are farther from the present joints than early steps.
 
     Args:
         horizon: H, number of actions in a chunk.

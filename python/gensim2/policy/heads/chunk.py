@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class TransformerHead(DecodingHead):
-    """Transformer decoder with one learned query for each step, which attends to the trunk's tokens."""
+    """Transformer decoder with one learned query for each step of the chunk; queries attend to the trunk's tokens."""
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         return (self._chunks(context) - self.scale.normalized(batch[ACTION])).abs().mean()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class ActionDecoder(nn.Module):  # type: ignore[misc]
-    """Transformer that predicts a chunk from a noisy chunk and its noise level.
+    """Transformer that predicts a chunk from a noisy chunk and the noise level.
 
     Args:
         arm: m, number of the arm's joints.

@@ -71,7 +71,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
     """Head that predicts keypose programs.
 
     Args:
-        arm: number of the arm's joints; unused, because hand poses do not depend on it.
+        arm: number of the arm's joints; unused, because hand poses do not depend on the arm.
         features: G, size of a point's feature.
     """
 

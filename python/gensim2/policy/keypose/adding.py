@@ -1,4 +1,4 @@
-"""Provide plans of the tasks that a keypose policy already knows, for training it on additional tasks.
+"""Provide plans of the tasks that a keypose policy already knows, for training the policy on additional tasks.
 
 ``gensim2 learn`` stores these plans in the policy's folder. The builtin policy comes without its plans, so its tasks,
 which use only generated objects, are planned again.
@@ -90,7 +90,7 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
 def tasks_to_plan_again(
     start: Path, begun: PolicyCheckpoint, objects: int, *, seed: int, **scene: Unpack[SceneArguments]
 ) -> list[TaskInput]:
-    """Return the tasks of the builtin policy, which have to be planned again; no tasks for any other policy.
+    """Return the tasks of the builtin policy, which must be planned again; return no tasks for another policy.
 
     Args:
         start: folder of the policy.
@@ -110,7 +110,7 @@ def tasks_to_plan_again(
 
 
 def _as_taught(one: TaskInput, ways: Sequence[Way], start: Path) -> TaskInput:
-    """Return the task with only those strategies that the policy was trained with."""
+    """Return the task with only the strategies that the policy was trained with."""
     here = [(number, name) for number, step in enumerate(one.spec.steps) for name in step.strategies]
     was = [(way.step, way.name) for way in ways]
     if not set(was) <= set(here) or len({number for number, _ in was}) < len(one.spec.steps):
@@ -136,7 +136,7 @@ def plan_again(
     seed: int,
     progress: Progress,
 ) -> tuple[list[Planned], float]:
-    """Plan scenes of the tasks that a policy already knows, so that it does not forget them.
+    """Plan scenes of the tasks that a policy already knows, so that further training does not degrade them.
 
     Args:
         known: tasks that the policy knows.

@@ -68,10 +68,10 @@ class KeyposeController:
     Args:
         checkpoint: folder of a policy with a keypose head.
         sees: ablation of the point cloud; ``"all"`` for no ablation.
-        says: replacement instructions, by the task instruction that each one replaces.
+        says: maps a task's instruction to the instruction that the policy gets instead.
         unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
             ``"embed"`` encodes them with the text encoder.
-        text_model: folder or hub name of the text encoder's weights; needed if they are not one of gensim2's defaults.
+        text_model: folder or Hugging Face name of the text encoder's weights, unless gensim2 uses them by default.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -127,7 +127,7 @@ class KeyposeController:
         """Start an episode.
 
         Raises:
-            CheckpointError: the policy is for another robot, or was not trained on the instruction.
+            CheckpointError: the policy was trained for another robot, or was not trained on the instruction.
         """
         torch.set_num_threads(1)
         check_robot(self._policy.robot, observation, self._folder)

@@ -140,14 +140,14 @@ def plan_scenes(
 
     Args:
         folder: folder that contains only the scenes of this task.
-        executor: executor that runs the shards; the data do not depend on it.
+        executor: executor that creates the shards; the data do not depend on the kind of executor.
         scenes: maximum number of scenes, rounded up to a multiple of ``SHARD``.
         cpu_limit: CPU time (s) after which no new shard is started.
         verify: whether to simulate the plans and leave out scenes in which they fail; this takes ten times as long as
             planning alone.
 
     Raises:
-        InputError: the folder has other content.
+        InputError: the folder contains something else, or scenes with other settings.
         NotRunError: a shard could not be created.
     """
     from gensim2.core.processes import Job, results
@@ -197,7 +197,7 @@ def make_shard(
     number: int,
     verify: bool = False,
 ) -> float:
-    """Create and write one shard in a worker process, and return the CPU time, s."""
+    """Create and write one shard in a worker process, and return the CPU time of the shard, s."""
     from gensim2.policy.keypose.examples import draw
 
     begin = time.process_time()

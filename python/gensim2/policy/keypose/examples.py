@@ -36,7 +36,7 @@ MAX_TOUCHING = 1
 
 @dataclass(frozen=True)
 class Drawn:
-    """Examples from one scene.
+    """Training examples from one scene.
 
     Attributes:
         examples: arrays by the names of :func:`example`; one example for each planned step and one for "done".
@@ -100,7 +100,7 @@ def draw(
 
 
 def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed: int) -> str | None:
-    """Execute each plan of a scene once in simulation and return why the task fails; None if it succeeds.
+    """Execute each plan of a scene once in simulation and return why the task fails; None if the task succeeds.
 
     Args:
         scene, seed: as for :func:`draw`.
@@ -113,8 +113,7 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
 
     env = simulator(scene)
     task = scene.task.model_copy(update={"steps": tuple(step for step in scene.task.steps if step.name in taken)})
-    # The names include the step, because two steps may use the same strategy, and only one of them with a reduced
-    # tolerance.
+    # The names include the step, because two steps may use the same strategy with different tolerances.
     ways = {step: {f"{step}/{name}": strategy.to_dict()} for step, (name, strategy) in taken.items()}
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(task, ways), chosen, robot(scene.robot), one_plan=True)
@@ -184,7 +183,7 @@ def planned_way(
     """Return the first strategy with a complete plan, its name and the plan; None without a complete plan.
 
     Strategies are tried in the order in which the step lists them. The planner first tries to place a grasped object
-    near the middle of the strategy's tolerance. If this fails, it uses the full tolerance.
+    near the middle of the strategy's tolerance. If this fails, the planner uses the full tolerance.
     """
     tried = list(ways.items())
     if scene.held is not None:

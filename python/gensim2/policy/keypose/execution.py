@@ -43,7 +43,7 @@ class Execution:
 
     Attributes:
         actions: (N, m + 1).
-        free: planning mode in which the free motion to the object was found.
+        free: obstacles that the free motion to the object avoids.
         reached: number of the program's poses that the actions reach; ``KEYPOSES`` for the complete program.
         gripped: index of the first action after the fingers have acted at the actuation pose.
     """
@@ -169,7 +169,7 @@ class Executor:
             yield "table only", self.around.bare
 
     def _segments(self, program: KeyposeProgram, path: JointPath) -> list[tuple[int, int, int]]:
-        """Return, for each segment between two stops, its first waypoint, last waypoint and final pose (indices).
+        """Return, for each segment between two stops, the indices of the first waypoint, last waypoint and final pose.
 
         The arm stops at the actuation pose, at poses where the fingers move, before the retreat, and at the end.
         """

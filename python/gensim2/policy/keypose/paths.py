@@ -31,7 +31,7 @@ class JointPath:
     Attributes:
         joints: (W, n) waypoints, starting at the approach pose.
         at: (KEYPOSES,) waypoint index of each pose of the program; -1 for poses that are not reached.
-        touches: number of waypoints at which the arm collides with the table or itself.
+        touches: number of waypoints at which the arm collides with the table or with itself.
         depth: maximum penetration of the arm into the cloud, m.
     """
 

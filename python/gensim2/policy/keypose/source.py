@@ -78,8 +78,8 @@ class PlannedSource:
     Args:
         planned: for each task one folder of plans, or two: library objects and generated objects. All folders have the
             same robot and observation spec.
-        known: number of folders at the start of ``planned`` whose tasks the policy already knows. Tasks in the other
-            folders are sampled ``NEW`` times as often.
+        known: number of folders at the start of ``planned`` whose tasks the policy already knows. Tasks in the
+            remaining folders are sampled ``NEW`` times as often.
 
     Raises:
         InputError: the folders do not fit together.

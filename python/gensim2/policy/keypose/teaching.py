@@ -38,7 +38,7 @@ def pulls_last(given: TaskInput) -> TaskInput:
 
 
 def centered(strategy: Strategy) -> Strategy:
-    """Return the strategy with its point tolerances multiplied by ``CENTERED``; other strategies stay as they are."""
+    """Return the strategy with point tolerances multiplied by ``CENTERED``; unchanged if it has no such tolerance."""
     if not isinstance(strategy, KeypointStrategy):
         return strategy
     constraints = [

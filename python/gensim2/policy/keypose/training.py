@@ -106,7 +106,7 @@ def read_ways(folder: Path, policy: PolicyCheckpoint) -> list[Way]:
     """Return the step and strategy that each output class of a checkpoint's network represents.
 
     Raises:
-        CheckpointError: the network has another number of classes.
+        CheckpointError: the number of classes differs from the number of network outputs.
         InputError: the file is missing or damaged.
     """
     remedy = "train the policy again"

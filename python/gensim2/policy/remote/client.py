@@ -194,7 +194,7 @@ class RemoteController:
         return answer
 
     def _answer(self, expected: type[Answer], until: float) -> Answer | Failure:
-        """Return the answer to the last request, and discard answers to earlier ones."""
+        """Return the answer to the last request, and discard answers to earlier requests."""
         while (left := until - time.monotonic()) > 0.0:
             found = decode(self._connection.recv(timeout=left), MAX_ANSWER, self._server)
             number = found.get("number")

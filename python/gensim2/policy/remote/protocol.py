@@ -286,15 +286,15 @@ Other = TypeVar("Other", bound=WireMessage)
 
 
 def read_message(message: Mapping[str, Any], one: type[One], other: type[Other], *, sender: str) -> One | Other:
-    """Check that a message is of one of two kinds.
+    """Check that a message matches one of two schemas, and return the parsed message.
 
     Args:
         message: decoded message.
-        one, other: schemas of the two kinds.
+        one, other: the two schemas.
         sender: name of the sender for error messages.
 
     Raises:
-        RemoteError: the message is of a third kind, or a field is missing, unknown or invalid.
+        RemoteError: the message is of neither kind, or a field is missing, unknown or invalid.
     """
     kinds = {get_args(each.model_fields["kind"].annotation)[0]: each for each in (one, other)}
     kind = message["kind"]

@@ -68,7 +68,7 @@ class PolicyServer:
 
     Raises:
         InputError: the controller is privileged, or the token is too short.
-        ControllerError: the controller cannot be created with its arguments.
+        ControllerError: the controller cannot be created with the given arguments.
         MissingExtraError: websockets or msgpack is not installed.
     """
 

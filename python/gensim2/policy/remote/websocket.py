@@ -46,7 +46,7 @@ def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
 
 
 class _Lines(logging.Handler):
-    """Reduces the library's log messages to one line each, without tracebacks."""
+    """Shortens each log message of the websockets library to one line, without a traceback."""
 
     def __init__(self, said: Callable[[str], None]) -> None:
         super().__init__(logging.ERROR)
