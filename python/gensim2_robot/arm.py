@@ -1,4 +1,4 @@
-"""Send commands to an arm, but only within its limits."""
+"""Send commands to an arm, but only within the limits of the arm."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class Streamer:
         limits: joint limits of the motion. Limits of the tool and the workspace are checked for each command instead.
 
     Attributes:
-        late: number of targets that were dropped because they arrived after their time.
+        late: number of targets that were dropped because they arrived after the time at which they were due.
     """
 
     def __init__(self, limits: ArmLimits) -> None:

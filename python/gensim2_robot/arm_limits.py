@@ -205,7 +205,7 @@ class ArmLimits:
         )
 
     def leash_under(self, force: float) -> float:
-        """Return the leash (rad or m) under a contact force (N); it shrinks to 0 at the force limit."""
+        """Return the leash (rad or m) under a contact force (N), which decreases to 0 at the force limit."""
         return self.leash * (1.0 - force / self.force)
 
     def fastest_from(self, q: Array) -> tuple[Array, Array]:

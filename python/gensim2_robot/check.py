@@ -27,7 +27,7 @@ def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
 
     Args:
         robot_name: name of the robot.
-        folder: folder in which a run would write its log.
+        folder: folder for the log of a run.
     """
     found = []
     for module, extra in MODULES.items():
@@ -57,7 +57,7 @@ def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
 
 
 def _lateness() -> list[float]:
-    """Return measured delays (s) with which this process wakes up after waiting."""
+    """Return measured delays (s) between the end of a wait and the wake-up of this process."""
     found = []
     for _ in range(WAKE_UPS):
         due = time.monotonic() + 2e-3

@@ -36,7 +36,7 @@ class Clock(Protocol):
 
 
 class MachineClock:
-    """The machine's monotonic clock, which is the same in all processes."""
+    """The machine's monotonic clock, which shows the same time in all processes."""
 
     def now(self) -> float:
         return time.monotonic()

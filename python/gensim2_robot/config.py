@@ -86,7 +86,7 @@ class Delays:
 
 
 class LineArguments(SceneArguments, total=False):
-    """Keyword arguments of a run: those of scenes, and the attributes of :class:`LineConfig`."""
+    """Keyword arguments of a run: the arguments of scenes, and the attributes of :class:`LineConfig`."""
 
     arm: str
     cameras: str
@@ -131,7 +131,7 @@ class LineConfig:
         calibration_days: maximum age of the calibration, days.
         seed: seed of the scenes and of all noise.
         dry: whether to send no commands to the arm.
-        simulated_clock: whether to run all devices in this process, with a clock that waits for them.
+        simulated_clock: whether to run all devices in this process, with a simulated clock that waits for the devices.
         rules: settings of the watchdog; None: the defaults.
 
     Raises:

@@ -34,7 +34,7 @@ class ArmState:
         v: (n,) velocities, rad/s or m/s.
         force: contact force, N.
         mode: ``"reflex"`` if the arm's own safety function has stopped it, ``"refusing"`` if it accepts no commands, or
-            ``"at-limit"`` if one of its own limits keeps it from the target.
+            ``"at-limit"`` if a limit of the arm itself keeps it from the target.
         reason: reason for the mode from the arm's library; may be empty.
     """
 
@@ -140,7 +140,7 @@ class Keys:
 
     @contextlib.contextmanager
     def let_go(self) -> Iterator[None]:
-        """Restore the terminal's normal mode within the block, so that it can read lines."""
+        """Restore the terminal's normal mode within the block, so that a person can enter lines."""
         if not self._there:
             yield
             return

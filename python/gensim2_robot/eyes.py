@@ -52,7 +52,7 @@ class OwnPoints:
             for number in self._shown
             if (surface := surfaces[self._tree.names[number]]) is not None
         ]
-        # Depth is corrected here, so the stored cameras must not correct it again.
+        # Depth is corrected here, so the stored cameras must not correct the depth again.
         self._seen = {camera.name: replace(camera, depth_scale=1.0, depth_bias=0.0) for camera in self._cameras}
         self._casters = {camera.name: Caster(solids, [camera]) for camera in self._cameras}
         rest = self._tree.poses(np.eye(4)[None], np.array(profile.reset_qpos)[None])[0][self._shown]
@@ -84,7 +84,7 @@ class OwnPoints:
             q: (n,) all active joints at the time of the image.
 
         Raises:
-            CameraPoseError: the image measures points behind the robot, so the camera has another pose.
+            CameraPoseError: the image measures points behind the robot, so the pose of the camera is wrong.
         """
         metres = camera.metres(depth)
         poses = self._tree.poses(np.eye(4)[None], q[None])[0][self._shown]

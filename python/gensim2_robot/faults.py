@@ -72,7 +72,7 @@ class Fault:
 
 
 class FullDisk:
-    """A simulated disk that can become full. Then one write fails, and only the log's reserved space remains.
+    """A simulated disk that can become full. After that, one write fails, and only the log's reserved space remains.
 
     Attributes:
         full: whether the disk is full.

@@ -1,7 +1,7 @@
 """Fit depth noise to recordings of fixed cameras in front of a static scene.
 
 Differences between images of the same scene are noise. The width of the stereo matching window (fattening) and constant
-errors cannot be estimated without the true depth; they keep their given values.
+errors cannot be estimated without the true depth; these parameters keep the given values.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class StillRecording:
 
 
 def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
-    """Fit noise to the images of a log in which the arm was at rest, and write the parameters to a file.
+    """Fit depth noise to those images of a log that show the arm at rest, and write the parameters to a file.
 
     Args:
         log: folder of the log.
@@ -144,7 +144,7 @@ class _Part:
         # The median is noisy at edges, so only pixels away from edges count as flat surfaces.
         inside = measured & (wide_far - wide_near < 2.0 * base.edge) & (wide_near > 0)
         self.edges = measured & (near > 0) & (far - near > base.edge) & (self._share > 0.2)
-        # The median is smoothed, because its noise would change the surface angle by 0.1 rad and more between pixels.
+        # Without smoothing, noise of the median would change the surface angle by 0.1 rad and more between pixels.
         angle = incidence(gaussian_filter(self._median, SMOOTHED).astype(np.float32), recording.focal, base.edge)
         bright = brightness(recording.colors)
         self.dark = inside & (bright < base.dark)

@@ -141,7 +141,7 @@ def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
         A command to stay at these positions.
 
     Raises:
-        RefusedError: the arm is outside its limits, so no motion from its position can be checked.
+        RefusedError: the arm is outside its limits, so no motion from the present position can be checked.
     """
     here = _finite(q, limits)
     for number, (value, low, high) in enumerate(zip(here, limits.lower, limits.upper, strict=True)):
@@ -157,7 +157,7 @@ def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
 
 
 def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -> Array:
-    """Check a controller's action before it is used.
+    """Check an action of a controller before the control loop uses the action.
 
     Args:
         action: (m + 1,) targets of the arm's joints, then the gripper command from -1 to 1.

@@ -78,8 +78,8 @@ class LoopFigures:
 
     Attributes:
         periods: durations of the periods.
-        late: delays with which periods started.
-        commands_late: delays with which commands were sent.
+        late: delays of the starts of periods.
+        commands_late: delays of sent commands.
         picture_age_ms: for each request, the age of the newest image when the point cloud is computed.
         encoding_ms: times for computing a point cloud from images.
         acting_ms: computing times of the controller.
@@ -188,7 +188,7 @@ class Line:
         self._paused_at: float | None = None
 
     def begin(self, seed: int) -> None:
-        """Start an episode: take control of the arm at its current position, and tell the controller.
+        """Start an episode: take control of the arm at its current position, and start the controller's episode.
 
         Raises:
             RefusedError: the arm is outside its limits.

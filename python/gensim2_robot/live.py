@@ -47,7 +47,7 @@ PATIENT = WatchRules(
 
 
 class LivePage:
-    """Web page that receives the same data as a log, and draws the newest data in its own thread.
+    """Web page that receives the same data as a log, and draws the newest data in a thread of its own.
 
     Args:
         robot_name: name of the robot.

@@ -58,7 +58,7 @@ def log_files(folder: Path) -> list[Path]:
 def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
     """Yield topic and content of all messages in a log, or in one file of a log, in the order of writing.
 
-    Every file must start with the same :class:`About`. Images must match its cameras.
+    Every file must start with the same :class:`About`. Images must match the cameras in this message.
 
     Raises:
         InputError: the log is missing, a file is damaged, or a message is invalid.
@@ -100,7 +100,7 @@ def about_of(folder: Path) -> About:
 
 
 def unclosed(folder: Path) -> list[str]:
-    """Return the names of a log's files without an end record, which a killed run leaves.
+    """Return the names of a log's files without an end record; a killed run leaves such a file.
 
     Raises:
         InputError: the log is missing, or a file cannot be read.
@@ -251,7 +251,7 @@ MAX_DIFFERENT = 1000
 
 @dataclass(frozen=True)
 class LogReplay:
-    """Result of comparing logged observations with recomputed ones.
+    """Result of comparing logged observations with recomputed observations.
 
     Attributes:
         questions: number of answered requests.
@@ -259,7 +259,7 @@ class LogReplay:
         clouds: number of point clouds among the compared arrays.
         different: names of the first 1000 differing arrays, with the number of the request.
         missing: number of requests whose images are in a removed file or are no longer in memory.
-        unclosed: names of files without an end record, because the run was killed; their contents are compared, too.
+        unclosed: names of files without an end record, because the run was killed; the comparison includes these files.
     """
 
     questions: int

@@ -1,4 +1,4 @@
-"""Run a controller for the control loop: the rollout loop of simulation, which answers requests with action chunks."""
+"""Run a controller for the control loop, with the rollout loop of simulation; action chunks answer requests."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return a controller's observation spec; if it uses no cameras, return a spec with all cameras."""
+    """Return a controller's observation spec, or a spec with all cameras if the controller uses none."""
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
@@ -172,7 +172,7 @@ class LineBody:
         self._forget()
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """Wait for a request, and compute the observation from its data.
+        """Wait for a request, and compute the observation from the data in the request.
 
         Raises:
             EmptyCloudError: the point cloud is empty.

@@ -57,7 +57,7 @@ class DryArm:
         """Do nothing."""
 
     def stand(self) -> None:
-        """Stop the arm; a dry run does this, too."""
+        """Stop the arm, also in a dry run."""
         self._driver.stand()
 
     def close(self) -> None:
@@ -69,14 +69,14 @@ class Prepared:
     """Checked inputs of a control loop whose devices are not open yet.
 
     Attributes:
-        given: task with its scenes and strategies.
+        given: task with scenes and strategies.
         config: configuration of the loop.
         controller: specification of the controller.
         seen: observation spec of the controller.
         privileged: whether the controller gets the true state of the scene.
         limits: limits of the arm.
         noise: depth noise of simulated cameras.
-        cameras: cameras to use. For real cameras these are names, image sizes and initial guesses of the poses.
+        cameras: cameras to use. For real cameras, the poses are initial guesses.
         calibration: calibration of the cameras; None: the simulation's poses.
     """
 

@@ -36,7 +36,7 @@ class DeviceGoneError(GenSim2Error):
 
 
 class MessagePipe:
-    """An end of a pipe whose methods never block; the other end may be a plain ``Connection``.
+    """One end of a pipe, with methods that never block; the other end may be a plain ``Connection``.
 
     The methods of a ``Connection`` wait forever if the other process is suspended: ``send`` when the kernel's buffer is
     full, ``recv`` in the middle of a message.
@@ -113,7 +113,7 @@ class MessagePipe:
             self._is_over = True
 
     def _next(self) -> bytes | None:
-        """Return the next message; None if it has not arrived completely."""
+        """Return the next message; None if no message has arrived completely."""
         if len(self._came) < _LENGTH.size:
             return None
         (length,), begin = _LENGTH.unpack_from(self._came), _LENGTH.size
@@ -136,7 +136,7 @@ BYTES = 5
 
 @dataclass(frozen=True)
 class Room:
-    """Description of shared memory for images, which can be sent to another process.
+    """Description of shared memory for images. The description can be sent to another process.
 
     Attributes:
         cameras: cameras whose images the memory contains.
@@ -163,7 +163,8 @@ class PictureSlots:
 
     A slot belongs to one process at a time: to the reader from the message about a new image until the reader returns
     the slot, otherwise to the writer. The creator sends the memory's name to the other process. Once both processes
-    have opened the memory, the name is removed, so the memory is freed when the second process ends, however it ends.
+    have opened the memory, the name is removed, so the memory is freed when both processes have ended, even if they
+    were killed.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:

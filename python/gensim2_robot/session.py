@@ -94,7 +94,7 @@ class Layout:
     """A scene to lay out.
 
     Attributes:
-        seed: seed of its random values.
+        seed: seed of the random values in the scene.
         options: reset options, which replace random values.
     """
 
@@ -253,7 +253,7 @@ class Session:
         return f"pictures of camera {slowest} are {old:.0f} ms old, the arm's last word is {word:.0f}"
 
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
-        """Run one episode, and count its result if the episode ended; return whether the time limit is reached."""
+        """Run one episode, and count the result if the episode ended; return whether the time limit is reached."""
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
         # At lower speed control steps take longer, so the task's time limit is longer, too.

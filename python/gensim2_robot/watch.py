@@ -225,7 +225,7 @@ class Watch:
             self.stop(now, f"{self._overruns} periods in a row overran, the last by {1e3 * late:.0f} ms")
 
     def check_frames(self, cameras: Sequence[str], now: float) -> None:
-        """Hold the arm if an image to be used is missing, too old, or from a different time than the others."""
+        """Hold the arm if an image to be used is missing, too old, or much older than the image of another camera."""
         times = []
         for name in cameras:
             frame = self._frames.get(name)
@@ -243,7 +243,7 @@ class Watch:
             )
 
     def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
-        """Hold the arm if it sends no states, or is too far from its commands.
+        """Hold the arm if it sends no states, or is too far from the recent commands.
 
         Args:
             state: last state of the arm.

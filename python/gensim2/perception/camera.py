@@ -106,7 +106,7 @@ class Camera:
     def rays(self) -> npt.NDArray[np.float32]:
         """Rays (H, W, 3) through the pixel centres in the base frame, scaled to unit depth.
 
-        A point is the camera's position plus its depth (m) times its ray.
+        The point seen by a pixel is the camera's position plus the pixel's depth (m) times the pixel's ray.
         """
         columns, rows = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         pixels = np.stack([columns, rows, np.ones_like(columns)], axis=-1)
@@ -162,7 +162,7 @@ def require_cameras(names: tuple[str, ...], profile: RobotProfile) -> None:
     """Check that each name belongs to exactly one camera.
 
     Raises:
-        InputError: no fixed camera and no camera of the robot has the name, or both have it.
+        InputError: no camera has the name, or both a fixed camera and a camera of the robot have the name.
     """
     own = [camera.name for camera in profile.cameras]
     for name in own:

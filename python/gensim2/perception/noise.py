@@ -263,7 +263,7 @@ def brightness(colors: Colors) -> npt.NDArray[np.float32]:
 
 
 def incidence(depth: Depth, focal: float, edge: float) -> npt.NDArray[np.float32]:
-    """Return the angle (H, W), rad, between the camera's axis and the surface normal; 0.5 if it is unknown.
+    """Return the angle (H, W), rad, between the camera's axis and the surface normal; 0.5 if the normal is unknown.
 
     Args:
         depth: (H, W) depth, m.

@@ -125,7 +125,7 @@ class ObservationSpec:
         modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer. An empty
         tuple requests only the robot's state.
         cameras: names of the cameras: fixed cameras in their order, then cameras on the robot in the given order.
-        cloud: settings of point clouds; its noise also applies to depth images.
+        cloud: settings of point clouds; the noise in these settings also applies to depth images.
     """
 
     modalities: tuple[Modality, ...] = ("pointcloud",)
@@ -202,7 +202,7 @@ class ObservationSpec:
         return {"modalities": list(self.modalities), "cameras": list(self.cameras), "cloud": self.cloud.to_dict()}
 
     def require(self, other: ObservationSpec, what: str, *, of: str) -> None:
-        """Check that another spec equals this spec.
+        """Check that the spec ``other`` equals this spec.
 
         Args:
             other: spec that must equal this spec.

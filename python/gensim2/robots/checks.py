@@ -26,7 +26,7 @@ class Refuse(Protocol):
 
 
 def check_profile(profile: RobotProfile, where: str) -> None:
-    """Raise an error if a profile contradicts itself or its URDF.
+    """Raise an error if a profile is inconsistent or contradicts the URDF of the robot.
 
     Args:
         profile: profile to check.

@@ -35,7 +35,7 @@ def fixed_base(
     joints are limited to ``turns`` in either direction, and mesh paths become absolute.
 
     Args:
-        urdf: URDF with mesh paths relative to it.
+        urdf: URDF file, with mesh paths relative to the file.
         base: link that becomes the root.
         standing: joint value (rad or m) at which each joint is fixed, by name.
         turns: limit of continuous joints, rad.

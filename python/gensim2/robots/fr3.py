@@ -1,4 +1,4 @@
-"""Profile of the Franka Research 3, which has the links of the Panda but other joint limits."""
+"""Profile of the Franka Research 3, which has the links of the Panda but different joint limits."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ OPEN, CLOSED = 1.0, -1.0
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint whose value is ``multiplier`` times another joint's, plus ``offset``.
+    """A joint whose value is ``multiplier`` times the value of another joint, plus ``offset``.
 
     Attributes:
         joint: name of the driven joint that this joint follows.
@@ -42,8 +42,8 @@ class Gripper(Protocol):
         joints: names of all g movable joints below the hand, in active joint order.
         driven: names of the motorized joints; the command determines their target.
         fingers: names of the joints whose drives press the pads together; they are driven or follow a driven joint.
-        mimics: joints that follow a driven one, by name.
-        passive: names of joints that nothing drives; they rest at 0. Their ``mimic`` in the URDF has multiplier 0.
+        mimics: joints that follow a driven joint, by name.
+        passive: names of joints that no motor drives; they rest at 0. Their ``mimic`` in the URDF has multiplier 0.
         pads: names of the links that touch a grasped object.
         travel_seconds: time for opening or closing the fingers.
         friction: static and dynamic friction coefficient of the pads' surface.

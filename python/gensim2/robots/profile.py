@@ -83,7 +83,7 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class Simulation:
-    """Simulation parameters of a robot. PD drives represent its motors.
+    """Simulation parameters of a robot. PD drives represent the robot's motors.
 
     Attributes:
         agent: name of the ManiSkill agent, which recorded states contain. If ManiSkill has no agent of this name,
@@ -120,7 +120,7 @@ class MountedCamera:
     """A camera mounted on a link of the robot.
 
     Attributes:
-        name: unique name, different from those of the fixed cameras.
+        name: unique name, different from the names of the fixed cameras.
         link: name of the link.
         T_link_camera: (4, 4) pose in the OpenCV convention: x to the right of the image, y down, z forward; m.
         width, height: pixels.
@@ -174,7 +174,7 @@ class RobotProfile:
         simulation: simulation parameters.
         base_quaternion: (4,) orientation of the base in the world, (w, x, y, z).
         control_hz: control rate, Hz.
-        cameras: cameras mounted on the robot's links, in addition to the fixed ones.
+        cameras: cameras mounted on the robot's links, in addition to the fixed cameras.
         tool_keypoint_descriptions: description of each tool keypoint, for people and for prompts to language models.
         solver: options of every planning problem: limits that the URDF lacks, joint weights, and bounds of the hand's
             origin at the actuation pose.
@@ -225,7 +225,7 @@ class RobotProfile:
         """The planner's model of the robot, loaded once in each process.
 
         Raises:
-            MissingExtraError: its files belong to a package that is not installed.
+            MissingExtraError: the robot's files belong to a package that is not installed.
         """
         import gensim2_kpam as kpam
 
@@ -356,7 +356,7 @@ class RobotProfile:
 
     @property
     def rest_action(self) -> npt.NDArray[np.float32]:
-        """Action (m + 1,) that keeps the arm at its start, fingers open."""
+        """Action (m + 1,) that keeps the arm at its start pose with open fingers."""
         return np.array([*self.reset_qpos[: self.arm_size], OPEN], dtype=np.float32)
 
 

@@ -61,10 +61,10 @@ def register_robot(make: _Made) -> _Made:
         make: function without arguments that returns the profile.
 
     Returns:
-        The same function.
+        The function ``make``.
 
     Raises:
-        InputError: ``make`` is not a function at module level, or another robot has its name.
+        InputError: ``make`` is not a function at module level, or another robot has the same name.
     """
     name = getattr(make, "__name__", "")
     if not callable(make) or not name.isidentifier() or make.__qualname__ != name:
@@ -116,7 +116,7 @@ def _granted(place: str) -> RobotPlace:
 def load_robot(place: str | Path) -> str:
     """Load a user's own robot, and return the key that identifies it in this process and its workers.
 
-    This runs the file or module: never call it with a value read from data.
+    This function runs the file or module: never call it with a value read from data.
 
     Example:
         ```python
@@ -131,7 +131,7 @@ def load_robot(place: str | Path) -> str:
         Value for the ``robot`` arguments of this package.
 
     Raises:
-        InputError: there is no such robot, or its file or profile is invalid.
+        InputError: the robot does not exist, or its file or profile is invalid.
     """
     name = str(place)
     if name in PACKAGED or name in _registered:
@@ -330,7 +330,7 @@ def _called(make: Maker, where: str) -> object:
 
 
 def _told(error: BaseException, file: Path | str) -> str:
-    """Describe an exception in a user's file: its type, its message, and the last line in that file."""
+    """Describe an exception in a user's file by type, message, and the last line of the traceback in that file."""
     line, trace = None, error.__traceback__
     while trace is not None:
         if Path(trace.tb_frame.f_code.co_filename).name == Path(file).name:

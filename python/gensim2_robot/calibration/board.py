@@ -82,7 +82,7 @@ class HandEye:
     """Result of a hand-eye calibration.
 
     Attributes:
-        camera: (4, 4) pose of the camera, in the hand's frame if the hand carries it, else in the base frame.
+        camera: (4, 4) pose of the camera, in the hand's frame if the hand carries the camera, else in the base frame.
         board: (4, 4) pose of the board, in the base frame if the hand carries the camera, else in the hand's frame.
         residual_px, held_out_px: median error of the corners in fitted and held-out images.
         residual_mm, held_out_mm: the same errors, converted from pixels to mm at the board's distance.
@@ -97,7 +97,7 @@ class HandEye:
 
 
 def find_corners(colors: npt.NDArray[np.uint8], board: Board, T_base_hand: Array) -> Corners | None:
-    """Return the board's corners in an image (H, W, 3); None if too few are visible."""
+    """Return the board's corners in an image (H, W, 3); None if too few corners are visible."""
     import cv2
 
     charuco = board.charuco()

@@ -1,4 +1,4 @@
-"""Write and read calibration files, which ``gensim2 robot calibrate`` makes for ``gensim2 robot run``."""
+"""Write and read calibration files, which ``gensim2 robot calibrate`` writes and ``gensim2 robot run`` reads."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class Calibration(BaseModel):
 def read_calibration(
     path: Path, robot: str, cameras: Sequence[Camera], *, days: float = DAYS, now: datetime | None = None
 ) -> Calibration:
-    """Read a calibration and check that it may be used.
+    """Read a calibration and check that it fits the robot and the cameras and is recent.
 
     Args:
         robot: name of the robot in use.

@@ -86,7 +86,7 @@ def draw_poses(limits: ArmLimits, count: int, seed: int) -> list[Array]:
 def take(
     arm: LimitedArm, cameras: CameraDriver, clock: Clock, poses: Sequence[Array], progress: Progress = NULL_PROGRESS
 ) -> list[Station]:
-    """Move the arm to each pose, within its limits, and take images.
+    """Move the arm to each pose, within the limits of the arm, and take images.
 
     Raises:
         RefusedError: the arm is outside its limits, or the contact force is too large.

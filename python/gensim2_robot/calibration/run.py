@@ -105,10 +105,10 @@ def calibrate_simulated(
 def calibrate_log(
     log: Path, out: Path, *, board: Board | None = None, carried: bool = False, seed: int = 0
 ) -> dict[str, Any]:
-    """Calibrate the cameras of a run's log, using the poses at which its arm was at rest.
+    """Calibrate the cameras of a log, using the poses at which the logged arm was at rest.
 
     Args:
-        log: folder of the log; its camera poses are the initial guesses.
+        log: folder of the log, whose camera poses are the initial guesses.
         out: calibration file, which is written only if the calibration of every camera converges.
         board: board in the images; None: use the robot's meshes.
         carried: with a board: True calibrates cameras on the arm with a fixed board, False calibrates fixed cameras

@@ -65,8 +65,8 @@ class _FrankaHand(StreamedArm):
 class FrankaArm(_FrankaHand):
     """A Panda or an FR3 under joint impedance control, which follows streamed positions.
 
-    Each wheel of ``franky-control`` supports one version of the arm's server. The one on PyPI is for an FR3 with system
-    5.9 or newer; a Panda needs the wheel for server version 5 from the project's releases.
+    Each wheel of ``franky-control`` supports one version of the arm's server. The wheel on PyPI is for an FR3 with
+    system 5.9 or newer; a Panda needs the wheel for server version 5 from the project's releases.
 
     Args:
         host: address of the arm.
@@ -185,7 +185,7 @@ class PandaPyArm(_FrankaHand):
     def _write(self, q: Array, v: Array) -> None:
         if self._controller is None:
             if self._panda.get_state().robot_mode in self._stopped:
-                # The library would recover the arm automatically, but a person has to do it.
+                # The library would recover the arm automatically, but a person has to recover it.
                 raise DriverError("the arm has stopped by its own safety function; recover it by hand")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
             self._panda.start_controller(controller)  # starts at the current position

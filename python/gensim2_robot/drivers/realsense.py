@@ -265,10 +265,10 @@ LOOK = 5e-4
 
 
 class SoftwareDevice:
-    """A software device of the RealSense library, which gets its images from this program.
+    """A software device of the RealSense library, to which this program supplies the images.
 
     Args:
-        camera: camera that gives image size and intrinsics, with pixel centres at .5 (the library has them at 0).
+        camera: camera that gives image size and intrinsics, with pixel centres at .5 (in the library, at 0).
         serial: serial number.
         rate: frame rate, Hz.
 

@@ -48,7 +48,7 @@ class StreamedArm(ABC):
     Targets arrive 100 times per second. The stream follows them on straight lines with a delay of one to three cycles,
     so targets that are slightly late or arrive in a burst cause no stop and no jerk. If no next target arrives, the arm
     slows down towards the last target without overshooting it, and is stopped soon after. The gripper has its own
-    thread, because its library may block; it gets only changes of the command.
+    thread, because the gripper's library may block. The library gets a command only when the command changes.
 
     Args:
         rate: number of positions that the arm accepts per second.
@@ -126,7 +126,7 @@ class StreamedArm(ABC):
 
     @abstractmethod
     def _read(self) -> tuple[Array, Array, float, ArmMode]:
-        """Return joints and velocities (m,) of the arm, the contact force (N), and its mode."""
+        """Return joints and velocities (m,) of the arm, the contact force (N), and the mode of the arm."""
 
     @abstractmethod
     def _write(self, q: Array, v: Array) -> None:

@@ -144,7 +144,7 @@ def trial(
         verdict: who judges success: ``"person"`` or ``"simulator"``.
         person: person who lays out objects and judges; None if a simulator does both.
         resume: whether to continue the trials in the folder.
-        logged: whether to write a log, a new one each time the devices are opened.
+        logged: whether to write a log; each time the devices are opened, a new log is started.
         name: name of the subfolder of ``out``; None: the task's name.
         keys: keyboard with which the person resumes or stops the arm.
         watching: additional logs, such as a web page.

@@ -68,10 +68,10 @@ class PerceivingChain:
     """Controller that plans each step of a task in an estimated scene, and estimates the scene again after each motion.
 
     The estimate also determines whether a step is done. If the cloud does not show an object of the task's class, the
-    episode ends without an action. The task's objects must be articulated, and only one of them is estimated.
+    episode ends without an action. All objects of the task must be articulated, and only one object is estimated.
 
     Args:
-        task: the task, its name, or its fields.
+        task: the task, the name of a library task, or the fields of a task.
         estimator: folder of the estimator, as written by ``gensim2 perceive train``.
         strategies: strategies by name, as plain data; None: the strategies of the library task with this name.
         robot_name: name of the robot.
@@ -140,7 +140,7 @@ class PerceivingChain:
 
     @property
     def plans(self) -> list[Any]:
-        """All plans so far, each with the scene that it was made for."""
+        """All plans so far, each with the scene for which the plan was made."""
         return self._chain.plans
 
     def reset(self, observation: Observation, seed: int = 0) -> None:

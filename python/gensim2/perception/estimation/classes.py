@@ -31,7 +31,7 @@ class ClassConstants(BaseModel):
         name: name of the class.
         joint_type: type of the joint of the class's objects.
         keypoints: names of the keypoints, in the order in which the objects list them.
-        moving: for each keypoint, whether the joint moves it.
+        moving: for each keypoint, whether the joint moves the keypoint.
         object_axis: axis of the object frame that "rotate" motions turn about.
         frame: (3, 3) rotation of the object frame in the world, for an object in its default placement with its joint
             at zero.

@@ -284,7 +284,7 @@ class SceneEstimator:
 
 
 def squared_yaw(normals: Points, yaw: float) -> float:
-    """Return a yaw (rad) that is aligned with the upright surfaces of a box; unchanged if they form no box.
+    """Return a yaw (rad) aligned with the upright surfaces of a box; if they form no box, return ``yaw``.
 
     The yaw angles of a box's upright normals differ by multiples of 90 degrees, so the mean of four times the angle
     determines the box's yaw.

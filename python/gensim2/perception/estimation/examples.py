@@ -140,7 +140,7 @@ def _beside(other: ObjectModel, target: PlacedObject, generator: np.random.Gener
 
 
 def _surface(views: Sequence[View], ids: set[int]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
-    """Return the exact points (M, 3), base frame, m, of all pixels with one of the ids, and the points' ids (M,)."""
+    """Return the exact points (M, 3), m in the base frame, of all pixels with an id in ``ids``, and the ids (M,)."""
     points, found = [], []
     for view in views:
         segmentation = view.segmentation
@@ -281,8 +281,8 @@ def training_instances(
 ) -> Mapping[str, tuple[str, ...]]:
     """Return the ids of training objects by class.
 
-    For generated classes these are ids outside the selections ``all`` and ``new``; for a folder of objects they are the
-    training split.
+    Generated training objects have ids outside the selections ``all`` and ``new``; for a folder of objects, the
+    training split is used.
     """
     found: dict[str, tuple[str, ...]] = {}
     for name in classes:

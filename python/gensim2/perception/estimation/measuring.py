@@ -153,7 +153,7 @@ def measure(
         Plain data: error statistics with an estimated class, with the given true class, and for each class.
 
     Raises:
-        InputError: the estimator cannot be read, or there is no such class or object.
+        InputError: the estimator cannot be read, or a class or object does not exist.
     """
     from gensim2.perception.estimation.pictures import save_worst
 

@@ -63,7 +63,7 @@ class EncodedCloud:
 
 
 class SceneNetwork(nn.Module):  # type: ignore[misc]
-    """Network that segments a point cloud and estimates one object from its points and its class.
+    """Network that segments a point cloud and estimates one object from the object's points and class.
 
     Args:
         classes: number of classes.

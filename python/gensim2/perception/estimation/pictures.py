@@ -42,7 +42,7 @@ def save_worst(path: Path, estimator: SceneEstimator, arrays: Arrays, rows: Sequ
         path: PNG file.
         estimator: estimator whose estimates are drawn.
         arrays: labelled clouds.
-        rows: errors of these clouds.
+        rows: errors of the estimates for these clouds.
 
     Raises:
         WriteError: the file cannot be written.

@@ -72,7 +72,7 @@ def train_estimator(
     resume: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Generate labelled clouds, train an estimator, and calibrate its predicted standard deviations.
+    """Generate labelled clouds, train an estimator, and calibrate the standard deviations that it predicts.
 
     Args:
         out: folder for the examples, the state of the training run and the estimator (``config.json`` and
@@ -175,7 +175,7 @@ def _examples(
 def _file_of(
     library: Library, profile: RobotProfile, settings: PerceiveSettings, path: Path, name: str, ids: Sequence[str]
 ) -> Arrays | None:
-    """Return the examples of some objects; read them from a file if it exists. None if no object is visible."""
+    """Return the examples of the objects ``ids``, from a file if it exists; None if no object is visible."""
     if path.exists():
         return read_arrays(path)
     found: list[Example] = []

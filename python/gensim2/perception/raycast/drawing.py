@@ -51,7 +51,7 @@ class Drawing:
     """A square picture of solids with marked points and frames.
 
     Args:
-        solids: surfaces, each with its pose (4, 4).
+        solids: surfaces, each with a pose (4, 4).
         eye: (3,) position of the camera, m, in the same frame as the poses of the solids.
         target: (3,) point in the middle of the picture, m.
         size: edge of the picture, pixels.

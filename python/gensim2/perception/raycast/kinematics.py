@@ -38,7 +38,7 @@ class Tree:
     Attributes:
         names: names of the L links.
         parents: index of each link's parent; -1 for the root.
-        joints: joint of each link to its parent; None for the root.
+        joints: joint between each link and its parent; None for the root.
         coordinates: index of the value of each link's joint in ``q``; -1 for a fixed joint.
     """
 
@@ -80,7 +80,7 @@ class Tree:
 
     @property
     def still(self) -> tuple[bool, ...]:
-        """For each link, whether it is fixed relative to the root."""
+        """Whether each link is fixed relative to the root link."""
         found: list[bool] = []
         for parent, coordinate in zip(self.parents, self.coordinates, strict=True):
             found.append(coordinate < 0 and (parent < 0 or found[parent]))
@@ -126,7 +126,7 @@ def state_rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> n
     """Return the states (T, width) of one actor or articulation in ManiSkill's ``env_states``.
 
     Raises:
-        InputError: the states are missing, have another width, or are not finite.
+        InputError: the states are missing, do not have the given width, or are not finite.
     """
     try:
         rows = np.asarray(states[kind][name], dtype=np.float32)

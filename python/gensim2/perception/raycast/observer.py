@@ -32,14 +32,14 @@ Array = npt.NDArray[np.float64]
 
 
 class KnownPoints:
-    """Computes clouds of true points of a scene's objects, which represent the complete state of the scene.
+    """Computes clouds of true points on a scene's objects; these points represent the complete state of the scene.
 
     For each object, in the task's order, the points are: eight corners of the moving part's bounding box, in the frame
     of the moving link; eight corners of the fixed part's bounding box, in the root frame; and the keypoints, sorted by
     name. A rigid object has one box. The points are repeated until the cloud has ``count`` points.
 
     Args:
-        scene: scene with these objects.
+        scene: ray-casting scene with the objects.
         objects: objects by name, in the task's order.
         count: N, number of points in the cloud.
 
@@ -159,7 +159,7 @@ class Observer:
     def scene(self) -> RaycastScene:
         """Scene with robot and objects, at which the cameras' rays are cast.
 
-        Only observation specs with cameras have such a scene.
+        The scene exists only for observation specs with cameras.
         """
         assert self._scene is not None, "the spec casts no rays"
         return self._scene

@@ -1,4 +1,4 @@
-"""Build the ray-casting scene of a task, and compute its poses from recorded states."""
+"""Build the ray-casting scene of a task, and compute the poses of the solids from recorded states."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ class RaycastScene:
 
 
 class RaycastView:
-    """Image of one camera, from the hits of its rays; colours are computed on demand.
+    """Image of one camera, from the hits of the camera's rays; colours are computed on demand.
 
     Args:
         caster: caster of the rays.

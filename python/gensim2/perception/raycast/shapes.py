@@ -104,7 +104,7 @@ class Surface:
         return Surface(vertices.astype(np.float32), self.faces, self.colors, self.textures)
 
     def painted(self, color: Sequence[int] | None) -> Surface:
-        """Return the surface in one colour; unchanged for None."""
+        """Return the surface in the colour ``color``; None keeps the colours."""
         if color is None:
             return self
         return Surface(self.vertices, self.faces, np.tile(np.array(color, dtype=np.uint8), (len(self.faces), 1)))
@@ -139,7 +139,7 @@ class Surface:
 
 @lru_cache(maxsize=512)
 def read_mesh(file: Path) -> Surface | None:
-    """Read the surface of a mesh file, in the frame of the mesh; None if it has no triangles.
+    """Read the surface of a mesh file, in the frame of the mesh; None for a mesh without triangles.
 
     Raises:
         InputError: the file cannot be read.

@@ -194,7 +194,7 @@ def _shares(planned: Sequence[Planned], known: int) -> npt.NDArray[np.float64] |
 
 
 def _either_way_round(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return tool poses (B, 7), half of them with swapped fingers, because the executed motion may swap them, too."""
+    """Return tool poses (B, 7), half of them with swapped fingers, as the executed motion may swap fingers, too."""
     x, y, z, w, x_q, y_q, z_q = poses.T
     swapped = np.column_stack([x, y, z, -z_q, y_q, -x_q, w])
     return np.where(rng.random((len(poses), 1)) < 0.5, swapped, poses).astype(np.float32)
