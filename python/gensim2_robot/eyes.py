@@ -139,7 +139,7 @@ PIXELS = 320 * 240
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """Return a camera with every n-th row and column of pixels, at least ``pixels`` in total, and n."""
+    """Return a camera with only every n-th row and column of pixels, but at least ``pixels`` pixels, and return n."""
     step = max(1, int((camera.width * camera.height / pixels) ** 0.5))
     if step == 1:
         return camera, 1

@@ -55,7 +55,7 @@ class Mind(Protocol):
 
     @property
     def is_ready(self) -> bool:
-        """Whether the controller is ready."""
+        """Whether the controller is ready for requests."""
         ...
 
     @property
@@ -177,7 +177,7 @@ class Line:
         self.watch.clear()
         self._streamer.clear()
         self.frames: dict[str, CameraFrame] = {}
-        self._fresh.clear()  # also incomplete sets of images
+        self._fresh.clear()  # discard incomplete sets of images, too
         self._steps = 0
         self._due = 0.0
         self._open: Question | None = None
@@ -254,7 +254,7 @@ class Line:
         self._drive(due, now)
         self._write_changes()
         if begins:
-            self._write_frames()  # last, because writing images takes time in this process
+            self._write_frames()  # done last, because writing images takes time
 
     def _measure_period(self, now: float, late: float) -> None:
         if self._period_began is not None and self.watch.state is State.RUNNING:
@@ -390,7 +390,7 @@ class Line:
                     self._stop(now)
             else:
                 sent = self.arm.hold(due)
-        except RefusedError as error:  # the force limit: stop at once
+        except RefusedError as error:  # the contact force is too large: stop at once
             self.watch.stop(now, str(error), at_once=True)
             self._write_changes()
             self._stop(now)

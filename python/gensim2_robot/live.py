@@ -1,4 +1,4 @@
-"""Show the running control loop in the browser (viser): clouds, robot, next actions, timing."""
+"""Show the running control loop in the browser with viser: point clouds, robot, next actions and timing."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class LivePage:
 
     @property
     def shown(self) -> list[str]:
-        """Names of the robot's drawn links."""
+        """Names of the links of the robot that the page draws."""
         return [self._tree.names[number] for number, _ in self._links]
 
     @property

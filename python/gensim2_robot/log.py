@@ -50,7 +50,7 @@ class Journals:
     """Passes data on to any number of logs. It fails as soon as one of them fails.
 
     Args:
-        several: logs, in order.
+        several: logs, which get the data in this order.
     """
 
     def __init__(self, several: Sequence[Journal] = ()) -> None:
@@ -207,7 +207,7 @@ class Log:
             self._reserve = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 - closed at the end
             os.posix_fallocate(self._reserve.fileno(), 0, RESERVE)
             self._open_next()
-        except FileExistsError as error:  # a file of this name, or another run was faster
+        except FileExistsError as error:  # the path is a file, or another run has just begun a log here
             raise taken if folder.is_dir() else WriteError("is not a folder", file=folder) from error
         except OSError as error:
             remedy = "free disk space, or choose another folder with --out"
@@ -305,7 +305,7 @@ class Log:
     def _write(self, topic: str, time: float, data: bytes) -> None:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(topic, ENCODING, 0)
-        stamp = int(1e9 * time) if 0.0 <= time < MAX_SECONDS else 0  # a jumping clock may give any value
+        stamp = int(1e9 * time) if 0.0 <= time < MAX_SECONDS else 0  # a clock that jumps may give any value
         self._writer.add_message(self._channels[topic], stamp, data, stamp)
         if self._file.trouble is not None:
             self.trouble = self._file.trouble

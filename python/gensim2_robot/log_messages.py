@@ -55,7 +55,7 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             for size in shape:
                 count = min(count * size, len(data) + 1)  # capped, because a later size may be 0
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
-            arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message
+            arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message in memory
             at += arrays[name].nbytes
         if at != len(data):
             raise ValueError(f"{len(data) - at} bytes follow after the message")
@@ -144,7 +144,7 @@ class About(LogMessage):
 
 
 class ArmMessage(LogMessage):
-    """State of the arm."""
+    """State of the arm at one instant."""
 
     time: float
     force: float
@@ -174,7 +174,7 @@ class PictureMessage(LogMessage):
 
 
 class SentMessage(LogMessage):
-    """Command to the arm."""
+    """Command that was sent to the arm."""
 
     time: float
     gripper: float

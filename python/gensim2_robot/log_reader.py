@@ -44,7 +44,7 @@ _REMEDY = "restore the file, or leave it out"
 
 
 def log_files(folder: Path) -> list[Path]:
-    """Return the files of a log folder in order; if a file is given, return only this file.
+    """Return the files of a log folder in the order of writing; for a path of one file, return only this file.
 
     Raises:
         InputError: the folder has no log file.

@@ -96,7 +96,7 @@ class MessagePipe:
                     self._going.popleft()
         except BlockingIOError:
             return
-        except OSError:  # it has ended; its last messages can still be read
+        except OSError:  # the process has ended, but its last messages can still be read
             self._going.clear()
 
     def _read(self) -> None:

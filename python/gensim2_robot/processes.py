@@ -112,7 +112,7 @@ def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> No
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
         os.environ[name] = "1"
-    gc.freeze()  # a collection of all imported objects takes 0.1 s
+    gc.freeze()  # garbage collection of all imported objects takes 0.1 s
     try:
         target(pipe, *arguments)
     except GenSim2Error as error:
@@ -160,7 +160,7 @@ class ProcessArm:
         self._process.tell(("stand",))
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Start to create a new scene; ``is_ready`` becomes true when the scene is finished."""
+        """Start to create a new scene; ``is_ready`` becomes true when the scene has been created."""
         self._wanted += 1
         self._process.tell(("reset", seed, options))
 

@@ -34,7 +34,7 @@ class HaltedError(GenSim2Error):
 
 
 class GivenActions:
-    """Connection to a controller whose actions another program sets; each request is answered by the newest action."""
+    """Connection to a controller whose actions another program sets; each set action answers one request."""
 
     is_alive = True
     is_ready = True
@@ -54,7 +54,7 @@ class GivenActions:
             self._question = message
 
     def poll(self) -> Sequence[ControllerAnswer]:
-        """Return the answer to a request once an action is set."""
+        """Return the answer to the open request once an action has been set."""
         with self._lock:
             if self._question is None or self._action is None:
                 return ()

@@ -37,7 +37,7 @@ RESUME = "r"
 
 
 def _said(arm: object) -> str:
-    """Return the driver's last error as a suffix for a message; empty if there was none."""
+    """Return the last error of the arm's driver as a suffix for a message; empty without an error."""
     trouble = getattr(arm, "trouble", None)
     return f": {trouble}" if trouble else ""
 
@@ -104,7 +104,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Ended:
-    """End of an episode.
+    """Result of an episode at its end.
 
     Attributes:
         goal: whether the goal was reached at the end; None if only a person can tell.
@@ -186,7 +186,7 @@ class Session:
                 self._go_through(seconds, layouts, goal_ends, ended)
         except GenSim2Error as error:
             self._line.watch.stop(self._devices.clock.now(), str(error), at_once=True)
-            self._line.arm.release()  # no later cycle would send a stop
+            self._line.arm.release()  # no later cycle would stop the arm
 
     def _go_through(
         self, seconds: float, layouts: Iterable[Layout], goal_ends: bool, ended: Callable[[Ended], None]
@@ -290,7 +290,7 @@ class Session:
         said = {True: "held", False: "not held", None: "over"}[result.held]
         self._progress.message(f"episode {len(self._outcomes)}: {said}")
         line.watch.rest(clock.now())
-        self._stand()  # the callback may wait for a person
+        self._stand()  # the arm must be at rest, because the callback may wait for a person
         ended(result)
         return clock.now() - self._held_s > end
 

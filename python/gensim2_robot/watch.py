@@ -86,7 +86,7 @@ class StateChange:
 
 @dataclass
 class Watch:
-    """State machine of the watchdog. It receives events and determines the state; it sends no commands.
+    """State machine of the watchdog, which derives the state from events. The state machine sends no commands.
 
     Only a person can resume, and only after a hold. After a stop the run has to be started again.
 

@@ -77,7 +77,7 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
     for member in members:
         with archive.open(member) as stream:
             version = read_magic(stream)
-            if version != (1, 0):  # later versions allow headers of up to 4 GiB
+            if version != (1, 0):  # later numpy formats allow headers of up to 4 GiB
                 raise ValueError(f"{member.filename} has the npy version {version}, must be (1, 0)")
             shape, in_columns, dtype = read_array_header_1_0(stream, max_header_size=_MAX_HEADER)
             size = math.prod(shape) * dtype.itemsize

@@ -115,7 +115,7 @@ class _Record(BaseModel):
 
 
 class _Version(BaseModel):
-    """Fields that every version of ``config.json`` has."""
+    """Fields that ``config.json`` has in every version of the format."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 
@@ -132,8 +132,8 @@ class PolicyCheckpoint:
         robot: name of the robot profile.
         action: format of the output.
         observation: observations that the policy needs.
-        sentences: instructions of the training data, in the order of ``table``.
-        table: (S, ...) encoded instructions (:func:`gensim2.policy.text.prepare`).
+        sentences: instructions of the training data, one for each row of ``table``.
+        table: (S, ...) encoded ``sentences`` (:func:`gensim2.policy.text.prepare`).
         data: description of the training data.
         training: training settings.
         step: number of gradient steps taken.

@@ -57,7 +57,7 @@ class Curves:
 
 
 def read_curves(folder: Path) -> list[dict[str, Any]]:
-    """Return the curve points in a training folder in order; an incomplete last line is ignored.
+    """Return the points of the training curves in a folder, in the order of writing; ignore an incomplete last line.
 
     Raises:
         InputError: the file cannot be read, or a line is not a valid point.

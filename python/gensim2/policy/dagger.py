@@ -70,8 +70,8 @@ def train_rounds(
         Result of the last training run. Its steps and CPU time are totals of all training runs, without rollouts.
 
     Raises:
-        InputError: a task has several steps or no joint, ``out`` has a policy of other rounds, or an argument is
-            invalid as for :func:`~gensim2.policy.train.train_policy`.
+        InputError: a task has several steps or no joint, ``out`` has a policy of a run with another number of rounds,
+            or an argument is invalid as for :func:`~gensim2.policy.train.train_policy`.
         NotRunError: some episodes could not be run.
     """
     _check_free(out, resume, rounds)

@@ -57,7 +57,7 @@ class DecodedData:
     Attributes:
         robot: name of the robot profile.
         observation: observation spec of the rendered episodes.
-        episodes: episodes in the order of their rows.
+        episodes: episodes, in the order of their rows in the arrays.
         arrays: memory-mapped arrays with one row for each frame: ``pointcloud/xyz`` (int16, units of 0.1 mm),
             ``pointcloud/rgb`` (uint8), proprioception and ``action`` (float32). The last frame repeats the last action.
             ``action`` has the commands before noise was added.
@@ -126,7 +126,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         try:
             _fill(place, rows, episodes, spec, progress)
         except InputError:
-            if not _whole(place, episodes):  # unless another training has decoded the same data meanwhile
+            if not _whole(place, episodes):  # unless another process has decoded the same data meanwhile
                 raise
     arrays = {name: np.load(place / f"{file}.npy", mmap_mode="r") for name, file in FILES.items()}
     last = episodes[-1]

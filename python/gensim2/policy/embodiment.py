@@ -1,4 +1,4 @@
-"""Check that a policy runs on the robot that it was trained for."""
+"""Check that the robot a policy controls is the robot that the policy was trained for."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ does not move, and the planner with the true state of the scene.
 CONTROLS: tuple[Control, ...] = get_args(Control)
 
 CONTROL_EPISODES = 30
-"""Default number of episodes of each task in a control experiment, run on the first scenes of the evaluation."""
+"""Default number of episodes of each task in a control experiment; they use the first scenes of the evaluation."""
 
 KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim2.policy.controller:PolicyController"
 NO_OP = "gensim2.policy.no_op:NoOpPolicy"

@@ -48,7 +48,7 @@ class Exported(nn.Module):  # type: ignore[misc]
 
 
 def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, torch.Tensor]:
-    """Return random inputs for one prediction, drawn around the mean of the training data."""
+    """Return random network inputs for one prediction, distributed around the mean of the training data."""
     network, config = checkpoint.network, checkpoint.config
     generator = torch.Generator().manual_seed(seed)
     arm, points = checkpoint.action.arm, checkpoint.observation.cloud.points

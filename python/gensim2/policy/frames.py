@@ -70,7 +70,7 @@ def policy_frame(state: torch.Tensor, config: PolicyConfig) -> torch.Tensor:
 
 
 def inputs_of(seen: Mapping[str, torch.Tensor], config: PolicyConfig, arm: int) -> Inputs:
-    """Return the network's inputs.
+    """Return the network's inputs for observations.
 
     Args:
         seen: observation columns (``SEEN``), (B, T, ...), base frame.

@@ -23,7 +23,7 @@ FINGERS = 1e-3
 
 
 def keyframes(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArray[np.int64]:
-    """Return the frame numbers of an episode's keyframes in order. At the last keyframe the arm has stopped.
+    """Return the frame numbers of an episode's keyframes, ascending. At the last keyframe the arm has stopped.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.

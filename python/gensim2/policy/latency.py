@@ -30,7 +30,7 @@ class Stopwatch:
     """Measures the duration of stages in repeated passes.
 
     Args:
-        stages: names of the stages in order; the stage ``total`` is added.
+        stages: names of the stages, in the order in which they run; the stage ``total`` is added.
     """
 
     def __init__(self, *stages: str) -> None:

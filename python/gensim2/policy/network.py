@@ -34,7 +34,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
     Args:
         config: architecture.
         arm: m, number of the arm's joints.
-        row: shape of an encoded instruction (:func:`~gensim2.policy.text.prepare`).
+        row: shape of one encoded instruction (:func:`~gensim2.policy.text.prepare`).
     """
 
     cloud_mean: torch.Tensor

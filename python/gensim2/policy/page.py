@@ -90,7 +90,7 @@ def _failures(row: TaskRow) -> list[dict[str, Any]]:
 
 
 def _films(row: TaskRow, films: Sequence[str], out: Path) -> list[dict[str, Any]]:
-    """Return a task's videos with the outcome of their episodes."""
+    """Return a task's videos, each with the outcome of the recorded episode."""
     found = []
     for film in films:
         episode = row.episodes[film_index(Path(film))]

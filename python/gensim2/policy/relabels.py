@@ -78,7 +78,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """
     env, profile, step = simulator(scene), robot(scene.robot), scene.task.steps[0]
     controller = PolicyController(checkpoint)
-    spec = controller.observation_spec  # before an episode: everything that it was trained on
+    spec = controller.observation_spec  # before an episode this is the spec that the policy was trained on
     config, ways = controller.config, parsed(strategies)
     env.reset(seed)
     planner = StepPlanner(profile)

@@ -84,7 +84,7 @@ class Replicas:
         if self._replicas:
             _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
-            with contextlib.suppress(BrokenPipeError):  # the waiting caller reads the reason
+            with contextlib.suppress(BrokenPipeError):  # the caller that waits for the gradients reads the reason
                 pipe.send(step)
 
     def mean_with(self, loss: float) -> float:
@@ -109,7 +109,7 @@ class Replicas:
         return loss / count
 
     def _receive(self, number: int) -> tuple[float, float]:
-        """Return the loss and the CPU time of a replica's step; zeros if the replica has only started."""
+        """Return the loss and the CPU time of a replica's step; zeros if the replica reports that it has started."""
         process, pipe, _ = self._replicas[number]
         try:
             said: tuple[float, float] | str = pipe.recv()

@@ -214,7 +214,7 @@ def _begun_with(data: Path) -> int:
 
 
 class _CollectionProgress(NullProgress):
-    """Reports the episodes of a collection as steps of a running stage."""
+    """Reports the collected episodes as steps of the running stage of a progress display."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._counted = progress, 0

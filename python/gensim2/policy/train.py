@@ -185,7 +185,7 @@ def _train(
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
         drawn, moved = rng(training.seed, "policy/fit"), None
-        if training.arm_noise > 0:  # moves back to the path are longer than those of demonstrations
+        if training.arm_noise > 0:  # motions back to the path are longer than motions of demonstrations
             moved = torch.Generator(table.device).manual_seed(training.seed)
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
     else:
@@ -301,7 +301,7 @@ def take_steps(
                 curves.add(
                     step=state.step, loss=state.loss, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s
                 )
-            stopping = stop()  # read once: a signal during saving ends the next step
+            stopping = stop()  # read once; a signal that arrives during saving ends the next step
             if stopping or state.step % training.save_every == 0 or state.step == training.steps:
                 state.save(folder, identity)
             if stopping:

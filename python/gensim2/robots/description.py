@@ -50,7 +50,7 @@ def mounted(
     Args:
         arm, hand: results of :func:`read_description`; neither is changed.
         flange: link of the arm.
-        palm: link of the hand's URDF; links above it are left out.
+        palm: link of the hand's URDF; links above the palm are left out.
         xyz, rpy: position (m) and roll, pitch, yaw (rad) of the palm in the flange's frame.
 
     Raises:

@@ -38,7 +38,7 @@ def fetch_files() -> RobotFiles:
         turns=pi,
         palm="gripper_link",
         hand="fetch_hand",
-        pitch=pi / 2,  # the palm looks along its x, hands look along z
+        pitch=pi / 2,  # the palm points along its x axis, the hand frame along its z axis
         tool="fetch_hand_tcp",
         tool_at=FINGERTIP,
     )

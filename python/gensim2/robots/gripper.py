@@ -98,7 +98,7 @@ class Gripper(Protocol):
         """Return the joints (g,) with the pads ``opening`` (m) apart."""
 
     def at_command(self, command: float) -> Array:
-        """Return the joints (g,) at a command, with nothing between the pads."""
+        """Return the joints (g,) at a command, without an object between the pads."""
 
     def planned(self, opening: float) -> float:
         """Return the value of the driven joints at ``opening`` (m), which the solver calls ``finger_width``."""

@@ -146,7 +146,7 @@ def load_robot(place: str | Path) -> str:
 
 
 def robot_key(name: object) -> str:
-    """Return the key by which every process of a run finds a known robot, without loading the robot.
+    """Return the key with which every process of a run finds a known robot; do not load the robot.
 
     Raises:
         InputError: this process knows no such robot.
@@ -294,7 +294,7 @@ def _loaded(file: Path) -> list[str]:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # so that its functions can be pickled in this process
+    sys.modules[spec.name] = module  # so that functions of the module can be pickled in this process
     _loading.append([])
 
     def refused(error: BaseException) -> InputError:

@@ -226,10 +226,10 @@ class _Taken:
 def _stood(
     times: npt.NDArray[np.float64], joints: list[Array], speeds: npt.NDArray[np.float64], taken: list[_Taken]
 ) -> list[tuple[Array, dict[str, list[_Taken]]]]:
-    """Return joints and images of each interval in which the arm was at rest."""
+    """Return the joint positions and images of each interval in which the arm was at rest."""
     order = np.argsort(times, kind="stable")
     times = times[order]
-    moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])  # count of moving (or NaN) states so far
+    moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])  # number of moving (or NaN) states so far
     found: list[tuple[Array, dict[str, list[_Taken]]]] = []
     open_until = -np.inf
     for picture in sorted(taken, key=lambda each: each.captured):

@@ -41,7 +41,7 @@ def displaced(camera: Camera, degrees: float, metres: float, draw: np.random.Gen
 
 
 def pose_error(T: npt.NDArray[np.float64], true: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """Return distance (mm) and angle (degrees) between two poses (4, 4)."""
+    """Return the distance (mm) and the angle (degrees) between two poses (4, 4)."""
     error = np.linalg.inv(true) @ T
     return 1e3 * float(np.linalg.norm(error[:3, 3])), float(np.rad2deg(Rotation.from_matrix(error[:3, :3]).magnitude()))
 

@@ -25,9 +25,9 @@ torque changes by at most 0.93 N m in a cycle; at 1 N m the arm's reflex would s
 of 1 N m only 0.39 N m would remain, and the arm would lag behind its commands and then overshoot.
 """
 TORQUES, FORCES = 20.0, 30.0
-"""Torques (N m) and forces (N) at which the arm's own reflex stops it."""
+"""Torques (N m) and forces (N) at which the arm's own reflex stops the arm."""
 GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
-"""Speed (m/s) and force (N) of the hand."""
+"""Speed (m/s) and force (N) with which the hand closes and opens."""
 
 
 class _FrankaHand(StreamedArm):

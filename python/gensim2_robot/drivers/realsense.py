@@ -268,7 +268,8 @@ class SoftwareDevice:
     """A software device of the RealSense library, to which this program supplies the images.
 
     Args:
-        camera: camera that gives image size and intrinsics, with pixel centres at .5 (in the library, at 0).
+        camera: camera with the image size and intrinsics of the device, with pixel centres at .5 (in the library, at
+            0).
         serial: serial number.
         rate: frame rate, Hz.
 

@@ -207,7 +207,7 @@ class StreamedArm(ABC):
     def _run_gripper(self) -> None:
         while True:
             command = self._grips.get()
-            while not self._grips.empty():  # only the newest command matters
+            while not self._grips.empty():  # only the newest gripper command matters
                 command = self._grips.get()
             if command is None or self._over:
                 return

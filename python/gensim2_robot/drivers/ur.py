@@ -16,9 +16,9 @@ from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 RATE = 500.0
 """Command rate of an e-Series, Hz; a CB3 has 125 Hz."""
 LOOKAHEAD, GAIN = 0.05, 500.0
-"""Parameters of ``servoJ``: lookahead time (s), and gain."""
+"""Parameters of the command ``servoJ``: lookahead time (s) and gain."""
 DECELERATION = 4.0
-"""Deceleration of ``servoStop``, m/s^2."""
+"""Deceleration of the command ``servoStop``, m/s^2."""
 
 
 class URArm(StreamedArm):

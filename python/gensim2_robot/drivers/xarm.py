@@ -15,7 +15,7 @@ from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 RATE = 100.0
 """Command rate, Hz; the SDK's servo mode accepts up to 250."""
 SERVO, READY, STOP = 1, 0, 4
-"""The SDK's mode for streamed joints, and its states."""
+"""Number of the SDK's mode for streamed joint positions, and numbers of its states "ready" and "stop"."""
 WIDEST = 850
 """Gripper position that is fully open, in the SDK's unit."""
 

@@ -211,7 +211,7 @@ class Trial(BaseModel):
         placements: placement of each object by name.
         success: whether the trial succeeded.
         cause: cause of the failure; None after a success.
-        by: judge of the trial (person or simulator), or the event that ended the trial.
+        by: who judged the trial: a person, the simulator, or the watchdog, which ended it.
         goal: whether the goal was reached in the simulator; None without a simulator.
         state, reason: state of the watchdog at the end.
         seconds: duration of the episode, s.

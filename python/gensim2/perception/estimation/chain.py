@@ -51,7 +51,7 @@ class _Chain(ChainController):
 
     @property
     def motions(self) -> int:
-        """Number of plans that were executed, at least in part."""
+        """Number of plans of which at least a part was executed."""
         return sum(plan.ran > 0 for turn in self._turns for plan in turn.plans)
 
     @property

@@ -30,7 +30,7 @@ MISSED = {
     "part_iou": 0.0,
     "yaw_degrees": 180.0,
 }
-"""Errors that are recorded for an object that was not found."""
+"""Errors that count for an object that was not found."""
 ONE_SIGMA = 0.6827
 
 

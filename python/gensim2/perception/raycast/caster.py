@@ -193,7 +193,7 @@ def _paint(
     v: npt.NDArray[np.float32],
     texture: Texture,
 ) -> None:
-    """Set the colours of pixels that hit a texture; ``face`` is an index into the faces of the texture's surface."""
+    """Set the colours of pixels that show a texture; ``face`` indexes the faces of the surface with this texture."""
     row = np.searchsorted(texture.faces, face)
     wears = row < len(texture.faces)
     wears[wears] = texture.faces[row[wears]] == face[wears]

@@ -70,7 +70,7 @@ class KnownPoints:
             states: ManiSkill's ``env_states``, T rows per array.
 
         Raises:
-            InputError: the states are not of this scene.
+            InputError: the states belong to a different scene.
         """
         places = dict.fromkeys((name, link) for name, link, _ in self._points)  # without duplicates
         frames = {(name, link): self._scene.link_poses(states, name, link) for name, link in places}
@@ -173,7 +173,7 @@ class Observer:
             command: last gripper command, -1 to 1.
 
         Raises:
-            InputError: the states are not of this scene.
+            InputError: the states belong to a different scene.
             EmptyCloudError: the point cloud is empty.
         """
         (found,) = self._encoded(states, [command], step)

@@ -82,7 +82,7 @@ class RaycastScene:
             link: name of the link; ignored for a rigid object.
 
         Raises:
-            InputError: the states are not of this scene.
+            InputError: the states belong to a different scene.
         """
         if name in self._bodies:
             rows = state_rows(states, "actors", name, 13)
@@ -111,7 +111,7 @@ class RaycastScene:
             states: ManiSkill's ``env_states``, T rows per array.
 
         Raises:
-            InputError: the states are not of this scene.
+            InputError: the states belong to a different scene.
         """
         found: dict[int, Array] = {}
         for name, (_, ids) in self._trees.items():

@@ -75,7 +75,7 @@ class ExperimentConfig(BaseModel):
             :func:`~gensim2.policy.learning.learn`.
         sentences: whether to evaluate also with the opposite instruction and with paraphrases.
         untaught: tasks on which no policy is trained, but every policy is evaluated.
-        arms: policies to train, in the order of the report.
+        arms: policies to train, in the order in which the report lists them.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

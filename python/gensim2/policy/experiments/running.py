@@ -136,7 +136,7 @@ class ExperimentResult:
     Attributes:
         out: output folder.
         record: settings of the run.
-        arms: results in the order of the configuration.
+        arms: results of the policies, in the order in which the configuration lists them.
         skipped: for each policy or task (``policy/task``) that was not run, or not on real objects, the reason.
         remaining: number of training runs still to be done.
     """

@@ -17,7 +17,7 @@ ACTION = "action"
 """Name of the batch column with the target chunks (B, H, m + 2)."""
 
 EXTRA = 2
-"""Number of action columns after those of the arm."""
+"""Number of action columns after the columns of the arm's joints: gripper command and end mark."""
 
 SMALLEST = 1e-3
 """Smallest scale, rad or m, so that the noise of nearly constant joints is not amplified."""

@@ -1,4 +1,5 @@
-"""Decoder of action chunks: one token for each step, with attention among the steps and to the trunk's tokens."""
+"""Decoder of action chunks: one token for each step, which attends to the tokens of all steps and to the trunk's
+tokens."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return torch.stack(found, 1)
 
     def _first(self, points: torch.Tensor, context: Context, way: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Run the first stage: return the heatmap's logits (B, N) and the place (B, 3), m."""
+        """Run the first stage for the classes ``way``: return the heatmaps' logits (B, N) and the places (B, 3), m."""
         assert context.features is not None
         told = torch.cat([context.tokens[:, 0], self.of_way(way)], -1)
         inner = nn.functional.gelu(self.of_point(context.features) + self.of_cloud(told)[:, None])

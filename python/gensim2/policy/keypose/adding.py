@@ -95,7 +95,7 @@ def tasks_to_plan_again(
     Args:
         start: folder of the policy.
         objects: number of generated objects of each class.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are ignored.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; objects named there are ignored.
 
     Raises:
         InputError: the task library lacks a strategy that the policy was trained with.
@@ -171,7 +171,7 @@ def inputs_beside(
         given: the same tasks with the objects of a folder.
         count: number of generated objects of each class.
         progress: progress listener; gets a message for each task that generated objects do not suit.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are ignored.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; objects named there are ignored.
 
     Raises:
         InputError: ``given`` has generated objects already, or generated objects suit no task.
@@ -197,7 +197,7 @@ def generated_input(task: str, count: int, *, seed: int, **scene: Unpack[SceneAr
     Args:
         task: name or folder.
         count: number of objects of each class.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are ignored.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; objects named there are ignored.
 
     Raises:
         InputError: generated objects do not suit the task, or all of its objects are rigid.

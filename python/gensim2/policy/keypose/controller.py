@@ -204,7 +204,7 @@ class KeyposeController:
         return chance >= SURE and chance * (1.0 - first) >= SURER * first * (1.0 - chance)
 
     def _step(self, answer: Answer) -> int:
-        """Return the index of the task step that a prediction belongs to; for "done" the number of steps."""
+        """Return the index of the task step to which a prediction belongs; for "done", the number of steps."""
         return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
 
     def _weight(self, answer: Answer) -> float:
@@ -241,7 +241,7 @@ class KeyposeController:
         return True
 
     def _lost(self, observation: Observation) -> None:
-        """Move to the rest pose with open fingers after the object was lost, and expect the step that grasped it."""
+        """After a lost grasp, move to the rest pose with open fingers, and expect the step that grasps the object."""
         self.told["lost"] += 1
         self._holds, self._expected = False, {self._taking}
         now = observation.joint_positions.astype(np.float64)

@@ -103,7 +103,7 @@ class Planned:
         record: settings of the scenes.
         arrays: arrays by name as in :func:`~gensim2.policy.keypose.examples.example`, one row for each example.
         scenes: number of scenes that were generated.
-        failed: number of scenes, by reason, in which planning a step failed or the plans failed in simulation.
+        failed: number of scenes left out because planning or simulating the plans failed, by reason.
         cpu_s: CPU time, s.
     """
 

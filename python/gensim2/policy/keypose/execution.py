@@ -28,8 +28,8 @@ the table and the robot itself; or nothing.
 SHARE = 0.5
 """Fraction of the joint limits that motions use, as in the planner."""
 ACCELERATION, JERK = 7.5, 3750.0
-"""Limits of joint acceleration and jerk, rad or m, for robots whose profile has no limits: those of the Panda's slowest
-joint."""
+"""Limits of joint acceleration and jerk (rad or m per s^2 and s^3) for robots whose profile has no limits: the limits
+of the Panda's slowest joint."""
 LIMITS = ("limits", "velocity_limits", "acceleration_limits", "jerk_limits")
 """Names of the solver options that limit a robot's joints."""
 MARGIN = 0.005

@@ -52,7 +52,7 @@ class JointPath:
 
     @property
     def rank(self) -> tuple[int, int, float]:
-        """Sort key, larger is better. As depths are rounded to 1 cm, similar postures stay in order of proximity."""
+        """Sort key, larger is better. Depths are rounded to 1 cm, so that similar postures compare as equal."""
         return self.reached, -self.touches, -round(self.depth, 2)
 
 

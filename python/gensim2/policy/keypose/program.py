@@ -17,7 +17,7 @@ Float32 = npt.NDArray[np.float32]
 PATH_POSES = 8
 """Number of evenly spaced hand poses between the actuation pose and the end of the motion in contact."""
 APPROACH, ACTUATION, PATH, RETREAT = 0, 1, slice(2, 2 + PATH_POSES), 2 + PATH_POSES
-"""Indices of poses in a program."""
+"""Indices of the approach, actuation, path and retreat poses in a program."""
 KEYPOSES = 3 + PATH_POSES
 """Number of poses in a program: approach, actuation pose, path, and retreat."""
 TURN_LENGTH = 0.15

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 POINT_RADIUS = 0.006
 """Radius (m) of the ball that models each point of the cloud."""
 EVERY = 3
-"""Stride over a path's waypoints (1.5 cm apart) for the computation of the penetration."""
+"""Only every ``EVERY``-th waypoint of a path is checked for penetration; waypoints are 1.5 cm apart."""
 NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
 """Distances (m) for segmenting a grasped object. The object consists of points closer than ``NEAR_FINGERS`` to the
 fingers, and of points closer than ``NEXT`` to another point of the object, up to the distance ``CARRIED`` from the

@@ -195,7 +195,7 @@ class Hello(WireMessage):
 
 
 class Welcome(WireMessage):
-    """Answer to an authenticated client."""
+    """Answer to a client whose token is valid."""
 
     kind: Literal["welcome"]
     protocol: Number
@@ -207,7 +207,7 @@ class Welcome(WireMessage):
 
 
 class Refusal(WireMessage):
-    """Answer to a refused client."""
+    """Answer to a client that the server refuses, with the reason."""
 
     kind: Literal["refused"]
     why: Text
