@@ -1,5 +1,4 @@
-"""Simulate the noise of a stereo depth camera: disparity noise, errors at edges, holes, calibration and clock
-errors."""
+"""Simulate the noise of a stereo depth camera: disparity noise, edges, holes, calibration and clock errors."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ class ObservationSpec:
 
     Attributes:
         modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer. An empty
-        tuple requests only the robot's state.
+            tuple requests only the robot's state.
         cameras: names of the cameras: fixed cameras in their order, then cameras on the robot in the given order.
         cloud: settings of point clouds; the noise in these settings also applies to depth images.
     """

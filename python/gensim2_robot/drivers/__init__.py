@@ -1,2 +1,1 @@
-"""Drivers of arms and cameras. Each driver has a pip extra for the manufacturer's library. No driver has been tested on
-hardware."""
+"""Drivers of arms and cameras. Each driver has its own pip extra, and none has been tested on hardware."""

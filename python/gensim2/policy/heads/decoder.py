@@ -1,5 +1,4 @@
-"""Decoder of action chunks: one token for each step, which attends to the tokens of all steps and to the trunk's
-tokens."""
+"""Decoder of action chunks: the token of each step attends to the tokens of all steps and of the trunk."""
 
 from __future__ import annotations
 
