@@ -118,8 +118,8 @@ class ArmLimits:
         braking: additional velocity limits that depend on the position; None if the arm has none.
         tool_speed: maximum speed of the tool, m/s.
         low, high: (3,) corners of the tool's workspace in the robot's base frame, m.
-        clearance: minimum distance of the robot from itself and from the table, m.
-        force: maximum contact force, N.
+        clearance: minimum distance between links of the robot, and between the robot and the table, m.
+        force: maximum contact force on the arm, N.
         leash: maximum distance (rad or m) between a target and the measured arm, so that a blocked arm does not press
             harder and harder. A contact force reduces this distance.
         jump: maximum distance (rad or m) of an episode's first target from the arm's position, and of any target from

@@ -127,12 +127,12 @@ class LineConfig:
         rate: frame rate of the cameras, Hz.
         noise: depth noise of simulated cameras: parameters, the name of a preset, or a file of fitted parameters.
         delays: delays of simulated devices with a simulated clock.
-        calibration: file of camera poses; None: the simulation's poses.
+        calibration: calibration file with camera poses; None: the camera poses of the simulation.
         calibration_days: maximum age of the calibration, days.
         seed: seed of the scenes and of all noise.
         dry: whether to send no commands to the arm.
         simulated_clock: whether to run all devices in this process, with a simulated clock that waits for the devices.
-        rules: settings of the watchdog; None: the defaults.
+        rules: tolerances of the watchdog; None: the default tolerances.
 
     Raises:
         InputError: a value is invalid.

@@ -68,7 +68,7 @@ class CameraFrame:
 
 
 class ArmDriver(Protocol):
-    """Interface of a connection to an arm; no method blocks."""
+    """Interface of a connection to an arm, whose methods never block."""
 
     profile: RobotProfile
 
@@ -96,7 +96,7 @@ class ArmDriver(Protocol):
 
 
 class CameraDriver(Protocol):
-    """Interface of a connection to cameras; no method blocks.
+    """Interface of a connection to cameras, whose methods never block.
 
     Attributes:
         cameras: cameras. The pose of a camera on a link is in the link's frame, other poses are in the base frame.

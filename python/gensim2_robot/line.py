@@ -43,7 +43,7 @@ STANDING = 0.02
 
 
 class Mind(Protocol):
-    """Interface of a connection to a controller; no method blocks."""
+    """Interface of a connection to a controller, whose methods never block."""
 
     def send(self, message: Begin | Question) -> None:
         """Send a message or a request."""
@@ -223,7 +223,7 @@ class Line:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Request actions again. Skipped control steps count, so that the controller drops outdated actions."""
+        """Request actions again. Control steps of the pause count, so that the controller drops outdated actions."""
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
             self._paused_at = None
@@ -406,7 +406,7 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Return a braking command: along the planned path, or by the checked stop if the path is left or too slow."""
+        """Return a braking command along the planned path, or if that is left or too slow, from the checked stop."""
         if not self._braking:
             self._braking = True
             self._on_path = (

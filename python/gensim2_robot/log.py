@@ -30,7 +30,7 @@ from gensim2_robot.mind import ControllerAnswer, Question
 
 
 class Journal(Protocol):
-    """Interface of a log of a run; no method blocks."""
+    """Interface of a log of a run, whose methods never block."""
 
     @property
     def trouble(self) -> str | None:
@@ -126,7 +126,7 @@ class _Whole:
         self.trouble: str | None = None
 
     def write(self, data: Any) -> int:
-        """Write all bytes of a block; on a full disk, remove the incomplete block and write it in the reserved space.
+        """Write all bytes of a block. On a full disk, remove the incomplete block and write it in the reserved space.
 
         Raises:
             OSError: the reserved space is full, too, or the file was removed.

@@ -224,7 +224,7 @@ class WatchMessage(LogMessage):
 
 
 class ClocksMessage(LogMessage):
-    """Delay of a period, age of each camera's last image (s), and time of day."""
+    """Delay of a period (s), age of each camera's last image (s), and time of day."""
 
     time: float
     late: float

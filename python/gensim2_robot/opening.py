@@ -77,7 +77,7 @@ class Prepared:
         limits: limits of the arm.
         noise: depth noise of simulated cameras.
         cameras: cameras to use. For real cameras, the poses are initial guesses.
-        calibration: calibration of the cameras; None: the simulation's poses.
+        calibration: calibration of the cameras; None: the camera poses of the simulation.
     """
 
     given: TaskInput

@@ -33,7 +33,7 @@ class ProcessCameras:
 
     Args:
         make: function that creates the cameras' driver in the process. The driver has ``cameras``, ``serials``,
-        ``poll()``, ``close()``, and optionally ``fail(fault)``.
+            ``poll()``, ``close()``, and optionally ``fail(fault)``.
         arguments: picklable arguments of ``make``.
         interrupted: list of received stop signals; the first signal ends the opening.
 

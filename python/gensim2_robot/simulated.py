@@ -243,7 +243,7 @@ class SimulatedCameras:
         self._episode = episode
 
     def take(self, rows: Rows) -> list[CameraFrame]:
-        """Return the images of one instant; a fault changes the images of the first camera, or the first two."""
+        """Return the images of one instant; a fault changes images of the first camera, or of the first two cameras."""
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)
         scene = self._scene

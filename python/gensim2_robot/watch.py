@@ -39,12 +39,12 @@ class WatchRules:
     """Tolerances of the watchdog, in s unless stated otherwise.
 
     Attributes:
-        frame_age: maximum age of an image that is used.
-        apart: maximum time between the newest images of two cameras.
+        frame_age: maximum age of an image that an observation uses.
+        apart: maximum time between the captures of the newest images of two cameras.
         no_action: time limit for an answer of the controller while the arm moves.
         thinking: time limit for an answer of the controller while the arm stands still.
         late_answers: number of consecutive answers with only late actions that hold the arm.
-        state_age: maximum age of the arm's last state.
+        state_age: maximum age of the last state that the arm has sent.
         behind: maximum distance (rad or m) of the arm from the nearest command of the last ``window``. Above the
             contact force ``pressed`` only the force limit applies.
         pressed: contact force above which the arm may be held back by an obstacle, N.

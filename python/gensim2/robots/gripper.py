@@ -143,7 +143,7 @@ class SlidingGripper:
 
     @cached_property
     def _targets(self) -> tuple[np.float32, np.float32]:
-        """Return the target of a driven joint at command 0, and its change from there to command 1."""
+        """Return a driven joint's target at command 0, and the change of the target from command 0 to command 1."""
         low, high, half = *map(np.float32, self.range), np.float32(0.5)
         return half * (high + low), half * (high - low)
 

@@ -28,8 +28,8 @@ class Board:
     """A ChArUco board.
 
     Attributes:
-        columns, rows: number of squares.
-        square, marker: side lengths, m.
+        columns, rows: number of squares in each direction.
+        square, marker: side lengths of a square and of a marker, m.
     """
 
     columns: int

@@ -32,7 +32,7 @@ class CameraCalibration(BaseModel):
         link: link that carries the camera; None for a camera fixed in the base frame.
         pose: (4, 4) pose of the camera in the frame of the link or in the base frame, m.
         width, height, intrinsic: size (pixels) and intrinsic matrix of the images.
-        scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
+        scale, bias: correction of the depth: true depth = ``scale`` * measured depth + ``bias`` (m).
         residual_mm, held_out_mm: median errors (mm) in the images used for the fit and in held-out images.
         links_mm: median error (mm) on each link of the robot.
     """

@@ -272,7 +272,7 @@ def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
 def refine(
     surface: RobotSurface, camera: Camera, views: Sequence[ArmView], pose: Pose, draw: np.random.Generator
 ) -> tuple[Pose, Array]:
-    """Refine the pose with individual pixels; return the pose and the standard deviations (8,) of its parameters."""
+    """Refine the pose with individual pixels; return the pose and its parameters' standard deviations (8,)."""
     sigma = np.full(8, np.inf)
     for reach in (0.05, 0.04, 0.03, 0.03, 0.02, 0.02, 0.02):
         rows, points, off, spread = [], [], [], []

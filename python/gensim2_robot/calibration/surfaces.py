@@ -86,7 +86,7 @@ class RobotSurface:
 
 
 def shrunk(camera: Camera, by: int) -> Camera:
-    """Return the camera with ``by`` times fewer pixels per side; pixel centres lie between those of the full image."""
+    """Return the camera with ``by`` times fewer pixels per side, whose centres lie between the original ones."""
     scale = np.diag([1.0 / by, 1.0 / by, 1.0])
     return replace(camera, width=camera.width // by, height=camera.height // by, intrinsic=scale @ camera.intrinsic)
 

@@ -193,7 +193,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         summary: torch.Tensor,
         generator: torch.Generator | None,
     ) -> Programs:
-        """Run the second stage: predict the program from the points around ``origin`` (B, 3)."""
+        """Run the second stage for classes ``way``: predict programs from the points around ``origin`` (B, 3), m."""
         about = cloud - origin[:, None]
         count = about.shape[1]
         near = about.square().sum(-1).topk(min(NEAR, count), largest=False).indices

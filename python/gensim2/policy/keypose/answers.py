@@ -44,7 +44,7 @@ class Answer:
 
 
 def answers(checkpoint: PolicyCheckpoint, observation: Observation, row: torch.Tensor) -> list[Answer]:
-    """Return the most probable strategies, ordered by decreasing probability.
+    """Return the most probable strategies for an observation and an instruction, the most probable strategy first.
 
     Args:
         checkpoint: policy with a keypose head.

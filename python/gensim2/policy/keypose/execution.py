@@ -214,13 +214,13 @@ class _Rows:
         return len(self._positions)
 
     def follow(self, samples: Array) -> None:
-        """Add samples (N, m) at the control rate."""
+        """Append joint samples (N, m), one for each control step."""
         last = len(self) + len(samples) - 1
         for sample in samples:
             self._add(sample, last)
 
     def dwell(self, target: Array, command: float, count: int) -> None:
-        """Stay at joints (m,) with a gripper command for ``count`` steps."""
+        """Keep the arm at joints (m,) with a gripper command for ``count`` control steps."""
         self.command = command
         for _ in range(count):
             self._add(target, len(self))

@@ -34,7 +34,7 @@ class KeyposeProgram:
     """Motion of one task step as K hand poses, independent of the robot.
 
     Attributes:
-        positions: (K, 3) hand positions in the base frame, m.
+        positions: (K, 3) positions of the hand in the robot's base frame, m.
         rotations: (K, 3, 3) hand rotations in the base frame.
         gripper: (K + 1,) commands from -1 to 1: first the command before the arm moves, then the command at each pose.
         seconds: (K,) time from the previous pose to each pose, s. The first entry is unused, because the planner times
