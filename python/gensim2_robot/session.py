@@ -295,7 +295,7 @@ class Session:
         return clock.now() - self._held_s > end
 
     def _settle(self) -> float | None:
-        """Keep the arm in place until the scene settles; return how long (s) it was held, None if nobody resumed."""
+        """Keep the arm in place until the scene settles; return how long (s) it was held, None without a resume."""
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
         since, sat_out = clock.now(), 0.0
@@ -356,7 +356,7 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Wait for the end of a hold; return the time since ``since``, s, or None if nobody resumes.
+        """Wait for the end of a hold; return the time since ``since``, s, or None without a resume.
 
         The duration does not count towards the task's time limit.
         """
