@@ -21,8 +21,8 @@ import numpy as np
 
 from gensim2.core.errors import GenSim2Error
 
-# This probe runs in a subprocess, because a driver that crashes would end this process, and because SAPIEN's settings
-# remain in the process that made them.
+# This test runs in a subprocess, because a crashing driver would end this process, and because SAPIEN's settings
+# cannot be undone.
 _VULKAN_PROBE = """
 import sapien
 print(sapien.render.RenderSystem().device.name)
@@ -162,7 +162,7 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
     for each in packages:
         try:
             importlib.import_module(each)
-        except (ImportError, OSError) as error:  # a missing system library
+        except (ImportError, OSError) as error:  # OSError: a system library is missing
             return Check(name, "limited", f"{each} does not load: {error}", remedy)
     return Check(name, "ok", _versions(packages))
 

@@ -105,7 +105,7 @@ def view(
 
 
 def _location(assets: object) -> Path | str | None:
-    """Return the location of an open library, or the argument itself."""
+    """Return the location of an open library; any other value is returned unchanged."""
     return cast(Path | str | None, getattr(assets, "location", assets))
 
 
@@ -242,7 +242,7 @@ def _add_switches(server: Any, meshes: Sequence[Any], cloud: Any, has_plan: bool
 
 
 def _said_of(name: str, plan: Any) -> str:
-    """Return one line of text about a plan: status and collision margin."""
+    """Return one line of text with a plan's status and collision margin."""
     nearer = f", {len(plan.tight)} nearer at keyframes" if plan.tight else ""
     return f"{name}: {plan.status}, keeps {1e3 * plan.margin:.1f} mm{nearer}"
 

@@ -44,7 +44,7 @@ def keypoint_problem(
         InputError: the solver refuses the config or a number; the message names the problem.
     """
     joint = scene.joint
-    # The original solver has no margin and ignores collisions between the hand and the manipulated object.
+    # The original GenSim2's solver has no margin and ignores collisions between the hand and the manipulated object.
     recorded: kpam.Options = {
         "timing": "config",
         "frames": frames,

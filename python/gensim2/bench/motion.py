@@ -23,9 +23,9 @@ from gensim2.robots.profile import rotation_matrix
 
 Array = npt.NDArray[np.float64]
 
-#: Time step (s) of the joints that are written for each motion.
+#: Time step (s) of the joint positions that are written for each motion.
 SAMPLE_DT = 0.005
-#: Position (m) of both fingers if a problem gives only the arm's joints.
+#: Position (m) of both finger joints if a problem gives only the arm's joints.
 FINGERS_OPEN = 0.04
 
 
@@ -33,7 +33,7 @@ FINGERS_OPEN = 0.04
 class MotionProblem:
     """Planning problem: move from one joint vector to any of several others, among obstacles in the base frame.
 
-    ``start`` and each of ``goals`` are (m,), the positions of the arm's joints in order.
+    ``start`` and each of ``goals`` are (m,), the positions of the arm's joints from base to hand.
     """
 
     id: str

@@ -1,7 +1,7 @@
 """Read planning problems from JSON Lines files and validate them.
 
-Lengths are in m, angles in rad, poses are 4x4 row-major, quaternions (w, x, y, z), times in s since the problem's own
-start of time. Fields that are not named here (such as ``reference``) are ignored.
+Lengths are in m, angles in rad, poses are 4x4 row-major, quaternions (w, x, y, z), times in s from the
+start of the problem's motion. Fields that are not named here (such as ``reference``) are ignored.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from gensim2.core.validation import input_error
 
 Array = npt.NDArray[np.float64]
 
-#: Largest deviation of a stored rotation from orthonormality; the data are single precision.
+#: Maximum deviation of a stored rotation matrix from orthonormality, because the data have single precision.
 ROTATION_TOLERANCE = 1e-4
 
 
-#: Allowed frames of an axis.
+#: Names of the frames in which a config may give an axis.
 AXIS_FRAMES = ("world", "object", "joint")
 
 
@@ -138,11 +138,11 @@ class PlanProblem(_Record):
         return pose
 
     def keyframe_times(self) -> list[float]:
-        """Return the times of all keyframes, s, in order."""
+        """Return the times of all keyframes, s, in the order of the keyframes."""
         return [*self.pre_actuation_times, self.actuation_time, *self.post_actuation_times]
 
     def odd_frames(self) -> list[str]:
-        """Return the invalid axis frames in the config, which the original solver treats as the world frame."""
+        """Return the invalid axis frames in the config, which the original solver of GenSim2 reads as world frame."""
         return [str(entry["target_axis_frame"]) for entry in self._constraints() if _is_odd(entry)]
 
     def _constraints(self) -> list[Any]:

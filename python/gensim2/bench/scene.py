@@ -258,7 +258,7 @@ def problem_scene(problem: PlanProblem, assets: Path | None, T_base_hand: Array)
 
 
 def _with_role(rigid: SceneObstacle, problem: PlanProblem, T_base_hand: Array) -> SceneObstacle:
-    """Return the rigid object with its role: grasped object, target, or obstacle."""
+    """Return the rigid object with its role in the problem: grasped object, target, or obstacle."""
     head = problem.tool_keypoints_hand.get("tool_head")
     T_hand_rigid = np.linalg.inv(T_base_hand) @ rigid.pose
     closed = max(problem.q_current[7:]) < 0.0399

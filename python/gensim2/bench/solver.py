@@ -22,11 +22,11 @@ from gensim2.core.errors import InputError
 from gensim2.core.files import check_writable, write_output
 from gensim2.core.progress import NULL_PROGRESS, Progress
 
-#: Number of problems given to the solver at once, per thread.
+#: Number of problems per thread that are passed to the solver in one call.
 BATCH_PER_THREAD = 8
 #: Time step (s) at which clearances are computed for the report.
 CLEARANCE_STEP = 0.02
-#: Shortest time step of written joints, s; a motion of 30 s then has 30,000 samples.
+#: Minimum time step of the written joint positions, s; at this step a motion of 30 s has 30,000 samples.
 SHORTEST_SAMPLE_DT = 0.001
 
 

@@ -58,10 +58,10 @@ COMMANDS = {
 }
 
 
-#: Entry-point group in which other distributions can add commands.
+#: Entry-point group by which other distributions add commands.
 COMMAND_GROUP = "gensim2.commands"
 
-#: Commands of our other distributions, to name the missing package in an error.
+#: Commands of the project's other distributions; an error names the distribution that is not installed.
 OTHER_DISTRIBUTIONS = {"robot": "gensim2-robot"}
 
 

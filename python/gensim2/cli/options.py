@@ -228,10 +228,10 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     Raises:
         UsageError: ``--resume`` without ``--out``, since a new folder has nothing to resume.
     """
-    if given.get("resume") and given.get("out", "") is None and "folder" not in given:  # design's default is in FOLDER
+    if given.get("resume") and given.get("out", "") is None and "folder" not in given:  # `design` has a default
         raise click.UsageError("--resume continues the run in --out; give --out, too")
     if given.get("ray") is not None and not is_given(context, "workers"):
-        given["workers"] = None  # one for each CPU of the cluster
+        given["workers"] = None  # None means one worker for each CPU of the cluster
     if "engine" in given and given["engine"] is None:
         from gensim2.scenes.physics import default_engine
 

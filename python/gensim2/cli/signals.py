@@ -12,7 +12,7 @@ from gensim2.core.errors import Stopped
 
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
-#: Packages that catch BaseException, also around imports, where Ctrl-C would look like a missing module.
+#: Packages that catch BaseException, also around imports, and would take Ctrl-C for a missing module.
 SWALLOWING = ("networkx", "trimesh")
 
 #: Seconds after which a signal that arrived inside one of these packages is raised again.

@@ -1,4 +1,4 @@
-"""Errors that a user can act on. The command line prints them on one line and exits with code 2."""
+"""Define errors that a user can act on. The command line prints them on one line and exits with code 2."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-#: Longest message, characters.
+#: Maximum length of a message, characters.
 LONGEST_LINE = 1500
 
-#: Longest word that a message repeats in full, characters; paths count as words.
+#: A word that is longer than this (characters) is shortened in messages; paths count as words.
 LONGEST_WORD = 300
 
-#: Number of words listed if none resembles the given one.
+#: Number of valid words that a message lists if none resembles the user's word.
 SHOWN_WORDS = 10
 
 _LONG_WORD = re.compile(rf"""[^\s:,;()'"]{{{LONGEST_WORD + 1},}}""")
@@ -38,7 +38,7 @@ def printable(text: str) -> str:
 
 
 def brief(number: int) -> str:
-    """Return an integer in decimal, or, if it is too long to read or to format, its number of bits in words."""
+    """Return an integer as decimal digits; for a very long integer, return a phrase with its number of bits."""
     return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
 
 
@@ -104,7 +104,7 @@ def user_code(refused: Callable[[BaseException], InputError], *passed: type[Base
         passed: exceptions that pass unchanged, in addition to signals and MemoryError.
 
     Raises:
-        InputError: the code raised an exception; made by ``refused``.
+        InputError: the code raised an exception; ``refused`` creates this error.
     """
     through: tuple[type[BaseException], ...] = (KeyboardInterrupt, Stopped, MemoryError, *passed)
     try:
@@ -143,7 +143,7 @@ class MissingExtraError(GenSim2Error):
         self.module, self.extra, self.distribution = module, extra, distribution
 
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str]]:
-        """Support pickling, so that the error can be sent by a worker process."""
+        """Support pickling, so that a worker process can send the error."""
         return type(self), (self.module, self.extra, self.distribution)
 
 

@@ -33,7 +33,7 @@ def cache_dir() -> Path:
 
 
 def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
-    """Return the folder in an environment variable, or else one below the user's home folder.
+    """Return the folder in an environment variable, or else a default folder below the user's home folder.
 
     Args:
         variable: name of the environment variable.
@@ -52,7 +52,7 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``path``; the file written there replaces ``path`` when the block ends.
+    """Yield a temporary path in the folder of ``path``; the file written there replaces ``path`` when the block ends.
 
     The data is on disk before the file is renamed, and the new name is on disk before this returns. So a reader, a
     crash or a power cut sees either the old file or the new one. If the block fails, ``path`` is unchanged. The
@@ -87,7 +87,7 @@ def _not_written(error: OSError, path: Path) -> WriteError:
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside ``path``, which is renamed to ``path`` when the block ends.
+    """Yield a temporary folder in the parent of ``path``, which is renamed to ``path`` when the block ends.
 
     ``path`` must be missing or empty. If the block fails, nothing is left; folders left by killed processes are removed
     by the next call. After a power cut files may be missing, so this function suits only data that can be made again.
@@ -106,7 +106,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         try:
             with contextlib.suppress(FileExistsError):  # path is a file: the next line raises
                 path.parent.mkdir(parents=True, exist_ok=True)
-            with _locked(path.parent) as alone:  # other processes remove folders that are not locked
+            with _locked(path.parent) as alone:  # other processes would remove an unlocked folder
                 if alone:
                     _remove_left(path)
                 filled.mkdir()
@@ -118,7 +118,7 @@ def new_folder(path: Path) -> Iterator[Path]:
             try:
                 filled.replace(path)
             except OSError as error:
-                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another process filled it first
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another process filled ``path``
                     raise taken from error
                 raise
         finally:
@@ -200,7 +200,7 @@ def write_atomic(path: Path, data: str | bytes) -> None:
 
 
 def write_changed(path: Path, text: str) -> None:
-    """Write a text as :func:`write_atomic`, unless ``path`` is a file with this content."""
+    """Write text to ``path`` atomically, unless the file already has this content."""
     content = text.encode()
     # Compare sizes first, because the file may be untrusted and too large to be read.
     if not path.is_file() or path.stat().st_size != len(content) or path.read_bytes() != content:

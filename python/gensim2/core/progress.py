@@ -1,4 +1,4 @@
-"""Progress of long-running functions, reported to any listener."""
+"""Report the progress of long-running functions to a listener."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Progress(Protocol):
         """Start a stage of ``total`` steps (None: unknown), and end the previous one."""
 
     def advance(self, steps: int = 1) -> None:
-        """Count ``steps`` of the current stage as done."""
+        """Report that ``steps`` more steps of the current stage are done."""
 
     def message(self, text: str) -> None:
         """Show a line that stays visible."""

@@ -1,4 +1,4 @@
-"""A folder that only one run at a time may write to; a later call can resume the run."""
+"""Manage a folder to which only one run at a time may write; a later call can resume the run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files whose first line has their type, version and checksum.
+"""Read and write files whose first line states their type, version and checksum.
 
     bytes 0..511    ``<magic> <version> <sha256>`` and a line feed, then zeros: HDF5's user block, which readers skip
     from 512 on     the body
@@ -20,7 +20,7 @@ from gensim2.core.foreign.tree import read_input
 HEADER_SIZE = 512
 
 MAX_BYTES = 2**30
-"""Largest file, bytes: an episode takes 20 kB, one with clouds and images of three cameras about 20 MB."""
+"""Maximum file size, bytes; an episode takes 20 kB, its point clouds and the images of three cameras about 20 MB."""
 
 
 @dataclass(frozen=True)

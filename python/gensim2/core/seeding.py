@@ -11,7 +11,7 @@ from gensim2.core.errors import InputError, brief
 if TYPE_CHECKING:
     import numpy as np
 
-#: Largest seed of a run and of a simulator's reset.
+#: Maximum seed of a run and of a simulator's reset.
 LARGEST_SEED = 2**32 - 1
 
 

@@ -11,7 +11,7 @@ import os
 import stat
 from pathlib import Path
 
-#: Number of symbolic links followed before a path counts as a loop, as in the kernel.
+#: A path with more symbolic links than this counts as a loop, as in the Linux kernel.
 MAX_LINKS = 40
 
 

@@ -18,14 +18,14 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from gensim2.core.errors import InputError
 from gensim2.core.special_files import is_special
 
-#: Largest file, bytes; gensim2's own files have about 2 kB.
+#: Maximum size of a file, bytes; gensim2's own files have about 2 kB.
 MAX_BYTES = 100_000
-#: Deepest nesting of lists and mappings; gensim2's own files have 4 levels.
+#: Maximum nesting of lists and mappings; gensim2's own files have 4 levels.
 MAX_DEPTH = 30
-#: Largest number of values, counting repetitions by aliases.
+#: Maximum number of values; a value that aliases repeat is counted each time.
 MAX_VALUES = 20_000
 
-#: Longest integer, characters; longer ones exceed 64 bits.
+#: Maximum length of an integer, characters; longer integers exceed 64 bits.
 LONGEST_WHOLE_NUMBER = 100
 TOO_MANY_BITS = "a whole number of more than 64 bits"
 

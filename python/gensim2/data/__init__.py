@@ -1,4 +1,4 @@
-"""Data sets of episodes, one file for each; a collection can be interrupted and resumed without changing the result."""
+"""Collect, read and export data sets; resuming an interrupted collection does not change its result."""
 
 from __future__ import annotations
 

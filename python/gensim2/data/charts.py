@@ -1,4 +1,4 @@
-"""SVG charts of a data set's coverage."""
+"""Draw SVG charts of a data set's coverage."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gensim2.core.errors import MissingExtraError
 from gensim2.data.quality import TaskQuality
 
 _INCHES = (2.3, 2.1)
-"""Size of a chart, inches; five of them side by side fill a page."""
+"""Width and height of a chart, inches; five charts side by side fill the width of a page."""
 _POINTS = 9
 """Font size, points: 12 CSS pixels."""
 _INK, _GOOD, _BAD, _FILL = "#76839a", "#2a9d6a", "#d0553f", "#4a7fd0"

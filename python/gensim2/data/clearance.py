@@ -51,7 +51,7 @@ class Clearance:
 
 @dataclass(frozen=True)
 class _Body:
-    """A rigid part of the scene: its convex hulls, and its poses (T, 4, 4) in the base frame."""
+    """A rigid body: its convex hulls, and its pose in the robot's base frame at each of T instants, (T, 4, 4)."""
 
     hulls: tuple[Array, ...]
     poses: Array
@@ -97,7 +97,7 @@ class ClearanceMeter:
         return found
 
     def _nearest(self, q: Array, bodies: Mapping[str, _Body], held: _Body | None, instants: Indices) -> Clearance:
-        """Return the smallest clearance over the given instants; ``held``, if not None, is grasped throughout."""
+        """Return the smallest clearance over the given instants, at all of which ``held`` is grasped, if not None."""
         least = Clearance(FARTHEST, None)
         if not len(instants):
             return least

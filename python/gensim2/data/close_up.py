@@ -1,4 +1,4 @@
-"""Draw close-ups of the fingertips for videos: ray casting from beside the hand, which hides the contact."""
+"""Draw close-ups of the fingertips for videos, seen from beside the hand, because the hand hides the contact."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from gensim2.robots import RobotProfile
 Frame = npt.NDArray[np.uint8]
 
 SHARE = 0.3
-"""Side of the inset as a share of the picture's height."""
+"""Width and height of the close-up as a fraction of the picture's height."""
 DISTANCE, BEHIND = 0.22, 0.12
 """Offset of the camera from the fingertips: sideways, and back towards the wrist (m)."""
 FIELD_OF_VIEW = float(np.deg2rad(45))
 BLOCKED = 0.06
-"""A surface that is this much nearer than the fingertips (m) hides them."""
+"""A surface hides the fingertips if it is nearer to the camera than they are by more than this distance (m)."""
 FRAME, FRAME_WIDTH = (40, 46, 56), 2
 
 

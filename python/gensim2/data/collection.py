@@ -78,7 +78,7 @@ def collect(
             whose object classes are not available is skipped and listed in the result.
         episodes: number of episodes to run for each task.
         out: folder of the data set.
-        seed: seed of the scenes. Other commands draw different scenes from the same seed.
+        seed: seed of the scenes. Other commands with this seed use different scenes.
         keep_failures: also store the states of failed episodes; their records are always stored.
         noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
             recorded as well (:mod:`gensim2.rollout.noise`).

@@ -121,7 +121,7 @@ class DataSet:
         return tuple(self.record.tasks)
 
     def task(self, name: str) -> TaskStore:
-        """Return the episodes of a task.
+        """Return the store of a task's episodes.
 
         Raises:
             InputError: the data set has no such task.

@@ -1,4 +1,4 @@
-"""Collect demonstrations: run episodes with new seeds in order until enough of them succeed."""
+"""Collect demonstrations: run episodes with one seed after the other until enough of them succeed."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def collect(
     Args:
         instances: name of the set of objects.
         episodes: number of demonstrations.
-        videos: number of demonstrations to record as videos, starting with the first.
+        videos: number of demonstrations, from the first, for which videos are recorded.
 
     Returns:
         The episodes; fewer than ``episodes`` demonstrations if too many episodes failed.

@@ -1,4 +1,4 @@
-"""One episode in one checksummed HDF5 file: the dataset ``episode``, and ``traj`` if its states are stored."""
+"""Store one episode in one checksummed HDF5 file: the dataset ``episode``, and ``traj`` if its states are stored."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: HDF5 file versions: by benchmarks/stores.py, files have half the default size at the same CPU time, because versions
+#: HDF5 file versions. Files have half the default size at the same CPU time (benchmarks/stores.py), because versions
 #: before 1.10 use 2 kB of index for each of the ten arrays.
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
@@ -166,7 +166,7 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    for name, value in sorted(tree.items()):  # HDF5's order: a rewritten file is identical
+    for name, value in sorted(tree.items()):  # HDF5's order keeps a rewritten file identical
         if isinstance(value, dict):
             _write_tree(group.create_group(name), value)
         else:

@@ -1,4 +1,4 @@
-"""Videos of recorded episodes by ray casting, with the controller's point cloud beside the image."""
+"""Draw videos of recorded episodes by ray casting, with the controller's point cloud next to the image."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from gensim2.tasks.strategies import Strategies
 Frame = npt.NDArray[np.uint8]
 
 SIZE = 384
-"""Width and height of the image and of the cloud's image, pixels."""
+"""Width and height of the scene's image and of the point cloud's image, pixels."""
 FRAMES_PER_SECOND = 10
 EYE, TARGET = (-0.45, -1.15, 0.75), (-0.13, -0.07, 0.2)
-"""Position of the camera (world frame, m): on the right, where the inside of most open doors is visible."""
+"""Position of the camera, and the point it looks at (world frame, m); most open doors show their inside to it."""
 FIELD_OF_VIEW = float(np.deg2rad(40))
 PAPER, INK = (24, 26, 30), (235, 238, 242)
 DOT = 2
@@ -42,7 +42,7 @@ DOT = 2
 
 
 PICTURE_ALONE = ObservationSpec(modalities=())
-"""Observation spec of a film without a point cloud beside it."""
+"""Observation spec for a video that shows no point cloud."""
 
 
 def film_again(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
@@ -84,7 +84,7 @@ def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video
     Args:
         episode: file of the episode, with states.
         scene: scene of the episode.
-        spec: observation spec of the controller; its cloud is shown beside the image.
+        spec: observation spec of the controller; its point cloud is shown next to the image.
         video: file to write, atomically.
 
     Raises:
@@ -151,7 +151,7 @@ def film_camera(profile: RobotProfile) -> Camera:
 
 
 def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:
-    """Draw points (N, 3), m in the base frame, as coloured squares into an image (H, W, 3), near ones on top."""
+    """Draw points (N, 3), m in the base frame, as coloured squares into an image (H, W, 3), near points on top."""
     picture = np.empty((camera.height, camera.width, 3), np.uint8)
     picture[:] = PAPER
     seen = np.c_[points, np.ones(len(points))] @ camera.projection.T

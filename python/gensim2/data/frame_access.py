@@ -1,4 +1,4 @@
-"""Random access to the frames of a data set, for training."""
+"""Read the frames of a data set in any order, for training."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Array = npt.NDArray[Any]
 OPEN_FILES = 64
 """Largest number of observation files that a process keeps open."""
 KEPT_EPISODES = 1024
-"""Number of episodes whose states and actions a process caches, about 20 kB each."""
+"""Maximum number of episodes whose states and actions a process caches, about 20 kB for each episode."""
 
 _ROOT = 13
 """Number of values before the joints in ManiSkill's states: root pose and velocities."""
@@ -54,7 +54,7 @@ class _Episode:
 
 @dataclass(frozen=True)
 class _Open:
-    """An open observation file and those of its arrays that have one row per frame."""
+    """An open observation file, and its arrays with one row per frame."""
 
     file: h5py.File
     arrays: dict[str, h5py.Dataset]
@@ -213,7 +213,7 @@ class FrameAccess:
             self._spec.require(spec, str(path), of="the rest of the data set")
             found = frame_arrays(path, episode.row.control_steps)
             self._arrays[number] = next((known for known in self._arrays.values() if known == found), found)
-        file = h5py.File(path, "r", rdcc_nbytes=0)  # no chunk cache, because a chunk is one frame and seldom read twice
+        file = h5py.File(path, "r", rdcc_nbytes=0)  # no cache: a chunk is one frame, seldom read twice
         self._files[number] = _Open(file, {name: file[name] for name in self._arrays[number]})
         if len(self._files) > OPEN_FILES:
             self._files.popitem(last=False)[1].file.close()

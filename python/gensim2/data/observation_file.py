@@ -1,4 +1,4 @@
-"""Observations of one episode in one checksummed HDF5 file: a description, and one dataset per array."""
+"""Store the observations of one episode in one checksummed HDF5 file: a description, and one dataset per array."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from gensim2.perception.cloud import from_steps
 
 DESCRIPTION = "observation"
 """Name of the dataset with the description, as JSON."""
-MAX_DESCRIPTION = 2**20  # bytes
-DEPTH = 2  # nesting of groups: cameras/left/rgb
+MAX_DESCRIPTION = 2**20  # maximum size of the description, bytes
+DEPTH = 2  # maximum nesting of groups, as in cameras/left/rgb
 
 _ONE_FRAME: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 

@@ -96,7 +96,7 @@ def _library(assets: str) -> Library:
     return open_library(assets)
 
 
-@lru_cache(maxsize=1)  # cache one renderer only, because each takes 2 GB
+@lru_cache(maxsize=1)  # only one renderer is cached, because each needs 2 GB
 def _pictures(scene: SceneConfig) -> Any:
     from gensim2.sim.pictures import StatePictures
 

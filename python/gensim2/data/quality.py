@@ -1,4 +1,4 @@
-"""Coverage of a data set and quality of its motions, computed episode by episode."""
+"""Compute the coverage of a data set and the quality of its motions, episode by episode."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gensim2.scenes.physics import physics_switches
 from gensim2.tasks.spec import TaskSpec
 
 SAME_PLACE, SAME_YAW, SAME_OPENNESS = 1e-3, 0.02, 0.01
-"""Differences (m, rad, share of the joint range) within which two scenes count as the same."""
+"""Two scenes count as equal if position (m), yaw (rad) and openness differ by less than these values."""
 
 
 @dataclass
@@ -35,7 +35,7 @@ class TaskQuality:
         tried, held, strict, whole: number of all episodes, of those that pass `held` (success), of those that pass
             `strict`, and of those in which every planned motion was executed completely.
         causes: number of failed episodes by cause.
-        places: x, y (m) and yaw (rad) of the object that the first step acts on, and whether the episode succeeded.
+        places: for each episode, x, y (m) and yaw (rad) of the first step's object, and whether the episode succeeded.
         openness: initial openness of that object in successful episodes; empty if it has no joint.
         lengths: control steps of successful episodes.
         jerks: root mean square of the arm's jerk (rad/s^3) in each successful episode.

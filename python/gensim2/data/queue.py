@@ -33,7 +33,7 @@ from gensim2.rollout.runner import EpisodeRunner
 UPDATE_SECONDS = 0.5
 """Time between two status updates, s."""
 RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
-"""Files that describe the run itself; all other files follow from ``dataset.json``."""
+"""Files that differ between runs; ``dataset.json`` determines the content of all other files."""
 
 
 def write_page(dataset: DataSet, status: Status, run: Mapping[str, Any]) -> Path:
@@ -101,7 +101,7 @@ class Queue:
 
     Args:
         folder: folder of the data set.
-        given: tasks with their strategies, in order.
+        given: tasks with their strategies, in the order of the command.
         listener: receives the status of the collection.
 
     Raises:
@@ -204,7 +204,7 @@ class Queue:
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                if key not in self._objects:  # content of the objects as they are now
+                if key not in self._objects:  # read the objects' present content
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]
                 if used.content_hash != thing.content_hash:

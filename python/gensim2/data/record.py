@@ -1,4 +1,4 @@
-"""``dataset.json``: all settings that determine the episodes of a data set, and the results."""
+"""Define ``dataset.json``, which has all settings that determine a data set's episodes, and the results."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class DatasetRecord(RunSettings):
     Attributes:
         arguments: options of all episodes: fields of :class:`~gensim2.scenes.config.SceneOptions` and of
             :class:`~gensim2.rollout.config.RolloutOptions`.
-        seed: seed from which all scene seeds derive.
+        seed: seed from which the seeds of all scenes are derived.
         episodes: number of episodes to run for each task.
         keep_failures: whether the states of failed episodes are stored as well.
         tasks: tasks by name, in the order of the command.
@@ -103,7 +103,7 @@ class DatasetRecord(RunSettings):
         return self
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences that forbid resuming; more episodes and additional tasks are allowed."""
+        """Yield differences between the records that forbid resuming; additional episodes and tasks are allowed."""
         for name in ("arguments", "versions", "seed", "keep_failures"):
             yield from differing(name, getattr(self, name), getattr(now, name))
         if now.episodes < self.episodes:

@@ -60,7 +60,7 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
 def _arrays(
     recording: Recording, steps: int
 ) -> Iterator[tuple[str, npt.NDArray[Any], np.dtype[Any], tuple[int | None, ...]]]:
-    """Yield name, array, type and shape of everything in a recording."""
+    """Yield name, array, required type and required shape of every array in a recording."""
     numbers, truth = np.dtype(np.float32), np.dtype(np.bool_)
     yield "actions", recording.actions, numbers, (steps, None)
     yield "obs", recording.obs, numbers, (steps + 1, None)

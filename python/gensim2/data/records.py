@@ -1,4 +1,4 @@
-"""Records of runs, designs and verifications, made of values that JSON can store."""
+"""Define the records of runs, designs and verifications; all their values can be stored as JSON."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FIXED_ARGUMENTS = (
     "verify",
     "from_empty",
 )
-"""Arguments that a resumed run must share with the original; all others only affect its length or speed."""
+"""Arguments that must be equal when a run is resumed; all other arguments only affect its length or speed."""
 
 
 class Effort(Record):
@@ -152,7 +152,7 @@ class ResultSummary(BaseModel):
 
 
 class RunSummary(BaseModel):
-    """Data for the report from optional fields of ``run.json``."""
+    """Optional fields of ``run.json`` that the report shows."""
 
     arguments: Annotated[ArgumentsSummary, BeforeValidator(nested_options)]
     result: ResultSummary | None
@@ -177,7 +177,7 @@ class SecondEngine:
 
     @property
     def rate(self) -> float:
-        """Success rate: share of episodes that pass `held`."""
+        """Success rate: fraction of episodes that pass `held`."""
         return self.tally.held / self.tally.episodes
 
 
@@ -229,7 +229,7 @@ class Verification:
 
 @dataclass(frozen=True)
 class DesignEffort:
-    """Cost of a strategy search.
+    """Number of candidates and episodes of a strategy search, and its CPU time.
 
     Attributes:
         candidates: number of planned candidates.
@@ -298,7 +298,7 @@ class PipelineResult:
 
     Attributes:
         run_dir: run folder.
-        tasks: designed tasks in order.
+        tasks: designed tasks in the order in which they were finished.
         rejected: proposals for which no candidate passed the screening, with the reason.
         notes: remarks for the user, for example fewer tasks than requested, or objects left out.
     """

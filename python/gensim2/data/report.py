@@ -1,4 +1,4 @@
-"""``quality.html`` and ``quality.json``: coverage of a data set in images and numbers."""
+"""Write ``quality.html`` and ``quality.json``, which show the coverage of a data set in images and numbers."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class _Section:
     """Data for the section of the report about one task.
 
     Attributes:
-        quality: its quality measures.
+        quality: quality measures of the task.
         interval: 95 % interval of the success rate.
         charts: SVG charts.
-        films: file names of videos beside the page, each with its still picture.
+        films: file names of videos in the page's folder, each with the file name of its still picture.
         shots: images of rendered demonstrations; empty if the data set was not rendered.
     """
 

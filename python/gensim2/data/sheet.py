@@ -23,7 +23,7 @@ MAX_PICTURES = 12
 _DOT = 2
 """Width of the border that each point gets on every side, pixels."""
 _PAPER = 244
-"""Brightness of pixels without a point."""
+"""Brightness (0 to 255) of background pixels, in which no point is drawn."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Progress of a collection, as numbers for a display."""
+"""Describe the progress of a collection for a display."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Status:
     """State of a collection.
 
     Attributes:
-        tasks: progress of the tasks in order.
+        tasks: progress of each task, in the order of the command.
         ran: number of episodes finished in this run.
         seconds: wall time of this run, s.
         stored: size of all episodes, bytes.

@@ -1,4 +1,4 @@
-"""Episodes of one task on disk: one file for each episode in one folder (docs/reference/data_format.md)."""
+"""Store the episodes of one task in one folder, with one file for each episode (docs/reference/data_format.md)."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class TaskStore:
         return write_episode(self.path(index, episode.held), episode, recording)
 
     def rows(self) -> Iterator[Episode]:
-        """Yield the records of all episodes by index from ``episodes.jsonl``; one is in memory at a time.
+        """Yield the records of all episodes from ``episodes.jsonl``, ordered by index; one is in memory at a time.
 
         Raises:
             InputError: the file is missing because the collection is incomplete, it cannot be read, or an episode has

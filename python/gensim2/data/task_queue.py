@@ -1,6 +1,6 @@
 """Track the finished and missing episodes of one task in a collection.
 
-The collection of data sets and that of demonstrations use this queue with different quotas.
+Commands that collect data sets and commands that collect demonstrations use this queue with different quotas.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class TaskQueue:
 
     Args:
         strategies: strategies by name, as plain data.
-        instances: set of objects.
+        instances: name of the set of objects.
         store: folder of the task.
         seeds: function that returns the scene seed of an episode index.
         quota: number of episodes to collect.
@@ -148,7 +148,7 @@ class TaskQueue:
         return damaged
 
     def is_complete(self) -> bool:
-        """Return whether ``episodes.jsonl`` and all its episodes are complete; if so, count the episodes."""
+        """Return whether ``episodes.jsonl`` and all files that it lists are complete; if so, count the episodes."""
         number = -1
         with contextlib.suppress(InputError):
             for number, row in enumerate(self.store.rows()):
@@ -199,7 +199,7 @@ def run_queues(
     """Run the missing episodes of the queues, task by task, and count each finished episode.
 
     Args:
-        queues: one queue for each task, in order.
+        queues: one queue for each task, in the order in which the tasks are run.
         evaluator: pool of workers that runs the episodes.
         finished: callback after each episode, with the episode's queue.
 

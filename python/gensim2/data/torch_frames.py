@@ -1,4 +1,4 @@
-"""Frames of a data set as a PyTorch data set."""
+"""Provide the frames of a data set as a PyTorch data set."""
 
 from __future__ import annotations
 

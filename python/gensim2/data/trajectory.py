@@ -1,4 +1,4 @@
-"""Demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
+"""Write demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
 Each finished episode is first written atomically to its own file under ``episodes/``; the two files are then merged
 from the given episodes in the given order. An interruption therefore loses no finished episode, and the number of
@@ -64,7 +64,7 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
     Args:
         folder: output folder.
         provenance: task, strategies and sources, for the JSON file.
-        episodes: (file, digest) of each episode, in order.
+        episodes: (file, digest) of each episode, in the order of the trajectories.
 
     Raises:
         InputError: there are no episodes, or one is damaged or has no states.
@@ -146,7 +146,7 @@ def env_kwargs(
         "instances": {name: list(ids) for name, ids in instances.items()},
         **environment,
     }
-    if not _env_id(task).endswith(task.env_id):  # not a library task: store its spec with the data
+    if not _env_id(task).endswith(task.env_id):  # a task outside the library has no id
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs
 

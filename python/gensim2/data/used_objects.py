@@ -15,7 +15,7 @@ _REMEDY = "restore the object, or give its folder with --assets"
 
 
 class ObjectCheck:
-    """Checks that the objects are the same as when the episodes of a data set were run.
+    """Checks that the objects have not changed since the episodes of a data set were run.
 
     Objects are compared by a hash that depends on their files and on the version of gensim2. A difference is an error
     if this version made the data set, and otherwise only a message, once for each object.

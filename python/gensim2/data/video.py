@@ -1,4 +1,4 @@
-"""Videos and images of recorded episodes.
+"""Render videos and images of recorded episodes.
 
 If SAPIEN's renderer works, the actions are replayed in SAPIEN and rendered; states that another engine recorded are
 rendered without a replay. Otherwise a ray caster draws the recorded states.
@@ -39,8 +39,8 @@ from gensim2.tasks.parse import parse_task
 Frame = npt.NDArray[np.uint8]
 
 LONG = 200
-"""Number of control steps above which only every second one is shown; without a GPU a frame takes a quarter of a
-second.
+"""In episodes with more control steps than this, the video shows every second step, because a frame takes a quarter
+of a second without a GPU.
 """
 
 
@@ -111,7 +111,7 @@ class Replay:
 
     @staticmethod
     def stored(trajectory: Path, episode: int = 0) -> Replay:
-        """Read the replay of an episode from ``trajectory.h5`` and the JSON file beside it.
+        """Read the replay of an episode from ``trajectory.h5`` and the JSON file in the same folder.
 
         The environment is built from the task, because gymnasium would import the module named in the file's
         environment id.
@@ -129,7 +129,7 @@ class Replay:
         if found is None:
             raise InputError(f"there is no episode {episode}", file=path, field="episodes")
         reset = found.reset_kwargs
-        if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's options can set arbitrary states
+        if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's own options can set any state
             raise InputError(f"has the unknown option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
         try:
@@ -210,7 +210,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
 
 class _Shown:
-    """Data that a replay keeps besides the video file; keeping all frames would need too much memory."""
+    """Data about the frames that are already in the video file; the frames themselves would need too much memory."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -312,7 +312,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
     first = next(rest)
     height, width = first.shape[:2]
     shape: dict[str, Any] = {"macro_block_size": 1, "output_params": ["-g", "2"]}
-    if not exact:  # "faststart": browsers can play it while it loads
+    if not exact:  # with "faststart", browsers can play a video while it loads
         shape = {"quality": 7, "output_params": ["-movflags", "+faststart"]}
     shape |= {"codec": "libx264", "pix_fmt_out": pixel_format(height, width) if exact else "yuv420p"}
     writer = imageio_ffmpeg.write_frames(

@@ -30,16 +30,17 @@ PLACES = (INSIDE, "above", "bottom", "surface")
 
 
 MOVES = 0.005
-"""Distance in metres by which a keypoint must move during a fifth of the joint's range to have an opening direction."""
+"""A keypoint has an opening direction if it moves by this distance (m) or more in a fifth of the joint range."""
 
 
 @dataclass(frozen=True)
 class KeypointFacts:
-    """Geometry at a keypoint in the default placement with the joint at its mean start; means over instances.
+    """Geometry at a keypoint, averaged over instances in the default placement at the mean initial openness.
 
     Attributes:
         position: (3,) metres in the world.
-        opening: (3,) unit direction in the world in which the keypoint moves as the joint opens; None if it does not.
+        opening: (3,) unit direction in the world in which the keypoint moves as the joint opens; None if the joint does
+            not move the keypoint.
         part: (3,) extents in metres along the world's axes of the convex part nearest to the keypoint.
     """
 
@@ -64,13 +65,13 @@ class Affordance:
             keypoint; distance criteria use it.
         lever_arms: distance in metres from the joint axis by keypoint name, for the keypoints on the moving link; zero
             for a prismatic joint, empty for a rigid object.
-        joint_type: ``"revolute"`` or ``"prismatic"``, whichever more of the instances have; None for a rigid object.
-            All values of the joint are those of instances of this type.
+        joint_type: the more frequent joint type of the instances, ``"revolute"`` or ``"prismatic"``; None for a rigid
+            object. All values about the joint are means over the instances of this type.
         joint_range: lower and upper joint limit, rad or m, at openness 0 and 1.
         joint_axis: ``"vertical"`` or ``"level"``: direction of the hinge axis, or of the motion of a prismatic joint.
         default_openness: mean openness at the start of an episode.
         grip_width: distance in metres between the fingertips that hold a rigid object across its narrowest side.
-        picture: picture of one instance with its keypoints named, or None.
+        picture: picture of one instance with labelled keypoints, or None.
         samples: the articulated instances that the values summarize.
     """
 
@@ -148,7 +149,7 @@ class Affordance:
         if isinstance(first, RigidObject):
             return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, **common)
         articulated = [each for each in objects if isinstance(each, ArticulatedObject)]
-        # An angle and a length have no mean: the numbers are those of the more frequent joint type.
+        # An angle and a length cannot be averaged, so only instances with the more frequent joint type are used.
         ((kind, _),) = Counter(each.joint.type for each in articulated).most_common(1)
         instances = [each for each in articulated if each.joint.type == kind]
         joint = instances[0].joint
@@ -206,7 +207,7 @@ def _facts(instances: Sequence[ArticulatedObject], name: str, moves: bool) -> Ke
 
 
 def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
-    """Return the extents of the free space at the measured keypoint; None if an instance has none."""
+    """Return the extents of the free space at the measured keypoint; None if an instance has no free space there."""
     sizes = []
     for each in instances:
         point = each.keypoints[name]

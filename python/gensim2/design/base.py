@@ -1,4 +1,4 @@
-"""Interface of designers, which propose tasks and strategies: the offline search, and language models."""
+"""Define the interface of designers, which propose tasks and strategies: offline search, and language models."""
 
 from __future__ import annotations
 
@@ -109,10 +109,10 @@ class StageResult:
     Attributes:
         name: name of the stage.
         trials: number of scenes planned or episodes simulated.
-        score: share of trials with a complete plan, or share of successful episodes.
+        score: fraction of trials with a complete plan, or fraction of successful episodes.
         causes: number of failures by cause.
-        strict: share of episodes that also pass the strict verdict; 0 without episodes.
-        diagnoses: failures in words with numbers, the most frequent first.
+        strict: fraction of episodes that also pass the strict verdict; 0 without episodes.
+        diagnoses: descriptions of failures with measured values, the most frequent first.
         by_object: numbers of successful and of all episodes with each instance of the first object, by its id.
     """
 
@@ -139,7 +139,7 @@ class CandidateResult:
 
     @property
     def strict_score(self) -> float:
-        """Share of simulated episodes that pass `strict`, reduced if there are few episodes."""
+        """Fraction of simulated episodes that pass `strict`, reduced if there are few episodes."""
         return self.strict / (self.episodes + 1)
 
     @property
@@ -178,7 +178,7 @@ class CandidateResult:
 
     @property
     def plan_score(self) -> float:
-        """Share of scenes for which the candidate has a complete plan."""
+        """Fraction of scenes in which the candidate has a complete plan."""
         plans = [stage for stage in self.stages if stage.name == "plan"]
         return plans[-1].score if plans else 0.0
 
@@ -187,10 +187,10 @@ class Designer(Protocol):
     """Interface of a designer, which proposes tasks and candidate strategies, and refines candidates by their results.
 
     Attributes:
-        name: recorded in run.json and as the origin of the designer's tasks.
+        name: name of the designer in run.json and in the provenance of its tasks.
         notes: remarks for the reader of the report; read at the end of the run.
         patience: number of refinements that the search allows before it gives up a task whose candidates nearly always
-            fail. A designer that learns from the words of a diagnosis needs more than one.
+            fail. A designer that learns from the text of a diagnosis needs more than one.
     """
 
     @property

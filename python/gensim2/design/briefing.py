@@ -18,7 +18,7 @@ from gensim2.objects.library.meshes import listed
 from gensim2.robots import robot
 from gensim2.rollout.inputs import has_instances
 
-#: Number of instances that an affordance averages over.
+#: Number of instances over which the values of an affordance are averaged.
 AFFORDANCE_INSTANCES = 3
 #: Maximum number of classes named in one note.
 NAMED = 6

@@ -1,4 +1,4 @@
-"""Draft tasks of several steps from joint motions: move two joints for one purpose, or open and close one joint."""
+"""Draft tasks of several steps that move joints: two joints for one purpose, or one joint to one end and back."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gensim2.objects.words import Purpose, camel_case, noun, purposes, to_and_fr
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Place
 
-#: Maximum number of drafts that use the same joint task.
+#: Maximum number of drafts in which the same joint task is a step.
 OF_ONE = 3
 
 #: Position (x, y) in metres of a plate or bowl beside an articulated object.
@@ -35,7 +35,7 @@ def again(brief: Brief) -> Iterator[Draft]:
 
 
 def pairs(brief: Brief) -> Iterator[Draft]:
-    """Draft tasks that move two joints for one purpose; alternate the purposes and reuse each joint task rarely."""
+    """Draft tasks that move two joints for one purpose; the purposes alternate."""
     there = _narrow(brief)
     choices = list(in_turn(_pairs_for(purpose, there) for purpose in purposes()))
     used: Counter[tuple[str, str]] = Counter()

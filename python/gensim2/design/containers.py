@@ -35,10 +35,10 @@ _TIDYING = {
 }
 CLOSED_AFTER = ("stow", "shut")
 
-#: Maximum width (m) of a container that leaves room for a second one beside it.
+#: Maximum width (m) of a container that leaves space on the table for a second container beside it.
 NARROW = 0.36
 
-#: Containers whose longest side (m) exceeds this have a shelf or a turntable, and no room for two objects.
+#: Containers with a longer side than this (m) have a shelf or a turntable, and no space for two objects.
 LARGE = 0.34
 
 

@@ -63,7 +63,7 @@ def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
 
 
 def _has_joint(task: TaskSpec, name: str, library: Library) -> bool:
-    """Return whether an object has a joint; if its class is not in ``library``, judge by the task's criteria."""
+    """Return whether an object has a joint; if ``library`` lacks its class, infer this from the task's criteria."""
     asset_class = task.objects[name].asset_class
     if asset_class in library.classes():
         return library.kind(asset_class) == "articulated"
@@ -99,7 +99,7 @@ def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
 
 
 def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
-    """Return a task's success rates: from the paper, of the paper's released code, and measured with gensim2."""
+    """Return a task's success rates: as published in the paper, of the paper's code, and measured with gensim2."""
     published, released = paper_of(task), released_of(task)
     return {
         "paper": None if published is None else {"mean": published[0], "deviation": published[1]},

@@ -25,7 +25,7 @@ class Chosen:
         designer: designer that proposes tasks and writes candidates.
         accepts: function that returns whether to accept a proposal.
         left_out: phrase in the notes about rejected proposals, such as ``"are not wanted"``.
-        wish: name of the filter; a resumed run must use a filter of the same name. None: a resumed run may use any
+        wish: name of the filter; a resumed run must use a filter with this name. None: a resumed run may use any
             filter.
     """
 

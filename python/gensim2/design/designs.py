@@ -1,4 +1,4 @@
-"""The result of a strategy search, in memory and in ``design.json``."""
+"""Define the result of a strategy search, in memory and in ``design.json``."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import Any
 #: Maximum number of failure sentences kept for each stage, the most frequent first.
 KEPT = 6
 
-#: Sentence for each number of an episode's diagnosis; {} stands for the number.
+#: Sentence that describes each measured value in an episode's diagnosis; {} stands for the value.
 NUMBERS = {
     "distance": "by {:.0f} mm",
     "nearest": "the hand came within {:.0f} mm of its nearest keypoint",
@@ -32,7 +32,7 @@ class Diagnosis:
         cause: cause of failure (docs/reference/episodes.md) or status of the planner.
         words: sentence that describes one of these failed trials with its numbers.
         count: number of trials with this kind of failure.
-        numbers: the numbers behind ``words``, as passed to :func:`diagnoses`.
+        numbers: measured values in ``words``, as passed to :func:`diagnoses`.
     """
 
     step: str | None
@@ -53,7 +53,7 @@ def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagno
     """Return the ``KEPT`` most frequent kinds of failure.
 
     Args:
-        failures: cause and numbers of each failed trial. The numbers are the ``diagnosis`` of an episode, or the
+        failures: cause and measured values of each failed trial. The values are the ``diagnosis`` of an episode, or the
             ``detail`` of a plan with ``step`` and ``strategy`` added.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
@@ -69,7 +69,7 @@ def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagno
 
 
 def in_words(cause: str, numbers: Mapping[str, Any]) -> str:
-    """Return one sentence that states the step, the strategy, the cause and the numbers of a failure."""
+    """Return one sentence that states the step, the strategy, the cause and the measured values of a failure."""
     step, strategy = numbers.get("step"), numbers.get("strategy")
     where = f"step {step!r}" + (f" by {strategy!r}" if strategy else "") + ": " if step else ""
     facts = [

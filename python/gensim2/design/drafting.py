@@ -60,7 +60,7 @@ def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
 
 
 def _own_name(strategy: str, task: TaskSpec) -> str:
-    """Replace a strategy's generic name by a name that is unique among joint tasks."""
+    """Return a strategy's name; a generic name is replaced by a name that is unique among joint tasks."""
     (thing,) = task.objects.values()
     number = strategy.removeprefix(DESIGNED)
     return f"{task.steps[0].name}_{thing.asset_class}{number}" if number != strategy else strategy
@@ -71,7 +71,7 @@ Item = TypeVar("Item")
 #: Maximum number of tasks that differ only in the rigid object.
 ALIKE = 3
 
-#: Control steps allowed for each step of a long task.
+#: Number of control steps by which each step of a long task extends the task's time limit.
 STEPS_EACH = 300
 
 #: Start positions (x, y) in the world, m, of a rigid object beside its destination, and their randomization.
@@ -132,7 +132,7 @@ class Draft:
 
 
 Family = Callable[[Brief], Iterator[Draft]]
-"""Generator of the drafts of one kind that the brief's classes and known tasks allow."""
+"""Function that yields all drafts of one kind that are possible with the brief's classes and known tasks."""
 
 
 def chains(task: TaskSpec) -> list[str]:

@@ -39,13 +39,13 @@ from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 
-#: Minimum success rate in verification for a task to be kept: for one step, and for several.
+#: Minimum success rate in verification for a task to be kept: of single-step tasks, and of tasks with several steps.
 KEEP_THRESHOLD, KEEP_LONG = 0.8, 0.6
 
 #: Default number of verification episodes.
 VERIFY_EPISODES = 20
 
-#: Number of episodes between checks whether the threshold can still be reached.
+#: Number of episodes after which the verification checks again whether the threshold can still be reached.
 STRIDE = 10
 
 #: File with the episodes of an unfinished verification.
@@ -103,7 +103,7 @@ def verify(
         run: the run's folder.
         evaluator: worker pool that runs the episodes.
         library: object library.
-        apart: division of the instances; the episodes use instances that the search did not use.
+        apart: division of the instances into search and test instances; the episodes use the test instances.
         episodes: number of episodes.
         seed: seed of the scenes.
         second: engine that repeats the verification if the task passes it in the first engine; None for one engine.
@@ -150,10 +150,10 @@ def verify(
     return verification
 
 
-#: The run gives up after this many searched proposals for each requested task.
+#: The run ends after searches for this many proposals per requested task, even if too few tasks were kept.
 PROPOSALS_PER_TASK = 3
 
-#: The run gives up after this many consecutive proposals of a kind that is complete; each may cost a model request.
+#: The run ends after this many consecutive proposals of a kind of which no more tasks are needed.
 MAX_UNWANTED = 300
 
 #: CPU seconds between rewrites of the report, whose cost grows with the number of tasks.
@@ -198,7 +198,7 @@ class Extent:
     second: Engine | None = None
 
 
-#: Folder of the episodes of a search that is under way; the search is repeated from them.
+#: Folder with the episodes of an unfinished search; a resumed search reads the episodes instead of running them.
 SEARCHED = "search"
 
 
@@ -207,8 +207,8 @@ class _Kept:
 
     Args:
         runner: runner that plans and runs episodes.
-        folder: folder of the results, with one file for each call. A search reuses a result only if its calls are the
-            same.
+        folder: folder of the results, with one file for each call. A search reuses a result only if the arguments of
+            the call are equal.
     """
 
     def __init__(self, runner: EpisodeRunner, folder: Path) -> None:
@@ -243,11 +243,11 @@ class PipelineRun:
         designer: designer that proposes tasks and candidates.
         folder: run folder.
         evaluator: worker pool that plans and runs episodes.
-        seed: seed of every random draw.
+        seed: seed of all random choices.
         extent: amount of work on each task.
         known: tasks that the designer knows.
-        familiar: tasks that count as already solved. A proposal that repeats one can become a part of longer tasks, but
-            does not count towards the wanted number.
+        familiar: tasks that count as already solved. A proposal that repeats such a task can become a part of longer
+            tasks, but does not count towards the requested number.
         budget: budget of each search; None: the default for the task.
         progress: progress listener.
     """
@@ -337,7 +337,7 @@ class PipelineRun:
             outcome = self._tested(task, strategies, folder)
         except Declined as declined:
             return self._rejected(task, folder, str(declined))
-        except (PlacementError, GoalError) as error:  # The fault is in this proposal only, so the run continues.
+        except (PlacementError, GoalError) as error:  # only this proposal is faulty, so the run continues
             return self._rejected(task, folder, error.message)
         effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
         self._outcomes[-1] = replace(outcome, effort=effort)
@@ -364,7 +364,7 @@ class PipelineRun:
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
         """Return the strategies found by the search, now or in an earlier call, or the reason why it found none."""
         for thing in task.objects.values():
-            _ = self._classes[thing.asset_class]  # read the record for its notes, which belong to the result
+            _ = self._classes[thing.asset_class]  # loading the class adds its notes, which belong to the result
         self.folder.save()
         record = read_design(folder.path)
         if record is None:

@@ -48,7 +48,7 @@ class GalleryEntry:
 
     Attributes:
         description: description of the task as plain data.
-        seeds: scene seeds to try until an episode succeeds, the same as in ``gensim2 demo --episodes 1 --seed SEED``.
+        seeds: seeds of the scenes, tried in order until an episode succeeds, as in ``gensim2 demo --episodes 1``.
         log: log file of the episodes that were run.
 
     Raises:
@@ -70,7 +70,7 @@ class GalleryEntry:
 
     @property
     def episodes(self) -> list[Episode]:
-        """Episodes that were run, in order."""
+        """Episodes that were run, in the order of their seeds."""
         return [self.log.done[index] for index in sorted(self.log.done)]
 
     @property
@@ -92,11 +92,11 @@ class GalleryEntry:
 
     @property
     def still(self) -> str | None:
-        """Path of the still relative to the gallery, or None."""
+        """Path of the still image relative to the gallery, or None."""
         return self._place(STILL)
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Write the log of the episodes that were run; if the last one succeeded, it has a video."""
+        """Write the log of the episodes that were run; if the last episode succeeded, the video shows this episode."""
         for index in list(self.log.done):
             self.log.forget(index)
         for index, episode in enumerate(episodes):

@@ -1,6 +1,6 @@
-"""Enumerate and vary strategies for one joint: contacts, approach directions and motions in the joint's frame.
+"""Enumerate and vary strategies for one joint. An alignment is a contact, an approach direction and a motion.
 
-The candidates depend only on the joint's type, the keypoints on the moving link, their distance from the axis and the
+The alignments depend only on the joint's type, the keypoints on the moving link, their distance from the axis and the
 goal, not on the object's class.
 """
 
@@ -16,7 +16,7 @@ from gensim2.core import seeding
 from gensim2.design.affordance import Affordance
 from gensim2.design.manipulation import Axis, Direction, Manipulation, Motion
 
-#: Openness at which the motion ends for each goal; beyond the end because a pushed part lags behind.
+#: Openness at which the commanded motion ends for each goal; beyond the joint limit, because a pushed part lags behind.
 OPENED, CLOSED_UP, HALFWAY = 1.05, -0.1, 0.5
 
 _HALF = math.sqrt(0.5)
@@ -79,14 +79,14 @@ def likely(thing: Affordance, opening: bool, goal: float) -> list[Manipulation]:
 
 
 def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int, what: str) -> list[Manipulation]:
-    """Draw up to ``count`` alignments.
+    """Sample up to ``count`` alignments.
 
     Args:
         thing: class whose joint is moved.
         opening: whether the joint is opened.
         goal: openness at which the motions end.
         count: maximum number of alignments.
-        seed, what: seed of the random draw, and name of its purpose.
+        seed, what: seed of the random generator, and name of the purpose for which the generator is used.
     """
     found = list(alignments(thing, opening, goal))
     if len(found) <= count:
@@ -127,14 +127,14 @@ def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipu
     longest = max(thing.lever_arms.values(), default=0.0)
     for keypoint in thing.lever_arms:
         if longest and thing.lever_arms[keypoint] < 0.3 * longest:
-            continue  # This contact is too near the hinge to move the part.
+            continue  # a contact this close to the hinge cannot move the part
         for direction in DIRECTIONS:
             yield from _pushes(keypoint, direction, opening, goal)
             yield from _grasps(keypoint, direction, opening, goal)
 
 
 def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
-    """Return whether the fingers point against the motion, so that the palm would collide with the moving part."""
+    """Return whether the fingers point against the part's motion, so that the palm would be in the part's way."""
     along = direction.vector[1] if direction.frame == "joint" else 0.0
     return (along if opening else -along) < -0.5
 
@@ -165,7 +165,7 @@ def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> 
     axes: Sequence[Axis] = ("x", "y", "z")
     for roll, inset in itertools.product(axes, (0.0, 0.015)):
         if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:
-            continue  # This axis is already orthogonal to the approach.
+            continue  # only axes orthogonal to the approach fix the roll
         yield Manipulation(
             keypoint=keypoint,
             gripper="grasp",

@@ -18,7 +18,7 @@ Motion = Literal["follow_joint_to", "trace_joint_to"]
 #: Position tolerance of the contact, metres.
 CONTACT_TOLERANCE = 0.001
 
-#: Distance in metres by which the hand retreats at the end, so that the result is judged without its support.
+#: Distance (m) by which the hand retreats at the end, so that success is evaluated while the hand touches nothing.
 LET_GO = 0.06
 
 

@@ -76,15 +76,15 @@ def wanted_ends(brief: Brief) -> set[tuple[str, str]]:
     return chores.wanted_ends() | {(name, end) for name in kept_in for end in ENDS}
 
 
-#: Number of alignments sampled for a joint in the first round, and in the second if success rates are still low.
+#: Number of alignments sampled for a joint in the first round, and in the second round if success rates are low.
 FIRST_DRAW, SECOND_DRAW = 8, 60
 
-#: Number of the best candidates varied in each round, and of variations of each.
+#: Number of best candidates that are varied in each round, and number of variations of each candidate.
 REFINE_PARENTS = 3
 REFINE_CHILDREN = 4
 REFINE_ROUNDS = 3
 
-#: Number of single-step tasks proposed before the first long task, which needs some of them.
+#: Number of single-step tasks proposed before the first long task, because long tasks are composed of them.
 FIRST_SINGLE = 12
 
 #: Maximum number of strategies combined for one step.
@@ -209,7 +209,7 @@ def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
 
 
 def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
-    """Return a candidate with the strategies of ``group``; the planner uses the first that can be planned."""
+    """Return a candidate with the strategies of all candidates in ``group``; the planner uses a feasible one."""
     ways: Strategies = {}
     for number, result in enumerate(group, 1):
         ((name, data),) = result.candidate.strategies.items()

@@ -69,7 +69,7 @@ def design_task(
         out: run folder. None: ``design`` in ``folder``; kept strategies are then also written to ``folder``.
         verify: number of new episodes that verify the task. 80 % of them must succeed (60 % for a task with several
             steps).
-        seed: seed of every random draw.
+        seed: seed of all random choices.
         resume: continue the run in the run folder.
         videos: number of episodes to film, failed ones if the task is not kept.
         budget: limits of the search; None: the default budget.

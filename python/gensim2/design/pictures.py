@@ -1,4 +1,4 @@
-"""Pictures for designers, rendered on first use."""
+"""Provide pictures for designers, which are rendered on first use."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ class LazyPicture:
     """A PNG image that is rendered on first use.
 
     Attributes:
-        of: description that identifies the content: equal descriptions mean equal pictures. A replay compares
-            descriptions, so that it works on a machine that cannot render.
+        of: description of the content; pictures with equal descriptions are equal. A replay of recorded answers
+            compares only descriptions, so that it works on a machine that cannot render.
         make: function that renders the picture; the first call takes seconds. Raises GenSim2Error if this machine
             cannot render.
     """

@@ -19,19 +19,19 @@ from gensim2.tasks.criteria import (
 )
 from gensim2.tasks.spec import DESIGNED, HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
 
-#: A task whose phrase is less useful than this is proposed only if nothing better is left.
+#: A task with a lower usefulness than this is proposed only if no task with a higher usefulness is left.
 ASKED_FOR = 0.5
 
-#: Half the width of the range of the initial openness, as in the paper's scenes.
+#: Maximum deviation of the initial openness from its mean, as in the paper's scenes.
 OPENNESS_SPREAD = 0.15
 
-#: Mean and spread of the initial openness of a closed and of an open object.
+#: Mean and maximum deviation of the initial openness: of a closed object, and of an open object.
 SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 
 #: Height in metres by which an object must be lifted: half the height of a grasp's lift.
 LIFT = 0.06
 
-#: Maximum number of tasks that differ only in the rigid object, and their usefulness.
+#: Maximum number of tasks that differ only in the rigid object, and the usefulness of these tasks.
 RIGID, RIGID_USEFUL = 3, 0.8
 
 Direction = Literal["left", "right", "away"]

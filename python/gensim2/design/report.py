@@ -132,7 +132,7 @@ def _films(folder: Path, verification: Verification | None) -> list[tuple[str, s
     return found
 
 
-#: What to do after a run that kept nothing.
+#: Advice for the user after a run that kept no task.
 NOTHING_KEPT = (
     "watch the videos of failed episodes, and read the residuals below the pictures of the plans",
     "check that the keypoints lie where a hand should act, and that the arm can reach them: gensim2 assets render",

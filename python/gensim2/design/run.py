@@ -77,7 +77,7 @@ def run_pipeline(
             With this option, a task that repeats the paper's suite serves only as a part of longer tasks and does not
             count.
         episodes: number of demonstrations to keep for each task.
-        seed: seed of every random draw.
+        seed: seed of all random choices.
         out: run folder; default ``runs/<date>-<time>``.
         target_task: design this task without its stored strategies: the name of a library task, or the path of a folder
             with a task.yaml.
@@ -123,7 +123,7 @@ def run_pipeline(
     second = options.second_engine(engines)
     library, instances = open_library(options.assets), instances_word(**scene)
     if target is not None:
-        chosen_word(target, library, instances, seed)  # Report a class without such instances before any work starts.
+        chosen_word(target, library, instances, seed)  # fail early if a class has no such instances
     elif not any(has_instances(library, name, instances) for name in library.classes()):
         raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
     stored = [read_task_input(name, seed=seed, **scene) for name in dict.fromkeys(stored_tasks)]

@@ -1,8 +1,8 @@
 """Search for strategies that work: screen by planning, select by successive halving in simulation, refine the best.
 
 Planning is cheap, so every candidate is planned on a few scenes first. Candidates with a plan are simulated for a few
-episodes each; the better half gets more episodes, and so on. If the best candidate succeeds nearly always, only that
-candidate continues, and it ends the search after enough episodes. Otherwise candidates whose success rates do not
+episodes each; the better half gets more episodes, and so on. If the best candidate succeeds nearly always, only this
+candidate gets more episodes, and enough of them end the search. Otherwise candidates whose success rates do not
 differ significantly get more episodes until one leads or all count as equal. The designer then varies the best
 candidates, and the variants are compared again, until no candidate is promising or the budget is spent.
 
@@ -34,7 +34,7 @@ from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies
 
 LEADERS = 1.96
-"""Two candidates count as equal if their success rates differ by fewer standard errors."""
+"""Two candidates count as equal if their success rates differ by less than this number of standard errors."""
 
 
 class Evaluator(Protocol):
@@ -57,9 +57,9 @@ class Budget:
 
     Attributes:
         screen_scenes: number of scenes on which every candidate is planned.
-        rounds: (number of candidates, episodes for each) in the successive simulation rounds of the first candidates.
+        rounds: for each simulation round of the first candidates, the number of candidates and of episodes for each.
         refine_episodes: number of episodes for each refined candidate.
-        comparison: (candidates at once, episodes for each) in the comparisons before and after each refinement.
+        comparison: number of candidates, and of episodes for each, in the comparisons before and after refinements.
         max_episodes: maximum number of episodes for a candidate; leaders whose rates still do not differ count as
             equal.
         enough, enough_strict: success rate and strict success rate, over at least ``enough_episodes`` episodes, that
@@ -109,7 +109,7 @@ class Search:
         brief: input of the designer.
         designer: designer that writes and refines candidates.
         evaluator: evaluator that plans and simulates candidates.
-        seed: seed of every random draw.
+        seed: seed of all random choices.
         budget: budget of the search.
         progress: progress listener.
 
@@ -155,7 +155,7 @@ class Search:
                     break
             if round_index and (self._spent or (round_index >= self.designer.patience and self._hopeless(standing))):
                 break
-            # Pass on dropped candidates, too: their failures show the designer which choices to avoid.
+            # Dropped candidates are included, because their failures show the designer which choices to avoid.
             learned = [*standing, *self._sorted([each for each in everything.values() if each not in standing])]
             children = self._asked(self.designer.refine, self.task, self.brief, learned, self.seed, round_index)
             if not children:

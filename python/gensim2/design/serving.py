@@ -14,7 +14,7 @@ from gensim2.objects.words import belongs, camel_case
 from gensim2.tasks.criteria import RigidOnRigid
 from gensim2.tasks.spec import ObjectSpec, Place
 
-#: Position (x, y) in metres of a bowl or a plate, alone and beside a second one.
+#: Position (x, y) in metres of a single bowl or plate, and positions of two of them.
 SUPPORT_AT = (-0.1, 0.1)
 BOTH_AT = ((-0.05, 0.16), (-0.05, -0.16))
 SUPPORTS = ("bowl", "plate")
@@ -83,7 +83,7 @@ def carry(draft: Draft, support: Affordance, thing: Affordance, at: tuple[float,
 
 
 def on_it(support: Affordance, thing: Affordance, role: str, below: str) -> RigidOnRigid:
-    """Return the criterion that an object lies on a support, well within its edge and not on top of another object."""
+    """Return the criterion that an object lies on a support, away from the support's edge and on no other object."""
     return RigidOnRigid(
         rigid=role,
         support=below,

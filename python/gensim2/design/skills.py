@@ -1,4 +1,4 @@
-"""Strategies of the offline designer for joints, grasps and placements, independent of an object's class.
+"""Provide the offline designer's strategies for joints, grasps and placements of objects of any class.
 
 Many come from the task library (``gensim2/tasks/library/strategies``), in the joint frame; placements are computed from
 object sizes. A step gets several strategies in order of preference, and the planner uses the first that it can plan on
@@ -16,7 +16,7 @@ from gensim2.tasks.strategies import Strategies
 
 Way = Literal["open", "close"]
 
-#: Shared strategies for a joint, by its type and the end it is moved to.
+#: Strategies of the library for a joint, by joint type and by the limit to which the joint is moved.
 _JOINTS: dict[tuple[str, Way], tuple[str, ...]] = {
     ("revolute", "open"): (
         "hook_door_inside",
@@ -118,7 +118,7 @@ def places_in(container: Affordance, thing: Affordance) -> Strategies:
 
 
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
-    """Return strategies that put the grasped object on or into a rigid object, from increasing heights."""
+    """Return strategies that release the grasped object above or in a rigid object, at increasing heights."""
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
     return {

@@ -32,23 +32,23 @@ Part = Literal["approach", "keypoint", "gripper", "roll", "motion", "offset"]
 #: Prior probability of each condition, and the number of trials that the prior counts for.
 PRIOR, PRIOR_TRIALS = 0.5, 1.0
 
-#: The odds of drawing an alignment are its estimated probability to this power.
+#: The probability of sampling an alignment is proportional to its estimated success probability to this power.
 SHARPNESS = 3.0
 
-#: The similarity of two directions in one frame is their cosine to this power.
+#: The similarity of two directions in one frame is the cosine of the angle between them to this power.
 DIRECTION_POWER = 4
 
-#: Distance in metres between two contacts at which their similarity has dropped to 1/e.
+#: The similarity of two contacts decreases exponentially with their distance; at this distance (m) it is 1/e.
 OFFSET_SCALE = 0.02
 
-#: Parts in which another alignment must be similar for a success to count for it, by condition.
+#: By condition, the parts in which two alignments must be similar so that a success of one counts for the other.
 _YES: dict[Question, tuple[Part, ...]] = {
     "reach": ("approach", "keypoint"),
     "follow": ("approach", "keypoint", "motion"),
     "effect": ("approach", "keypoint", "gripper"),
 }
 
-#: Parts to blame for the failures that only the simulation reveals, by cause.
+#: By cause of failure, the parts to blame for failures that occur only in simulation.
 _BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
     Cause.NO_CONTACT: ("approach", "keypoint", "gripper", "offset"),
     Cause.CONTACT_SLIPPED: ("approach", "gripper", "offset"),
@@ -70,7 +70,7 @@ _PLANNED = frozenset(
 
 
 _CAUSES: dict[str, Cause] = {cause.value: cause for cause in Cause}
-"""Causes by their phrases; a diagnosis may name a planner's status instead."""
+"""Causes of failure by the text in a diagnosis, which may be a status of the planner instead."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Evidence:
         question: the condition: ``reach``, ``follow`` or ``effect``.
         parts: parts of the alignment (such as keypoint or direction) that caused the result; it counts for alignments
             similar in them.
-        yes: share of trials that met the condition.
+        yes: fraction of trials that met the condition.
         trials: number of trials.
     """
 
@@ -94,10 +94,10 @@ class Evidence:
 def draw(
     pool: Sequence[Manipulation], results: Sequence[CandidateResult], count: int, generator: np.random.Generator
 ) -> list[Manipulation]:
-    """Draw alignments without replacement, those likely to succeed with higher probability.
+    """Sample alignments without replacement; alignments that are likely to succeed have a higher probability.
 
     Args:
-        pool: alignments to draw from; alignments in ``results`` are excluded.
+        pool: alignments to select from; alignments in ``results`` are excluded.
         results: results of earlier candidates; candidates that are not alignments are ignored.
         count: maximum number of alignments.
         generator: random generator.
@@ -112,7 +112,7 @@ def draw(
     if not left or count < 1:
         return []
     odds = estimates(left, tried) ** SHARPNESS
-    # Adding Gumbel noise to logarithmic weights and taking the largest draws without replacement (Vieira 2014).
+    # The largest sums of logarithmic weight and Gumbel noise are a sample without replacement (Vieira 2014).
     keys = np.log(odds) + generator.gumbel(size=len(left))
     return [left[index] for index in np.argsort(-keys, kind="stable")[:count]]
 
@@ -131,7 +131,7 @@ def estimates(pool: Sequence[Manipulation], tried: Sequence[tuple[Manipulation, 
 
 
 def evidence(result: CandidateResult) -> Iterator[Evidence]:
-    """Yield what a candidate's results say about each of the three conditions."""
+    """Yield the evidence in a candidate's results about each of the three conditions."""
     for stage in result.stages:
         failed = [(each, each.count / stage.trials) for each in stage.diagnoses]
         no: dict[Question, float] = {"reach": 0.0, "follow": 0.0, "effect": 0.0}

@@ -19,8 +19,8 @@ class Apart:
         library: object library.
         classes: class of each articulated object, by its name in the task; rigid classes have a single instance and are
             left out.
-        kind: instances of a verification. ``"new"``: unlisted numbers of generated classes; ``"test"``: test split of a
-            folder; ``"all"``: all, because a class has too few instances to divide.
+        kind: instances used by verifications. ``"new"``: unlisted ids of generated classes; ``"test"``: test split of a
+            folder; ``"all"``: all instances, because a class has too few instances to divide.
         search: ``--instances`` value for the search.
     """
 

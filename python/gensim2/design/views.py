@@ -39,7 +39,7 @@ SEED = 7
 #: Edge length in pixels of the pictures of one object.
 OBJECT_SIZE = 300
 
-#: Length (m) of the drawn frame axes, and the colours of x, y and z.
+#: Length (m) of the axes by which pictures show coordinate frames, and the colours of the x, y and z axes.
 AXIS, COLOURS = 0.15, ("#d6273a", "#1b8f4c", "#1f6fd1")
 
 #: Position, target and field of view of the video camera (gensim2.perception.raycast.state_drawing).
@@ -141,7 +141,7 @@ def _actuation(
     """Return joints (n,) and hand pose (4, 4) in the base frame at the actuation pose, or (None, None)."""
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
-    for before in task.steps:  # Plan the grasp of the step's tool first.
+    for before in task.steps:  # if the tool is a grasped object, its grasp is planned first
         if before.name != name and before.object == step.tool and before.name in steps:
             strategy = next(iter(parsed(steps[before.name]).values()))
             taken = planner.plan(scene, before, strategy)

@@ -93,7 +93,7 @@ def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
 
 
 def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
-    """Return each type's mean success rates over its tasks, equally weighted, and the paper's for the same tasks."""
+    """Return, for each type of task, the mean success rates over its tasks, and the paper's rates for these tasks."""
     found = []
     for kind in ("single-step", "long-horizon"):
         if not (members := [row for row in rows if row.type == kind]):
@@ -141,8 +141,8 @@ def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str,
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
     """Return the mean success rate by each verdict, its standard deviation between runs, and its 95 % interval.
 
-    The interval over several tasks is computed as if all episodes were of one task; it is rather too wide than too
-    narrow.
+    The interval over several tasks is computed as if all episodes were of one task; this overestimates its
+    width.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

@@ -1,4 +1,4 @@
-"""``gensim2 evaluate``: run any controller in the scenes of the benchmark; verdicts and table are the same as there."""
+"""``gensim2 evaluate``: run any controller in the scenes of the benchmark; verdicts and table are the benchmark's."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def evaluate(
             episode fails if the controller does not return None before the step limit.
         runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
         videos: number of episodes of each task that are recorded as videos by ray casting, with the controller's point
-            cloud beside the image.
+            cloud next to the image.
 
     Returns:
         A table with one row per task (the success rate by each of the three verdicts with its 95 % interval), and the
@@ -193,7 +193,7 @@ def _keep_missing(
     missing = {
         index: _arguments(config, spec, stop, files, videos, index, episodes[index].seed)
         for index in range(videos)
-        if index not in kept and episodes[index].control_steps  # an episode without steps has no video
+        if index not in kept and episodes[index].control_steps  # an episode without control steps has no video
     }
     if not missing:
         return
@@ -201,7 +201,7 @@ def _keep_missing(
     try:
         for _ in runner.each(_episode, missing, f"{given.spec.name}: episodes to film"):
             pass
-    except GenSim2Error as error:  # the results are complete without videos
+    except GenSim2Error as error:  # an error in a video must not hide the results
         progress.message(f"{given.spec.name}: not all episodes can be recorded as video: {error}")
 
 
@@ -223,7 +223,7 @@ def _film(
     seed: int,
     progress: Progress,
 ) -> list[str]:
-    """Record videos of a task's episodes with stored states; the controller's point cloud is beside the image."""
+    """Record videos of a task's episodes with stored states; the controller's point cloud appears next to the image."""
     from gensim2.data.films import film_episode, film_path
     from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
     from gensim2.rollout.identity import versions

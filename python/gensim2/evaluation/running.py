@@ -101,7 +101,7 @@ def tabulate(
 
     Args:
         given: tasks to run, which share the object library and the options.
-        told: further arguments of the episodes, to be recorded.
+        told: further arguments of the episodes, which are stored in the run's record.
         identity: digests of all inputs that determine the results.
         function: function of :mod:`gensim2.rollout.worker`.
         arguments: function that returns the episode arguments for a task, its configuration and its folder.

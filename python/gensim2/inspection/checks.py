@@ -14,14 +14,14 @@ from gensim2.objects.types import ArticulatedObject
 
 Array = npt.NDArray[np.float64]
 
-OVERLAP = 1.0  # mm of overlap of the moving link and the body, except at the hinge
-BASE_GAP = 1.0  # mm between the lowest point and the table
-FREE_GAP = 10.0  # mm between a free-space keypoint and each link, object open
-SURFACE_GAP = 10.0  # mm between a surface keypoint and its link
-MASS = (0.02, 80.0)  # kg
-PUSH = 40.0  # N at the keypoint to overcome friction
-MAX_HULLS = 64  # a link
-FREE = ("above", "inside", "base")  # parts of the names of keypoints in free space
+OVERLAP = 1.0  # mm, maximum overlap of moving link and body outside the hinge region
+BASE_GAP = 1.0  # mm, maximum distance between the object's lowest point and the table
+FREE_GAP = 10.0  # mm, minimum distance of a free-space keypoint from each link of the open object
+SURFACE_GAP = 10.0  # mm, maximum distance of a surface keypoint from its link
+MASS = (0.02, 80.0)  # kg, minimum and maximum mass
+PUSH = 40.0  # N, maximum force at the keypoint that overcomes the joint's friction
+MAX_HULLS = 64  # maximum number of hulls of a link
+FREE = ("above", "inside", "base")  # a keypoint with one of these words in its name lies in free space
 
 
 @dataclass(frozen=True)

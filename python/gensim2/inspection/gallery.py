@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 VIEWS = 8
 SIZE = 176  # pixels, edge of one view
 WROTE = "give a file that `gensim2 assets validate --json` wrote"
-FORMAT_VERSION = "1"  # of the gallery; a change renders all images again
+FORMAT_VERSION = "1"  # format of the gallery; after a change all images are rendered again
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Gallery:
     """Result of ``build_gallery``.
 
     Attributes:
-        index: HTML page; pictures are in ``pictures/`` beside it.
+        index: HTML page; pictures are in ``pictures/`` in the same folder.
         made: number of pictures made.
         kept: number of pictures kept from an earlier run.
         refused: (class, id, reason) of objects that cannot be loaded; they are listed without a picture.
@@ -56,7 +56,7 @@ class _Card:
     rows: tuple[str, ...] = ()  # captions of the picture's rows
     keypoints: list[tuple[str, str, str]] = field(default_factory=list)  # name, colour, description
     notes: tuple[str, ...] = ()
-    findings: list[dict[str, Any]] | None = None  # None: not validated
+    findings: list[dict[str, Any]] | None = None  # None if the object was not validated
     error: str | None = None
 
 

@@ -23,13 +23,13 @@ Pixels = npt.NDArray[np.uint8]
 OPENNESS = (0.0, 0.5, 1.0)
 HALF_OPEN = 0.5
 FIELD_OF_VIEW = np.radians(30)
-ELEVATION = 26.0  # degrees above the table
-THREE_QUARTER = 32.0  # degrees to the right of the robot's side
+ELEVATION = 26.0  # degrees, elevation of the camera above the table
+THREE_QUARTER = 32.0  # degrees, azimuth of the camera to the right of the robot's side
 OVERSAMPLING = 2  # SAPIEN's rasterizer does not smooth edges
 MARGIN = 1.04
 PAPER, INK = "#ffffff", "#1c2430"
 MARK_COLOURS = ("#d6273a", "#1f6fd1", "#1b8f4c", "#b5661a", "#7b3fb0", "#0f8f99")
-MARK_RADIUS = 4  # pixels
+MARK_RADIUS = 4  # pixels, radius of a keypoint's disc
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def camera_pose(center: Array, distance: float, azimuth: float, elevation: float
 
 
 def _clear_distance(points: Array, azimuth: float) -> float:
-    """Return the smallest camera distance at which points (N, 3), relative to the target, fit into the picture."""
+    """Return the minimum distance of the camera from its target at which points (N, 3) around it are visible."""
     R, _ = camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
     ahead, left, up = R.T @ points.T
     return float((np.maximum(np.abs(left), np.abs(up)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())

@@ -24,12 +24,12 @@ from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import Surface, read_links
 
 SIZE, HEADER = 360, 26
-"""Edge of a view and height of the titles, pixels."""
+"""Width and height of a view, and height of the titles, pixels."""
 AZIMUTH, ELEVATION = 35.0, 28.0
-"""Degrees around the object from the robot's side, and above the table."""
+"""Azimuth of the camera from the robot's side, and its elevation above the table, degrees."""
 TABLE = (200, 201, 204)
 PAINT = ((120, 150, 190), (230, 150, 60))
-"""Colours of the still and of the moving links that have no material."""
+"""Colours for surfaces without material: of fixed links, and of moving links."""
 
 
 def write_strip(instance: ArticulatedObject, file: Path) -> None:

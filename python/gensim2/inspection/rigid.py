@@ -10,11 +10,11 @@ from gensim2.objects.types import BODY, RigidObject
 from gensim2.robots import robot
 
 MAX_HULLS = 64
-MASSES = (0.002, 2.0)  # kg
+MASSES = (0.002, 2.0)  # kg, minimum and maximum mass
 REST_SECONDS = 5.0
-REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # m, rad
-BASE_HEIGHT = 0.001  # m
-KEYPOINT_DISTANCE = 0.02  # m outside the bounds
+REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # m and rad, maximum motion of an object at rest
+BASE_HEIGHT = 0.001  # m, maximum distance of the lowest point from the table
+KEYPOINT_DISTANCE = 0.02  # m, maximum distance of a keypoint outside the bounding box
 TIME_STEP = 0.01
 SPARE = 0.004  # clearance (m) of open fingers around an object
 

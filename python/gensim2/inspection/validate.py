@@ -24,14 +24,14 @@ from gensim2.objects.types import Array, ArticulatedObject, RigidObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.table import HALF_SIZE
 
-SHARES = (0.0, 0.5, 1.0)  # openness
-FINGERTIPS = 0.01  # m from the keypoint
+SHARES = (0.0, 0.5, 1.0)  # values of openness at which objects are checked
+FINGERTIPS = 0.01  # m, maximum distance between fingertips and keypoint
 HEAD = "articulated_object_head"
 BUDGET: kpam.Options = {
     "candidates": 4,
     "samples": 50,
     "extra_seeds": 0,
-}  # small: every motion is short or impossible
+}  # few iterations suffice, because every motion is short or impossible
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
@@ -102,11 +102,11 @@ def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
 
 
 REST_SECONDS = 5.0
-REST_DRIFT = 0.02  # openness
-LOAD_FACTOR = 1.5  # multiple of gravity and friction that moves the joint
+REST_DRIFT = 0.02  # maximum change of openness at rest
+LOAD_FACTOR = 1.5  # the joint must move under this multiple of its gravity and friction load
 SWEEP_SECONDS = 6.0
-PUSH_ON_SECONDS = 0.5  # against the end of the range
-BODY_DRIFT = 1e-4  # m
+PUSH_ON_SECONDS = 0.5  # s, duration of the final push against the joint limit
+BODY_DRIFT = 1e-4  # m, maximum motion of the fixed body
 TIME_STEP = 0.01
 CONTROL_STEPS = 5
 
@@ -115,7 +115,7 @@ CONTROL_STEPS = 5
 class ObjectReport:
     """Report on one object: its failed checks. The object is sound if no check failed.
 
-    ``seconds`` is the time for loading and checking the object.
+    ``seconds`` is the time needed to load and check the object.
     """
 
     asset_class: str
@@ -335,7 +335,7 @@ class _Stage:
                 force = (
                     sign * LOAD_FACTOR * (against + joint.friction + joint.damping * abs(float(self._object.qvel[0])))
                 )
-            self._object.set_qf(np.array([force], np.float32))  # PhysX resets it after every step
+            self._object.set_qf(np.array([force], np.float32))  # PhysX resets the force after every step
             self._scene.step()
         return float(sign * max(farthest, sign * self._openness()))
 

@@ -1,4 +1,4 @@
-"""Articulated and rigid object models, generated or real.
+"""Provide models of articulated and rigid objects, generated or real.
 
 Names are imported on first use, so that working with one object does not load the packages that read and generate
 objects.

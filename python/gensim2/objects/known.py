@@ -1,4 +1,4 @@
-"""Joint type and description of the 34 articulated classes in the paper's Table 3."""
+"""List joint type and description of the 34 articulated classes in the paper's Table 3."""
 
 from __future__ import annotations
 

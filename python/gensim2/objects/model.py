@@ -1,4 +1,4 @@
-"""Model of an object with one joint, as read or generated and not yet prepared for simulation."""
+"""Define the model of an object with one joint before the object is prepared for simulation."""
 
 from __future__ import annotations
 

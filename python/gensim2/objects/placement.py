@@ -20,8 +20,8 @@ class PlacementRegion:
     """Region in front of a robot for placing objects; values are horizontal distances in metres unless noted.
 
     Attributes:
-        base_x: x in the world of the reference point under the arm's base; its y is 0.
-        comfortable: wanted distance from the reference point to the contact keypoint, averaged over the joint's range.
+        base_x: x in the world of the reference point under the arm's base; y of this point is 0.
+        comfortable: desired distance from the reference point to the contact keypoint, averaged over the joint's range.
         farthest: maximum distance of the contact keypoint over the joint's range; takes precedence over clearance from
             the hand.
         sideways: maximum lateral offset of the contact keypoint.
@@ -46,7 +46,7 @@ class PlacementRegion:
 
 
 STANDARD_REGION = PlacementRegion()
-"""Region of all prepared objects; each robot stands where it reaches this region, so that scenes stay comparable."""
+"""Region in which all objects are placed. Each robot stands where it reaches this region, so scenes are comparable."""
 
 
 Array = npt.NDArray[np.float64]
@@ -54,7 +54,7 @@ Array = npt.NDArray[np.float64]
 SAMPLES = 13
 LYING = np.array(
     [[0.0, 0, -1], [0, -1, 0], [-1, 0, 0]]
-)  # lies on its back: the model's front faces up and its top faces the robot
+)  # the object lies on its back: the model's front faces up and its top faces the robot
 
 
 def work_keypoint(keypoints: Mapping[str, Keypoint], moving_link: str) -> str:

@@ -1,4 +1,4 @@
-"""Convex solids with materials, from which generated objects are built.
+"""Create convex solids with materials, from which generated objects are built.
 
 The frame is an object's model frame: x to the right seen from the front, y up, z out of the front; metres. A ``Solid``
 is a convex collision part, a visual mesh, or both.
@@ -191,7 +191,7 @@ def ball(center: Vec3, radius: float | Vec3, look: Look) -> Solid:
 
 
 def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> list[Solid]:
-    """Return a round bar along a polyline: one collision cylinder for each segment, and a smooth visual."""
+    """Return a round bar along a polyline: one collision cylinder for each segment, and a smooth visual mesh."""
     p = [np.asarray(q, float) for q in points]
     legs = [Solid(rod(a, b, radius, look, sides).hull, None) for a, b in pairwise(p)]
     return [*legs, Solid(None, swept(_rounded(p, radius), radius, look))]
@@ -219,7 +219,7 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
     u, _ = _frame(tangents[0])
     rings = []
     for point, tangent in zip(p, tangents, strict=True):
-        u = u - (u @ tangent) * tangent  # the frame is carried along without twist
+        u = u - (u @ tangent) * tangent  # the cross-section moves along the path without twist
         u /= np.linalg.norm(u)
         v = np.cross(tangent, u)
         angle = 2 * np.pi * np.arange(sides) / sides
@@ -335,7 +335,7 @@ def tube(
         j = (i + 1) % segments
         stave = np.array([r[k] for r in rings for k in (i, j)])
         parts.append(Solid(stave[convex_hull(stave).vertices], None))
-    lip = 0.25 * wall / float(np.linalg.norm(d))  # the rim is slightly bevelled on both sides
+    lip = 0.25 * wall / float(np.linalg.norm(d))  # width of the bevel on both sides of the rim
     profile = [
         (radius_a, 0.0),
         (radius_b, 1 - lip),

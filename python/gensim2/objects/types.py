@@ -1,4 +1,4 @@
-"""Types of objects: keypoints, placements, articulated and rigid objects, joint motion, and errors."""
+"""Define the types of objects: keypoints, placements, articulated and rigid objects, joint motion, and errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class MissingFileError(AssetError):
     """A file that an object names does not exist."""
 
 
-#: An array of numbers, written to JSON as nested lists.
+#: An array of numbers, which is written to JSON as nested lists.
 Array = Annotated[
     npt.NDArray[np.float64],
     PlainValidator(lambda values: np.array(values, dtype=np.float64)),
@@ -143,7 +143,7 @@ class ObjectModel(Protocol):
 
     @property
     def id(self) -> str:
-        """Id within the class; ``"0"`` for a rigid object."""
+        """Id of the object in its class; ``"0"`` for a rigid object."""
 
     @property
     def source(self) -> Source:
@@ -193,7 +193,7 @@ class ArticulatedObject:
         asset_class: name of the class, such as ``"box_rotate"``.
         id: instance id, such as ``"100141"``; generated instances are numbered ``"0"``, ``"1"``, ....
         source: ``"generated"`` or ``"real"``.
-        urdf: file in the cache folder, with its meshes beside it.
+        urdf: file in the cache folder; its meshes are in the same folder.
         joint: movable joint.
         keypoints: keypoints by name.
         T_link_object: (4, 4) object frame in the moving link's frame (see docs/architecture.md).

@@ -1,4 +1,4 @@
-"""Everyday words for objects and for actions on them."""
+"""Choose everyday words for objects and for actions on objects."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ End = Literal["articulated_open", "articulated_closed"]
 """End states of a joint: openness 1 and 0."""
 
 Goal = Literal["articulated_open", "articulated_closed", "half_open", "half_closed"]
-"""Target of a joint: an end, or halfway, reached from the closed or from the open side."""
+"""Target of a joint: fully open, fully closed, or half open, starting from either limit."""
 
 UNKNOWN = 0.6
-"""Usefulness of a task that no table lists: between tasks that people ask for and tasks that they do not."""
+"""Usefulness of a task that no table lists, between common tasks (1) and rare tasks (0.1)."""
 
 #: Suffixes of class names that describe the object's motion, with a verb and a name for both ends.
 MOTIONS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
@@ -103,7 +103,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
-    """Return the instruction for moving the joint of a class halfway; None if people do not ask for this."""
+    """Return the instruction for moving the joint of a class halfway; None if people seldom ask for this task."""
     entry = _table()["articulated"].get(asset_class, {})
     if goal not in entry:
         return None
@@ -152,7 +152,7 @@ def noun(asset_class: str) -> str:
 
 
 def _taken_apart(asset_class: str) -> tuple[str, str | None]:
-    """Return the noun in a class's name, and the suffix that describes its motion."""
+    """Split a class's name into the noun and the suffix that describes the motion."""
     parts = [part for part in re.split(r"[\W_]+", asset_class) if part]
     motion = parts.pop() if len(parts) > 1 and parts[-1] in MOTIONS else None
     return " ".join(parts).lower() or "object", motion
@@ -161,7 +161,7 @@ def _taken_apart(asset_class: str) -> tuple[str, str | None]:
 def in_ascii(phrase: str) -> str:
     """Convert a phrase to ASCII words for names; letters missing in ASCII become a number, so that names differ."""
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # Accents may be lost in the conversion, but whole letters may not.
+    # The conversion may drop accents, but not whole letters.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

@@ -1,4 +1,4 @@
-"""Sample a plan at the robot's control rate: joint positions, joint velocities and gripper commands."""
+"""Convert a plan to joint positions, joint velocities and gripper commands at the robot's control rate."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Array = npt.NDArray[np.float64]
 #: Speed of each finger when closing on a movable object, m/s.
 CLOSING_SPEED = 0.06
 
-#: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum also covers lever arm
-#: and inertia. The maximum is needed because some physics solvers make contacts softer for lighter bodies: pads pressed
-#: with many times its weight sink into an object, and eject a ball of a few grams.
+#: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum also covers torques
+#: and inertial forces. The maximum is needed because some physics solvers make contacts softer for lighter bodies: pads
+#: pressed with many times its weight sink into an object, and eject a ball of a few grams.
 LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 
-#: The friction of both fingers should carry this multiple of the object's weight.
+#: Safety factor: the friction of both fingers can hold this multiple of the object's weight.
 CARRIED_WEIGHTS = 3.0
 
 #: Effective radius (m) of a pad's friction against rotation about the line between the pads.
@@ -30,10 +30,10 @@ PAD_ARM = 0.0075
 #: Minimum grip force (N) of each finger, because the fingers' own inertia exceeds that of a light object.
 LEAST_GRIP_FORCE = 0.5
 
-#: m/s².
+#: Gravitational acceleration, m/s².
 GRAVITY = 9.81
 
-#: Seconds for which the last position is held, so that the arm settles.
+#: Time (s) for which the last position is commanded at the end of a plan, so that the arm settles.
 HOLD_SECONDS = 0.2
 
 
@@ -47,7 +47,7 @@ class Acts:
         opening: command with which the hand arrives at a grasp, -1 to 1.
         grip: command to which the fingers close, -1 to 1.
         gently: whether the fingers close at ``CLOSING_SPEED``, so that they do not push a movable object away.
-        before: whether the fingers reach ``command`` before the arm moves.
+        before: whether the arm waits at the start until the fingers have reached ``command``.
         lets_go: whether the hand opens and retreats at the end.
     """
 
@@ -69,7 +69,7 @@ class Schedule:
         ends: (N,) for each row, the index of the row in which the arm's current motion ends; while the arm stands
             still, the row's own index.
         commands: (N,) gripper commands, -1 to 1.
-        times: (N,) seconds on the plan's clock at the end of each step.
+        times: (N,) time in the plan's trajectory at the end of each step, s.
         contact: first step in which the hand may touch its target (approach to the actuation pose).
         actuation: first step at the actuation pose.
         gripped: first step after the fingers have closed on an object, or None; may be N.
@@ -90,7 +90,7 @@ class Schedule:
 
 
 def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> float:
-    """Return the force (N) of each finger that carries a mass (kg).
+    """Return the force (N) with which each finger must press to carry an object.
 
     Args:
         mass: mass of the object, kg.
@@ -104,12 +104,12 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
 
 def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness: float | None = None) -> float:
-    """Return the command, -1 to 1, at which each finger presses an object with a given force.
+    """Return the gripper command, -1 to 1, at which each finger presses on an object with the given force.
 
     If the drive is too soft for this force, the command is the limit of the command range.
 
     Args:
-        pad_distance: distance of the pads, m.
+        pad_distance: distance between the pads, m.
         force: force of each finger, N.
         profile: profile of the robot.
         stiffness: stiffness of the finger drives, N/m; None: the stiffness in the profile.
@@ -119,7 +119,7 @@ def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness:
 
 
 def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
-    """Return the rows that execute ``plan``.
+    """Return the schedule that executes ``plan``.
 
     Args:
         plan: plan with a trajectory.
@@ -203,19 +203,19 @@ class _Rows:
         return len(self._steps)
 
     def move(self, start: int, end: int) -> None:
-        """Follow the samples from ``start`` to ``end``."""
+        """Append rows that follow the trajectory from sample ``start`` to sample ``end``."""
         last = len(self) + end - start
         for step in range(start, end + 1):
             self._add(step, last)
 
     def dwell(self, step: int, command: float, count: int) -> None:
-        """Stay at a sample with a gripper command for ``count`` steps."""
+        """Append ``count`` rows in which the arm stays at a sample with one gripper command."""
         self.command = command
         for _ in range(count):
             self._add(step, len(self))
 
     def close(self, step: int, grip: float, profile: RobotProfile) -> None:
-        """Close the fingers slowly at a sample, then press with the command ``grip``."""
+        """Append rows in which the fingers close slowly at a sample, and then press with the command ``grip``."""
         travel = profile.gripper.travel(self.command, grip)
         for command in np.linspace(self.command, grip, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
             self.dwell(step, float(command), 1)

@@ -48,7 +48,7 @@ def check_strategies(
         files: file of each strategy, by the strategy's name, for error messages.
 
     Raises:
-        InputError: a strategy does not fit; names the file and the field.
+        InputError: a strategy does not fit the task; the message names the file and the field.
 
     Example:
         ```python
@@ -105,7 +105,7 @@ def _with_held(scene: Scene, held: str | None) -> Scene:
 
 
 def _made_up(objects: Mapping[str, ObjectNames], profile: RobotProfile) -> Scene:
-    """Return a dummy scene for the check: objects side by side, keypoints at distinct places off the joint axis."""
+    """Return a dummy scene for the check, with keypoints at distinct points that do not lie on the joint axes."""
     q = np.array(profile.reset_qpos)
     made = {name: _object(name, names, 1.0 + n) for n, (name, names) in enumerate(objects.items())}
     return Scene(q, np.zeros_like(q), profile.T_world_base, made)

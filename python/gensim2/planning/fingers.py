@@ -12,7 +12,7 @@ from gensim2.robots import CLOSED, OPEN, RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: A command that differs less than this from the initial one needs no waiting time.
+#: If a gripper command differs by less than this from the initial command, the arm does not wait for the fingers.
 SAME_COMMAND = 0.1
 
 
@@ -25,7 +25,7 @@ class Fingers:
 
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
-        #: Indices of the finger joints among the robot's active joints.
+        #: Indices of the finger joints in the robot's active joints.
         self.joints = list(profile.gripper_columns)
 
     def acts(
@@ -43,7 +43,7 @@ class Fingers:
         present = _clipped(self._profile.gripper.command_at(scene.q[self.joints]))
         fingers = strategy.fingers
         if scene.held is not None or fingers in ("hold", "release"):
-            # Fingers with a grasped object keep gripping it. Empty fingers keep their position.
+            # Fingers that hold an object continue to press on the object. Empty fingers keep their position.
             command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
@@ -52,7 +52,7 @@ class Fingers:
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 
     def _grip(self, scene: Scene) -> float:
-        """Return the command that keeps gripping the grasped object."""
+        """Return the gripper command with which the fingers continue to press on the grasped object."""
         if scene.held_width is None:
             return CLOSED
         assert scene.held is not None
@@ -64,7 +64,7 @@ class Fingers:
         return _clipped(self._profile.gripper.command(opening))
 
     def positions(self, command: float) -> Array:
-        """Return the joints (g,) of the gripper at a command."""
+        """Return the positions (g,) of the gripper's joints at a gripper command."""
         return self._profile.gripper.at_command(command)
 
     def around(self, q: Array, width: float, scene: Scene) -> Array:

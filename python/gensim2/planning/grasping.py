@@ -1,4 +1,4 @@
-"""Find grasps of a scene's rigid object, and create the config that executes one."""
+"""Find grasps of a rigid object, and create the solver config that executes a grasp."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ Array = npt.NDArray[np.float64]
 #: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06
 
-#: Number of feasible grasps compared with each other; preferred is the one after which the next step can use its first
+#: Number of feasible grasps that are compared. A grasp is preferred if the next step can then use its first
 #: strategy.
 COMPARED = 6
 
-#: Motions that draw an object out from under an obstacle, and the number of grasps for which they are tried.
+#: Motions that pull an object out from under an obstacle, and the number of grasps for which they are tried.
 ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
 DRAWN_OUT = 8
 
-#: Hand poses closer than this (m and rad) count as the same grasp.
+#: Two hand poses count as the same grasp if their distance (m) and rotation angle (rad) are below these limits.
 SAME_PLACE, SAME_TURN = 0.015, 0.3
 
-#: Margin (rad) within the friction cone above which a grasp counts as secure.
+#: A grasp counts as secure if its contact forces lie at least this angle (rad) inside the friction cone.
 HELD = 0.03
 
-#: Lever arms (m) are rounded to this step when grasps of a slippery object are ranked.
+#: When grasps of a slippery object are ranked, lever arms are rounded to multiples of this length (m).
 LEVER_STEP = 0.005
 
 #: Position (m) and angular (rad) tolerance of the hand at a grasp.
@@ -128,7 +128,7 @@ def grasp_config(
         profile: profile of the robot.
         strategy: grasp strategy.
         swapped: whether the fingers are swapped.
-        aside: entry of ``ASIDE``, a motion that draws the object out before the lift; None: no such motion.
+        aside: entry of ``ASIDE``, a motion that pulls the object out before the lift; None: no such motion.
     """
     keypoints, constraints = hand_at(scene, grasp, profile, swapped)
     ups = max(1, round(strategy.lift / STRIDE))

@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 class HullsKey:
-    """Cache key for a tuple of hulls, compared by identity. The key keeps the tuple alive.
+    """Cache key for a tuple of hulls; keys are equal if they refer to the same tuple object, which they keep alive.
 
     Args:
         hulls: convex vertex sets, each (N, 3).

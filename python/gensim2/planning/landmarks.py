@@ -1,4 +1,4 @@
-"""Points derived from a scene's geometry that strategies may name in addition to keypoints."""
+"""Compute points from a scene's geometry that strategies may name in addition to keypoints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UPRIGHT = "rigidbody_object_upright"
 
 UPRIGHT_HEIGHT = 0.1
 ROOM = 0.04
-"""Free height in metres required above a floor."""
+"""Minimum free height (m) above a surface that counts as a floor."""
 BESIDE, EVEN, SIDES = 0.03, 0.01, 3
 """On ``SIDES`` or more of its four sides, a floor must extend ``BESIDE`` metres and be level within ``EVEN`` metres.
 """

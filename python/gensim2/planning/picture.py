@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 SIZE = 440
-"""Edge of each of the two views, pixels."""
+"""Width and height of each of the two views, pixels."""
 MARGIN, LINE = 10, 17
 """Margin around the text and height of a text line, pixels."""
 COLUMNS = 128
-"""Characters of a line."""
+"""Maximum number of characters in a line of text."""
 DIRECTIONS = ((-0.45, -1.0, 0.65), (-0.15, 1.0, 0.4))
 """Directions from the centre of each view to its camera, world frame: from the robot's right, and from its left."""
 OVERVIEW, NARROWEST = 1.5, 0.35
@@ -47,7 +47,7 @@ def plan_picture(
         scene: scene in which the step was planned.
         plan: plan of the step. None draws the arm at its start, without keyframes.
         profile: robot profile.
-        title: first line under the views.
+        title: first line of text under both views.
         reason: reason why no motion was found.
 
     Raises:

@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 def with_joint(scene: Scene, name: str, value: float) -> Scene:
-    """Return the scene with an object's joint at ``value`` (rad or m). Objects inside the moving part move along."""
+    """Return the scene with an object's joint at ``value`` (rad or m). Objects inside the moving part move with it."""
     thing = scene.objects[name]
     joint = thing.joint
     assert joint is not None, name

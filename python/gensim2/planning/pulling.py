@@ -13,12 +13,12 @@ from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: Cosine between the closing direction of the pads and the joint's motion, above which the pads pull by contact rather
-#: than by friction.
+#: If the cosine of the angle between the pads' closing direction and the joint's motion exceeds this value, a pad pulls
+#: by normal force rather than by friction.
 PADS_PULL = 0.7
 
-#: Number of surface points and of hand poses examined: a knob is a small part of a drawer, and its grasps are not the
-#: highest ranked.
+#: Number of surface points and of hand poses that are examined. Both are large because a knob is a small part of a
+#: drawer, and grasps of the knob are not ranked highest.
 SAMPLES, TRIALS = 2048, 400_000
 
 

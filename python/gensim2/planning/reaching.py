@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import gensim2_kpam as kpam
 
-#: Clearances (m) to try in turn: more than the drives' tracking error, a minimal one, none.
+#: Clearances (m) between hand and target, tried in this order; the first exceeds the drives' tracking error.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 
-#: Statuses of a plan that may not have found a usable actuation pose, so that a shifted pose may help.
+#: Plan statuses after which the planner tries shifted actuation poses, because no usable pose may have been found.
 SHORT = ("collision", "not_found", "unreachable")
 
-#: A partial motion counts as longer if it exceeds the other by this share of the motion after the actuation pose.
+#: A partial motion counts as longer than another if it completes this much more of the motion after actuation.
 LONGER = 0.01
 
 
@@ -77,5 +77,5 @@ def reach(
 
 
 def _extent(plan: kpam.Plan) -> float:
-    """Return 0 for a plan without a trajectory, else 1 plus the completed fraction of the motion after actuation."""
+    """Return a plan's progress: 0 without a trajectory, else 1 plus the fraction of the motion after actuation."""
     return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

@@ -1,4 +1,4 @@
-"""Describe a scene to the planner: geometry and joint states, from the simulator or from perception."""
+"""Define the planner's description of a scene: geometry and joint states, from the simulator or from perception."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class JointState:
 
     Attributes:
         type: ``"revolute"`` or ``"prismatic"``.
-        origin, axis: (3,) in the robot base frame.
+        origin, axis: (3,) point on the joint axis (m) and unit direction of the axis, in the robot base frame.
         value, lower, upper: rad or m.
         moves: names of the bodies that the joint moves.
     """
@@ -69,7 +69,7 @@ class SceneObject:
         keypoints: keypoint positions (3,) by name, m, in the robot base frame, in the object's own order.
         joint: joint of an articulated object; None for a rigid one.
         object_axis: axis of the object frame about which "rotate" motions turn.
-        yaw: rotation about the vertical that randomization added, rad.
+        yaw: angle by which randomization has rotated the object about the vertical, rad.
         center_of_mass: (3,) centre of mass of a rigid object in its frame, m; None if unknown.
         mass: mass of a rigid object, kg; None if unknown.
         friction: friction coefficient of a rigid object's surface; None if unknown.
@@ -110,7 +110,7 @@ class Scene:
         objects: objects by name, in the task's order.
         fixtures: bodies that belong to no object: the table.
         held: name of the grasped rigid object, or None.
-        held_width: distance of the pads (m) at the grasp; None if unknown.
+        held_width: distance between the finger pads while they hold the object, m; None if unknown.
         held_force: force of each finger on the grasped object, N.
         finger_friction: friction coefficient of the fingers' surface; None if unknown.
         finger_stiffness: stiffness of the finger drives, N/m; None: the stiffness in the robot profile.

@@ -7,7 +7,7 @@ from typing import Any
 
 import gensim2_kpam as kpam
 
-#: Share of the motion omitted before the point where a partial plan ends because of an obstacle or a limit of reach.
+#: The last motion of a shortened config ends before the end of the partial plan, by this fraction of that motion.
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")
@@ -28,7 +28,7 @@ def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None
     motions = list(config.get("post_actuation_motions", []))
     if plan.status != "partial" or not config.get("let_go") or not motions:
         return None
-    gone = plan.reached_fraction * (len(motions) + 1)  # the release counts as one more motion
+    gone = plan.reached_fraction * (len(motions) + 1)  # the planner counts the release as one motion
     kept = motions[: int(gone)]
     share = gone - int(gone) - LEFT_OUT
     if len(kept) < len(motions) and share > 0.0:
@@ -48,7 +48,7 @@ def _openness_after(motion: Any, openness: float | None) -> float | None:
 
 
 def _part(motion: Any, share: float, openness: float | None) -> list[Any] | None:
-    """Return the first ``share`` (0 to 1) of a motion; None if the motion has no number to scale."""
+    """Return the first part (fraction ``share``) of a motion; None if the motion has no number that can be scaled."""
     if isinstance(motion, str):
         return None
     name, value = motion[0], float(motion[1])

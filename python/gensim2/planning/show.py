@@ -75,7 +75,7 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
 
 
 def wait(server: Any) -> None:
-    """Serve the page until Ctrl-C."""
+    """Keep serving the page until the user presses Ctrl-C."""
     try:
         server.sleep_forever()
     except KeyboardInterrupt:
@@ -107,7 +107,7 @@ def _draw_body(server: Any, body: SceneBody, color: tuple[int, int, int]) -> Any
 
 
 def _draw_scene(server: Any, scene: Scene) -> Any:
-    """Draw the scene; return the drawn grasped object, or None."""
+    """Draw the scene; return the graphics object of the grasped object, or None."""
     riding, labels = None, []
     for body in scene.fixtures:
         _draw_body(server, body, FIXTURE)

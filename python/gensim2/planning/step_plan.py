@@ -1,4 +1,4 @@
-"""Result of planning a step: the motion and the predicted scene, or the reason for failure."""
+"""Define the result of planning a step: the motion and the predicted scene, or the reason for failure."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class StepPlan:
         schedule: rows that execute the motion; None without a motion.
         after: predicted scene after the motion; None without a motion.
         picks: name of the object that is picked up, or None.
-        width: distance of the finger pads on that object, m.
-        force: force of each finger on that object, N.
+        width: distance between the finger pads at the grasp of ``picks``, m.
+        force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
         touches: body that the hand has to touch before the actuation pose, or None.
-        whole: failed plan of the complete motion, if ``plan`` covers only a part of the motion; otherwise None.
+        whole: failed plan of the complete motion, if ``plan`` is a shortened motion; otherwise None.
         foreseen: plan of the next step that uses the grasped object, made on the predicted scene; None if not planned.
     """
 
@@ -62,7 +62,7 @@ class StepPlan:
 
     @property
     def rank(self) -> int:
-        """Rank of the result, lower is better: complete without early contact, complete with it, partial, no motion."""
+        """Rank; lower is better: complete without early contact, complete with early contact, partial, no motion."""
         if self.schedule is None:
             return 3
         return 2 if not self.is_solved else 0 if self.touches is None else 1

@@ -22,16 +22,17 @@ Array = npt.NDArray[np.float64]
 #: Joint speed (rad/s) below which the arm counts as at rest.
 AT_REST = 0.01
 
-#: Options of executed plans: keep the collision margin if possible; allow any contact depth, because a hand presses by
-#: moving into a body (the plan reports the depth); and allow a start in contact with a body.
+#: Options of executed plans. The planner keeps the collision margin if possible. It allows any contact depth, because a
+#: hand presses by moving into a body (the plan reports the depth), and a start in contact with a body.
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
-#: Maximum joint velocity at the start of a motion, as a share of the limits; slightly below the solver's own limit.
+#: Maximum joint velocity at the start of a motion, as a fraction of the velocity limits; slightly less than the solver
+#: accepts.
 MAX_START_VALUES = 0.45
 
 
 class StepProblems:
-    """Formulates the problems of one episode.
+    """Creates the solver problems of one episode.
 
     Args:
         profile: profile of the robot.
@@ -61,7 +62,7 @@ class StepProblems:
         options: kpam.Options | None = None,
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """Return the problem of a config on a scene.
+        """Return the solver problem of a strategy's config in a scene.
 
         Args:
             scene: scene at the start of the step.
@@ -97,7 +98,7 @@ class StepProblems:
         options: Mapping[str, Any],
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """Return the problem of a config that has only solver fields, without the planner's own fields.
+        """Return the solver problem of a config that has only solver fields, without the planner's own fields.
 
         Args:
             scene: scene at the start of the step.
@@ -120,7 +121,7 @@ class StepProblems:
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
         q = self._start(scene, fingers)
-        # A disturbed arm can exceed its velocity limits, where no permitted motion could start.
+        # A disturbed arm can be faster than its velocity limits; no motion within the limits could start there.
         fastest = MAX_START_VALUES * self._profile.model.velocity
         velocity = np.clip(scene.qvel, -fastest, fastest)
         velocity[self._fingers] = 0.0
@@ -149,7 +150,7 @@ class StepProblems:
         return known[1]
 
     def _start(self, scene: Scene, fingers: str) -> Array:
-        """Return the joints at the start, with the fingers as during the approach."""
+        """Return the robot's joints at the start, with the finger joints that the approach requires."""
         q = self._world.joints(scene) if scene.held is not None or fingers == "hold" else scene.q.copy()
         if fingers == "closed" and scene.held is None:
             q[self._fingers] = self._profile.gripper.at_opening(0.0)
@@ -161,6 +162,6 @@ class StepProblems:
 def _held_keypoints(world: kpam.Scene, held: str, tool: str) -> dict[str, Array]:
     """Return the keypoints of the grasped object, named without the object's prefix if it is the step's tool."""
     if tool == HAND:
-        return {}  # the scene already passes them, with prefix
+        return {}  # these keypoints are already in the scene, with the object's prefix
     prefix = f"{held}/"
     return {key.removeprefix(prefix): at for key, at in world.tool_keypoints.items() if key.startswith(prefix)}

@@ -28,7 +28,7 @@ from gensim2.tasks.spec import Step
 
 Array = npt.NDArray[np.float64]
 
-#: Options of every executed plan: the longest feasible part of a motion is kept, and the simulation decides.
+#: Options of every executed plan: a partial plan keeps the longest feasible part of the motion, which is executed.
 PLAN_OPTIONS: kpam.Options = {"allow_partial": True}
 
 
@@ -38,8 +38,8 @@ class StepPlanner:
     Args:
         profile: profile of the robot.
         options: solver options for every plan.
-        patience: number of reachable grasps to try if the next step cannot be planned after any of them; each finger
-            order counts. None tries all grasps, which takes half a minute if all fail.
+        patience: number of reachable grasps after which the search ends if none allows the next step; a grasp with
+            swapped fingers counts as another grasp. None tries all grasps, which takes half a minute if all fail.
 
     Attributes:
         profile: profile of the robot.
@@ -136,7 +136,7 @@ class StepPlanner:
         return moved if able else None
 
     def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
-        """Return the longest executable part of a motion, ending with a release; None if there is no such part."""
+        """Return a motion that ends early with a release, because the complete motion is infeasible; else None."""
         joint = scene.objects[step.object].joint
         config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
         if config is None:
@@ -148,7 +148,7 @@ class StepPlanner:
     def problem(
         self, scene: Scene, step: Step, strategy: KeypointStrategy, options: kpam.Options | None = None
     ) -> kpam.KeypointProblem:
-        """Return the problem of a config on a scene; ``options`` override the planner's."""
+        """Return the solver problem of a strategy's config in a scene; ``options`` override the planner's options."""
         return self._problems.of_step(scene, step, strategy, options)
 
     def _planned(
@@ -186,7 +186,7 @@ class StepPlanner:
             after = predict.with_joint(after, step.object, joint.value + gone)
         held = scene.held or picks
         if held is not None and acting is not None:
-            # A grasped object moves with the hand until the release, from the start or from its grasp on.
+            # A grasped object moves with the hand from the grasp (or the start, if already grasped) until the release.
             q_from = scene.q if scene.held is not None else trajectory.sample(acting)[0]
             q_to = end if rows.released is None else trajectory.sample(rows.times[rows.released - 1])[0]
             ride = hand(q_to) @ np.linalg.inv(hand(q_from))
@@ -210,7 +210,7 @@ class StepPlanner:
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
         serving: StepPlan | None = None
-        ways: Sequence[Strategy] = () if use is None else use[1]  # strategies that may use the grasp
+        ways: Sequence[Strategy] = () if use is None else use[1]  # strategies of the later step
         compared = useless = 0
         barred: list[tuple[kpam.Grasp, bool]] = []
         for grasp, swapped, aside in chain(((*each, None) for each in product(found, (False, True))), _aside(barred)):
@@ -251,7 +251,7 @@ class StepPlanner:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
         found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
-        # None, the clearance that permits early contact, is used only for solver configs, not for found grasps.
+        # The clearance None would permit early contact, which is allowed for solver configs but not for found grasps.
         clearances = [each for each in self._problems.clearances(scene, step, strategy) if each is not None]
         first: kpam.Plan | None = None
         for grasp, swapped in product(found if clearances else (), (False, True)):
@@ -298,7 +298,7 @@ class StepPlanner:
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """Return the first strategy that can be planned on a predicted scene, and its plan."""
+        """Return the first strategy for which a plan is found on a predicted scene, with this plan."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue
@@ -318,6 +318,6 @@ def _is_barred(taken: StepPlan, name: str) -> bool:
 
 
 def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Grasp, bool, str]]:
-    """Yield the first ``DRAWN_OUT`` blocked grasps, each with every motion of ``ASIDE`` to draw the object out."""
+    """Yield the first ``DRAWN_OUT`` blocked grasps, each with every motion of ``ASIDE`` to pull the object out."""
     for (grasp, swapped), aside in product(barred[:DRAWN_OUT], ASIDE):
         yield grasp, swapped, aside

@@ -1,4 +1,4 @@
-"""Read the strategies of a step: a solver config, or a grasp that is searched on the object's shape."""
+"""Read the strategies of a step. A strategy is a solver config, or a search for a grasp on the object's shape."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class KeypointStrategy:
 
     Attributes:
         config: plain data. Besides the solver's fields it may have ``contact_speed``, the maximum speed (m/s) of the
-            contact point from the actuation on; ``opening``, the distance of the pads (m) on the way to a grasp; and
-            ``makes_room``, another object, which is moved out of the way instead of doing the step.
+            contact point from the actuation on; ``opening``, the distance between the pads (m) on the way to a grasp;
+            and ``makes_room``, another object, which is moved out of the way instead of doing the step.
     """
 
     config: Mapping[str, Any]
@@ -60,7 +60,7 @@ class KeypointStrategy:
 
     @property
     def opening(self) -> float | None:
-        """Distance of the pads on the way to a grasp, m; None: fully open."""
+        """Distance between the pads on the way to a grasp, m; None: fully open."""
         opening: float | None = self.config.get("opening")
         return opening
 
@@ -79,7 +79,7 @@ class KeypointStrategy:
         return dict(self.config)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"config": self.config}  # the validated fields are rebuilt
+        return {"config": self.config}  # the validated fields are derived from ``config`` again
 
 
 class _FoundGrasp(BaseModel):
@@ -91,7 +91,7 @@ class _FoundGrasp(BaseModel):
 
     @property
     def makes_room(self) -> None:
-        """None, because these strategies do the step itself."""
+        """None, because these strategies move no obstacle."""
 
     @property
     def fingers(self) -> kpam.Gripper:
@@ -130,7 +130,7 @@ class GraspStrategy(_FoundGrasp):
     @field_validator("least_tilt")
     @classmethod
     def _leaves_a_tilt(cls, least: float, info: ValidationInfo) -> float:
-        most = info.data.get("tilt", least)  # absent if it is invalid itself
+        most = info.data.get("tilt", least)  # missing in ``info.data`` if ``tilt`` itself is invalid
         if least > most:
             raise ValueError(f"must not exceed the field tilt ({most} rad)")
         return least

@@ -1,4 +1,4 @@
-"""Convert the scenes of an episode to solver scenes. Bodies are converted once, then only states are updated."""
+"""Convert the scenes of an episode to solver scenes. Bodies are converted once; later only states change."""
 
 from __future__ import annotations
 
@@ -116,6 +116,6 @@ def _encloses(thing: SceneObject, point: Array) -> bool:
         return False
     try:
         hull = ConvexHull(points)
-    except QhullError:  # a flat body encloses nothing
+    except QhullError:  # a flat body has no volume that could enclose an object
         return False
     return bool((hull.equations[:, :3] @ point + hull.equations[:, 3] <= 0).all())

@@ -1,4 +1,4 @@
-"""Plan and execute a task's steps in order, and plan again after deviations."""
+"""Plan and execute a task's steps in order, and plan again if the scene deviates from the plan."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 Array = npt.NDArray[np.float64]
 
 NOT_DONE = "not done"
-"""Reasons for planning that are not deviations."""
+"""Reasons for planning a step again, other than deviations from the plan."""
 
 MAX_ROUNDS = 8
 """Maximum number of times that a step is planned in an episode; each time its strategies are tried in order."""
 MAX_TRIES = 2
 """Maximum number of times that a strategy is executed without completing its step."""
 WAIT_SECONDS = 0.5
-"""Time (s) to wait after a motion until the step is done, and after the loss of an object until it has fallen."""
+"""Maximum time (s) for which the arm waits: after a motion for the step to be done, or for a lost object to fall."""
 CALM_SECONDS = 2.0
 """Maximum time (s) for which the arm waits for a rolling object."""
 CALM = 0.02
@@ -111,7 +111,7 @@ class ChainController:
 
     @property
     def reference(self) -> Reference | None:
-        """Reference motion behind the last action; None while the arm waits."""
+        """Desired joint state from which the last action was computed; None while the arm waits."""
         return self._reference
 
     @property
@@ -147,7 +147,7 @@ class ChainController:
         return self._task.steps[self._at]
 
     def _turn(self) -> ChainTurn:
-        """Return the turn of the current step, and start it if necessary."""
+        """Return the record of the current execution of the step; create the record if the step has not started."""
         if not self._turns or self._turns[-1].step is not self._step:
             self._turns.append(ChainTurn(self._step))
         return self._turns[-1]
@@ -161,7 +161,7 @@ class ChainController:
                 turn = self._turns[-1]
                 deviation = self._deviation(observation, run)
                 if self._one_plan:
-                    deviation = None  # recorded without a reaction
+                    deviation = None  # the deviation is recorded, but the step is not planned again
                 if deviation is None and not run.is_over:
                     return self._follow(run, observation)
                 done = deviation is None and not run.makes_room and turn.is_done(observation.measurement)
@@ -200,13 +200,13 @@ class ChainController:
         positions, velocities = run.planned.schedule.reference[run.ran]
         action = run.next_action()
         force = np.nan if self._held is None or self._held.force is None else self._held.force
-        # While the fingers press, the recorded pad distance is the width of the object.
+        # While the fingers press on an object, the measured, not the commanded, distance between the pads is recorded.
         width = observation.measurement.finger_opening if np.isfinite(force) else self._profile_width(float(action[-1]))
         self._reference = Reference(positions, velocities, np.array([width, force], dtype=np.float32))
         return self._pressing(action, observation, run.scene.finger_stiffness)
 
     def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
-        """Start the retreat from the objects; None if the hand is not near them or must stay."""
+        """Start the retreat from the objects and return its first action; None if the hand is far away or must stay."""
         strategy = self._strategies[run.strategy]
         stays = isinstance(strategy, KeypointStrategy) and strategy.solver_config.let_go is None
         if stays or self._held is not None or is_about_the_gripper(self._task):
@@ -231,7 +231,7 @@ class ChainController:
         return np.append(retreat.targets[row], command).astype(np.float32)
 
     def _profile_width(self, command: float) -> float:
-        """Return the distance of the pads (m) for a gripper command; the last result is cached."""
+        """Return the distance between the pads (m) for a gripper command; the last result is cached."""
         if self._width is None or self._width[0] != command:
             gripper = self._profile.gripper
             self._width = command, gripper.opening(gripper.at_command(command))
@@ -253,7 +253,7 @@ class ChainController:
         self._events.append(Event(observation.step, self._step.name, what))
 
     def _deviation(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
-        """Update the grasped object, and return the cause of a deviation from the plan, or None."""
+        """Update which object is grasped; return the cause of a deviation from the plan, or None."""
         found = self._look(observation, run)
         if found is not None:
             self._notice(observation, found)
@@ -281,7 +281,7 @@ class ChainController:
             return Cause.GRASP_LOST
         name = self._step.object
         until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
-        # Drift is only checked once the plan has run, because planning used the measurement just before.
+        # Before a plan's first action no drift is possible, because the plan was made from this measurement.
         if 0 < run.ran < until and has_drifted(run.scene, measured, name):
             return Cause.OBJECT_DRIFTED
         return None
@@ -300,7 +300,7 @@ class ChainController:
         return waits and (moves or falls or (self._from_rest and self._is_under_way(observation)))
 
     def _is_calm(self, observation: PrivilegedObservation) -> bool:
-        """Return whether arm and joint are at rest, or the time limit for waiting is reached."""
+        """Return whether the arm and the object's joint are at rest, or the time limit for waiting is reached."""
         return self._from_rest or not self._is_under_way(observation)
 
     def _is_under_way(self, observation: PrivilegedObservation) -> bool:
@@ -419,7 +419,7 @@ class ChainController:
         return [(step, [self._strategies[each] for each in step.strategies]) for step in later]
 
     def _plan_ahead(self, scene: Scene) -> list[list[ChainPlan]]:
-        """Return, for each step up to the first failure, the step's plans with the complete plan last."""
+        """Plan the steps, up to the first failure, on predicted scenes; return the plans of each step."""
         ahead: list[list[ChainPlan]] = []
         for number, step in enumerate(self._task.steps):
             self._at = number

@@ -63,7 +63,7 @@ class ChainPlan:
         planned: result of the planner.
         scene: scene that the plan was made for.
         at_step: control step at which the plan was made.
-        trigger: reason for planning.
+        trigger: ``"start"``, or the deviation because of which the step was planned again.
         profile: robot whose simulated drives execute the plan.
         room: horizontal clearance for the hand around the next step's object, m; at most ``ROOM``.
         makes_room: whether the plan only moves an obstacle out of the way.
@@ -87,7 +87,7 @@ class ChainPlan:
 
     @property
     def is_best(self) -> bool:
-        """Return whether the rank is the best possible rank."""
+        """Return whether no other plan can have a better rank."""
         return self.planned.rank == 0 and self.room >= ROOM
 
     @property
@@ -127,7 +127,7 @@ class ChainTurn:
 
     Attributes:
         step: executed step.
-        plans: plans made in this execution, in order.
+        plans: plans made in this execution, oldest first.
         tries: number of complete executions of each strategy.
         acted: measurement after the fingers last closed, or before they last opened.
     """
@@ -138,7 +138,7 @@ class ChainTurn:
     acted: Measurement | None = None
 
     def is_done(self, measured: Measurement) -> bool:
-        """Return whether the step is done. A criterion about the gripper may also hold at the grasp or release."""
+        """Return whether the step is done. A criterion about the gripper may have been met at the grasp or release."""
         return all(
             criterion.holds(measured)
             or (self.acted is not None and isinstance(criterion, OF_GRIPPER) and criterion.holds(self.acted))

@@ -36,7 +36,7 @@ class RunArguments(RolloutArguments, ExecutionArguments, total=False):
 
 
 class EvaluationArguments(SceneArguments, ExecutionArguments, total=False):
-    """Options of commands that run any controller: scenes and worker processes."""
+    """Options of commands that run a controller of any kind; they concern scenes and worker processes."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class RolloutOptions:
         open_loop: whether to plan all steps at the start, each with the first strategy that has a complete plan.
         one_plan: whether to plan each step only once, with its first strategy; deviations are recorded but not handled.
         disturbance: ``"push"`` or ``"drop"``, applied once in an episode at a random time; None for no disturbance.
-        attempts: maximum number of attempts from the same start; the first success ends them.
-        noise: standard deviation (rad) of noise that is sometimes added to joint targets; recordings have the
-            noise-free action, too.
+        attempts: maximum number of attempts from the same initial scene; no attempt follows a success.
+        noise: standard deviation (rad) of the noise that is added to joint targets in random periods; recordings also
+            contain the noise-free action.
 
     Raises:
         InputError: the noise is out of range.

@@ -2,7 +2,7 @@
 
 The container's measured point (its last keypoint) lies in the free space, or above it if objects are dropped into the
 container. The point belongs to the link that contains objects: the moving link of a drawer, the body of a box or
-refrigerator. The hulls of this link are covered by a grid. A cell is free if it overlaps no hull, has a floor below it,
+refrigerator. A grid covers the hulls of this link. A cell is free if it overlaps no hull, has a floor below it,
 and has walls on at least three of four sides; a refrigerator is open in front, and a drawer may lack a back. The
 connected free space at or below the measured point is approximated by a box along the link's axes that reaches to the
 walls.
@@ -23,11 +23,11 @@ from gensim2.planning.hulls import HullsKey, crossings
 Array = npt.NDArray[np.float64]
 
 CELL = 0.005
-"""Cell size, m; for a link longer than ``CELLS`` cells, the link's longest side divided by ``CELLS``."""
+"""Edge length of a grid cell, m; for a link longer than ``CELLS`` cells, its longest side divided by ``CELLS``."""
 CELLS = 64
 
 WALLS = 3
-"""Minimum number of sides, out of four, that must have a wall."""
+"""Minimum number of the four sides of a free cell that must have a wall."""
 
 NEAR = 0.03
 """Maximum horizontal distance (m) between the measured point and the free space."""
@@ -95,7 +95,7 @@ def _inner_box(key: HullsKey, measured_point: tuple[float, ...], axis: int, upwa
 
 
 def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
-    """Return the cells whose centre is within half a cell size of a hull, so that thin walls are not missed."""
+    """Return a mask of the cells whose centre lies within half a cell size of a hull, which also covers thin walls."""
     solid = np.zeros(shape, bool)
     for hull in hulls:
         planes = np.unique(ConvexHull(hull, qhull_options="QJ").equations.round(9), axis=0)
@@ -120,7 +120,7 @@ def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> In
         for corner, sign in zip(corners, (-1.0, 1.0), strict=True):
             shares = np.stack(np.meshgrid(*[spread] * 3, indexing="ij"), axis=-1)
             points = box.low + shares.take(0, axis).reshape(-1, 3) * (box.high - box.low)
-            points[:, axis] = corner[axis] - sign * cell / 2  # in the outermost cells
+            points[:, axis] = corner[axis] - sign * cell / 2  # centres of the outermost cells
             enter, _ = crossings(hulls, points, sign * np.eye(3)[axis])
             to_wall = float(np.median(np.where(enter >= 0.0, enter, np.inf).min(axis=1))) - cell / 2
             if 0.0 < to_wall <= 2 * cell:
@@ -129,7 +129,7 @@ def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> In
 
 
 def _behind(solid: npt.NDArray[np.bool_], axis: int, forwards: bool) -> npt.NDArray[np.bool_]:
-    """Return the cells that have a solid cell before them along the axis; with ``forwards=False``, after them."""
+    """Return a mask of cells with a solid cell at a lower index along the axis; higher with ``forwards=False``."""
     turned = solid if forwards else np.flip(solid, axis)
     found = np.maximum.accumulate(turned, axis)
     return found if forwards else np.flip(found, axis)

@@ -58,8 +58,8 @@ class Reference:
 
     Attributes:
         joint_positions, joint_velocities: (m,) positions and velocities of the arm joints, rad or m, and per second.
-        gripper: (2,) commanded distance of the pads, m, and force (N) of each finger on the grasped object; NaN if no
-            force is specified.
+        gripper: (2,) commanded distance between the pads, m, and force (N) of each finger on the grasped object; NaN if
+            no force is specified.
         action: (m + 1,) action before noise was added; None if no noise was added.
     """
 
@@ -153,7 +153,7 @@ def history_of(controller: Controller) -> Sequence[StepRecord]:
 
 
 def events_of(controller: Controller) -> Sequence[Event]:
-    """Return the events that a controller has reported, in order."""
+    """Return the events that a controller has reported, oldest first."""
     events: Sequence[Event] = getattr(controller, "events", ())
     return events
 

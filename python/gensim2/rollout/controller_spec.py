@@ -95,7 +95,7 @@ class ControllerSpec:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of name, arguments, source and dependencies, which must be the same when a run is resumed.
+        """SHA-256 of name, arguments, source and dependencies; a resumed run must have the hash of the interrupted run.
 
         Dependencies are the files that the class's static method ``depends_on`` returns for the arguments. Source files
         and checkpoints may be moved, so their folders do not count.
@@ -166,7 +166,7 @@ def _module(where: str, target: str) -> ModuleType:
 
 
 def _of_file(path: Path) -> ModuleType:
-    """Import a file as a module, once in each process unless the file changes; it may import from its own folder."""
+    """Import a file as a module, again only if the file has changed; the file may import modules from its folder."""
     path = path.resolve()
     if not path.is_file():
         raise ControllerError("there is no such file", file=path, remedy=_REMEDY)

@@ -17,12 +17,12 @@ HASHED = 8
 
 
 def can_be_counted(given: TaskInput) -> bool:
-    """Return whether a task has generated articulated objects, of which any number can be generated."""
+    """Return whether a task has articulated objects from the generator, which can create any number of them."""
     return given.scene.assets == BUILTIN and bool(_articulated(given))
 
 
 def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
-    """Return a task whose scenes use ``count`` generated objects of each articulated class, none listed or ``new``.
+    """Return a task whose scenes use ``count`` generated objects of each articulated class, all unlisted.
 
     Raises:
         InputError: the objects are from a folder, or the task has no articulated object.
@@ -83,6 +83,6 @@ def _articulated(given: TaskInput) -> dict[str, str]:
 def _drawn(given: TaskInput, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
     new = set(given.library.choose(asset_class, "new"))
     ids = tuple(each for each in given.library.sample(asset_class, count + len(new), seed) if each not in new)
-    # Ids are selected at random, because the first ids would all be small numbers.
+    # The sampled ids are sorted, so the first ``count`` of them would all be small numbers.
     order = rng(seed, f"objects/{asset_class}").permutation(len(ids))[:count]
     return tuple(ids[number] for number in sorted(order))

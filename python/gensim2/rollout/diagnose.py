@@ -170,7 +170,7 @@ class _Facts:
         return (Cause.GRASP_LOST if lost else Cause.GRASP_MISSED), {"distance": distance}
 
     def _passed_by(self, record: StepRecord, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """Return the fault of a step that reached its criterion only while the hand held the object."""
+        """Return the fault of a step whose criterion was met only while the hand held the object."""
         if record.done or step.tool == HAND or not step.done or not own:
             return None
         measured = self.trace[own[-1].first : own[-1].last + 1]

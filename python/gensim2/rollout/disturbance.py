@@ -20,9 +20,9 @@ from gensim2.rollout.controller import (
 from gensim2.tasks.spec import TaskSpec
 
 PUSHED = 0.03
-"""Distance (m) of a push, in a random direction."""
+"""Distance (m) by which a push moves an object, in a random direction."""
 TICKS_HZ = 20
-"""Ticks per second; times are sampled in ticks, independently of the control rate."""
+"""Unit of the sampled times: 20 ticks per second at any control rate."""
 PUSHED_WITHIN = 25
 """Maximum number of ticks between the start of the grasping step and a push."""
 LIFTED = 0.01
@@ -30,7 +30,7 @@ LIFTED = 0.01
 DROPPED_WITHIN = 40
 """Maximum number of ticks between the grasp and the opening of the fingers."""
 OPEN_TICKS = 8
-"""Time (s) that the fingers stay open."""
+"""Number of ticks for which the fingers stay open."""
 
 
 class Pushable(Protocol):

@@ -15,15 +15,15 @@ from gensim2.rollout.controller import Action, Controller, spec_of
 from gensim2.rollout.world import Body
 
 THINKING_SHARE = 0.8
-"""Fraction of a control step that the controller may take on a robot that cannot wait."""
+"""Fraction of a control step for which the loop waits for the controller's action on a robot that cannot wait."""
 
 
 class Asked:
     """Requests actions from a controller within the time that the robot can wait.
 
     A simulated robot waits for the controller. A real robot needs an action in every control step. While the controller
-    computes, the arm keeps its last command, or its position if there was no command. The delayed action refers to the
-    state at the request, in which the arm has been kept.
+    computes, the arm keeps its last command, or its position if there was no command. The delayed action is still
+    valid, because the arm has been kept in the state that the controller observed.
 
     Args:
         controller: controller that computes the actions.

@@ -1,4 +1,4 @@
-"""Compute digests of a run's inputs, which must be the same when the run is resumed."""
+"""Compute digests of a run's inputs; a run can be resumed only if its digests are unchanged."""
 
 from __future__ import annotations
 

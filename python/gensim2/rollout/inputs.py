@@ -119,7 +119,7 @@ def instances_word(**given: Unpack[RunArguments]) -> str:
 def read_task_inputs(
     tasks: Sequence[str], *, seed: int, origin: str | None = None, **given: Unpack[RunArguments]
 ) -> tuple[list[TaskInput], dict[str, str]]:
-    """Read and check the tasks whose objects are available; also return the reason for each other task.
+    """Read and check the tasks whose objects are available; also return why each other task cannot be run.
 
     Args:
         tasks, origin: as for :func:`of_these_objects`.
@@ -152,7 +152,7 @@ def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[Run
 
 
 def only_strategies(given: Sequence[TaskInput], names: Sequence[str]) -> list[TaskInput]:
-    """Restrict the steps of tasks to the strategies ``names``; a step without any of these is unchanged.
+    """Restrict the steps of tasks to the strategies ``names``; a step that has none of them is unchanged.
 
     Raises:
         InputError: no step has one of these strategies.
@@ -202,7 +202,7 @@ def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, .
             )
             for name, thing in spec.objects.items()
         }
-    except InputError as error:  # name the field that the caller gave
+    except InputError as error:  # the message must name the caller's argument
         raise InputError(error.message, file=error.file, field="instances", remedy=error.remedy) from error
 
 
@@ -295,7 +295,7 @@ def check_counts(**values: int) -> None:
     """Check that all given counts are at least 1.
 
     Raises:
-        InputError: a count is invalid; the message names the first.
+        InputError: a count is invalid; the message names the first invalid count.
     """
     for name, value in values.items():
         if value < 1:

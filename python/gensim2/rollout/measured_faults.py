@@ -32,7 +32,7 @@ LEFT_BEHIND = 0.03
 """Maximum distance (m) that a grasped object may shift in the hand."""
 
 LEAST_OPENING = 0.002
-"""Minimum distance of the pads, and minimum change of this distance, at which the hand counts as open, m."""
+"""Minimum distance between the pads, and minimum change of this distance, at which the hand counts as open, m."""
 
 LIFTED = 0.01
 """Height (m) above its initial position at which an object counts as lifted."""
@@ -168,7 +168,7 @@ def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -
 
 
 def _distances(measured: Sequence[Measurement], name: str) -> list[float]:
-    """Return the distances (m) from the hand to the nearest keypoint of an object, by instant."""
+    """Return, for each measurement, the distance (m) from the hand to the nearest keypoint of an object."""
     return [
         float(np.linalg.norm(np.stack(list(instant.keypoints[name].values())) - _hand(instant), axis=1).min())
         for instant in measured

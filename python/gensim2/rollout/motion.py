@@ -25,7 +25,7 @@ SETTLED_TURN = 0.5
 """Angular speed (rad/s) below which a rigid object counts as settled; a ball may slowly roll in place."""
 
 LARGEST_OVERSHOOT = 0.5
-"""Maximum openness outside 0..1 in a stable simulation; joint limits usually yield by a hundredth of this."""
+"""Maximum openness outside 0..1 in a stable simulation; usually joint limits are exceeded by 1 % of this value."""
 
 FARTHEST = 10.0
 """Maximum distance (m) of a rigid object from the world's origin in a stable simulation, even after a fall.

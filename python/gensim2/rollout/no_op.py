@@ -1,4 +1,4 @@
-"""Run the no-op baseline, a scene without a moving arm; goals that are reached without the robot do not count."""
+"""Run the no-op baseline, a scene without a moving arm; a goal that is reached without the robot is no success."""
 
 from __future__ import annotations
 

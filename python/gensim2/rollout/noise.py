@@ -58,7 +58,7 @@ class Noisy(WrappedController):
 
     @property
     def reference(self) -> Reference | None:
-        """Return the controller's reference, with the noise-free action added."""
+        """Return the controller's reference, with the noise-free action in the field ``action``."""
         told = super().reference
         if told is None and self._meant is not None:
             nothing = np.full(self._arm, np.nan, np.float32)

@@ -15,7 +15,7 @@ SCHEMA_VERSION: Literal[2] = 2
 
 
 START = "start"
-"""Reason for planning a step at its start."""
+"""Value of ``PlanRecord.trigger`` for plans made at the start of a step."""
 
 
 class Cause(StrEnum):
@@ -128,7 +128,7 @@ class StepRecord:
 
     Attributes:
         name: name of the step.
-        plans: plans in order; several after a deviation or a failed strategy.
+        plans: plans, oldest first; more than one after a deviation or a failed strategy.
         paper: whether the step's criterion was met at any control step of the step, as the ``paper`` verdict requires;
             True without a criterion.
         done: whether the step's criterion was met when the step ended.
@@ -154,11 +154,11 @@ class StepRecord:
 
 @dataclass(frozen=True)
 class AttemptRecord:
-    """One of several attempts from the same start.
+    """One of several attempts from the same initial scene.
 
     Attributes:
         seed: seed of the solver.
-        first: by step, the strategy that was tried first instead of the default.
+        first: by name of the step, the strategy that was tried first instead of the default.
         paper, held, strict, cause: as in :class:`Episode`.
     """
 

@@ -33,9 +33,9 @@ class Recording:
         rewards: (T,) float32 rewards.
         terminated, truncated, success: (T,) bool flags.
         reference: (T, ...) float32 references of the actions, if the controller reports them: ``joint_positions`` and
-            ``joint_velocities`` (m) of the arm, ``tool_pose`` (7, base frame), ``gripper`` (2: distance of the pads, m,
-            and force of each finger, N, or NaN), and, if noise was added, the noise-free ``action`` (m + 1). NaN at
-            steps without a reference.
+            ``joint_velocities`` (m) of the arm, ``tool_pose`` (7, base frame), ``gripper`` (2: distance between the
+            pads, m, and force of each finger, N, or NaN), and, if noise was added, the noise-free ``action`` (m + 1).
+            NaN at steps without a reference.
     """
 
     seed: int

@@ -21,15 +21,15 @@ NEAR = 0.06
 verdict requires.
 """
 CLEAR = 0.003
-"""Distance (m) between hand and object below which they may be in contact."""
+"""Distance (m) between hand and object below which the planner assumes that they are in contact."""
 SPEED = 0.5
 """Fraction of the joints' velocity and acceleration limits that the motion uses."""
 OUT, OUT_SECONDS = 0.08, 1.0
 """Length (m) and duration (s) of the straight motion out of contact."""
 MAX_STRIDE = 0.2
-"""Maximum joint change (rad or m) per control step on the straight motion; more means a different posture."""
+"""Maximum joint change (rad or m) per control step on the straight motion; a larger change is a jump of the IK."""
 SLACK = 1e-3
-"""Tolerance (m) by which surfaces may come closer on the straight motion."""
+"""Maximum decrease (m) of the distance between hand and bodies in a step of the straight motion."""
 
 
 def is_near(measured: Measurement, names: Collection[str]) -> bool:
@@ -78,7 +78,7 @@ def planned_retreat(
     if not near and not _touches(solver, q, names):
         return None
     rows: list[Array] = []
-    if solver.in_collision(q):  # leave the collision first: plans cannot start in one
+    if solver.in_collision(q):  # the hand first leaves the collision, because the planner cannot start in a collision
         rows = _straight_out(solver, q, profile)
         if not rows:
             return None
@@ -89,7 +89,7 @@ def planned_retreat(
     home = solver.plan_to(last, goal, velocity_scale=SPEED, acceleration_scale=SPEED).trajectory
     if home is not None:
         rows += list(home.sample_every(1.0 / profile.control_hz)[1:])
-    elif not rows:  # an open door may be in the rest pose
+    elif not rows:  # an open door may occupy the space of the rest pose
         rows = _straight_out(solver, q, profile)
     if not rows:
         return None
@@ -101,7 +101,7 @@ def planned_retreat(
 
 
 def _straight_out(solver: kpam.Scene, q: Array, profile: RobotProfile) -> list[Array]:
-    """Return the joints (n,) at each control step of a straight motion of the hand that reduces no clearance.
+    """Return the joints (n,) at each control step of a straight motion that brings the hand closer to no body.
 
     The hand moves against the fingers' direction, up, or both. The result is empty if all these directions are blocked.
     """
@@ -121,7 +121,7 @@ def _followed(solver: kpam.Scene, q: Array, T_base_hand: Array, way: Array, coun
     before, distance = q, float(solver.distance(q, CLEAR))
     for share in np.linspace(0.0, 1.0, count + 1)[1:]:
         pose = T_base_hand.copy()
-        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way  # starts and ends at rest
+        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way  # this time scaling starts and ends at rest
         found = solver.ik(pose, before, max_solutions=1)
         if not len(found) or np.abs(found[0] - before).max() > MAX_STRIDE:
             return []

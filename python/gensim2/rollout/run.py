@@ -292,7 +292,8 @@ class Attempt:
 
     Attributes:
         seed: seed of the solver.
-        first: by step, the strategy that is tried first; other steps keep their order.
+        first: by name of the step, the strategy that is tried first; the other steps keep the order of their
+            strategies.
     """
 
     seed: int = 0
@@ -332,7 +333,7 @@ def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attem
     attempt is made.
 
     Args:
-        run: function that runs an attempt, always from the same start.
+        run: function that runs an attempt, always from the same initial scene.
         max_attempts: maximum number of attempts.
     """
     attempt = Attempt()

@@ -36,7 +36,7 @@ class EpisodeRunner:
     Args:
         scene: settings of the scenes of all tasks.
         execution: settings of the workers.
-        progress: listener that is advanced once per job; the caller starts the stage.
+        progress: progress display, which advances by one after each job; the caller starts its stage.
         rollout: options of all episodes.
         log: file to which failed tries of jobs are written with tracebacks; None for no log.
 
@@ -68,7 +68,7 @@ class EpisodeRunner:
 
     def __exit__(self, *_: object) -> None:
         self._executor.close()
-        worker.forget()  # results of episodes of this process
+        worker.forget()  # close the controller that this process has kept open
 
     @property
     def executor(self) -> Executor:

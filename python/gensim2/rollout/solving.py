@@ -60,7 +60,7 @@ class SolveResult:
     Attributes:
         task: name of the task.
         objects: class and id of each object, by name.
-        steps: planned steps in order.
+        steps: planned steps in the order of the task.
         count: number of the task's steps.
         picture: file with a picture of the last step with keypoints, keyframes and residuals; None if not drawn.
     """

@@ -22,7 +22,7 @@ MAX_OPENNESS_DRIFT = 0.02
 MAX_SLIP = 0.03
 """Maximum distance (m) of a grasped object from its planned position in the hand, and maximum slip."""
 LEAST_OPENING = 0.002
-"""Minimum distance of the pads (m) at which the hand can hold an object."""
+"""Minimum distance between the pads (m) at which the hand can hold an object."""
 LEAST_SHARE = 0.4
 """Minimum fraction of a grasp's planned width at which the object still counts as between the pads."""
 
@@ -34,7 +34,7 @@ class Held:
     Attributes:
         name: name of the object.
         T_hand_object: (4, 4) pose of the object in the hand frame after the fingers have closed.
-        width: planned distance of the pads, m; None if unknown.
+        width: planned distance between the pads, m; None if unknown.
         force: force of each finger, N; None if unknown.
     """
 
@@ -58,7 +58,7 @@ def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan
     planned = T_hand_base @ plan.after.objects[plan.picks].T_base_object
     T_hand_object = in_hand(profile, q, measured, plan.picks)
     if np.linalg.norm(T_hand_object[:3, 3] - planned[:3, 3]) > MAX_SLIP:
-        return None  # with a small force the fingers do not close, even if empty
+        return None  # the hand is empty although its fingers, which press with a small force, have not closed
     return Held(plan.picks, T_hand_object, plan.width, plan.force)
 
 

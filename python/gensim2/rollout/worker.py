@@ -42,11 +42,11 @@ PRELOAD: Mapping[Engine, tuple[str, ...]] = {
     "mujoco": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.mujoco.scene"),
 }
 
-#: Solver options for screening, where hundreds of candidates are planned and most fail: few poses, short searches. On
-#: real laptops that are closed the results equal those of the default options, in a thirtieth of the time.
+#: Solver options for screening, where hundreds of candidates are planned and most fail: few poses, short searches.
+#: For closing real laptops the results equal those of the default options, in a thirtieth of the time.
 SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candidates": 6, "samples": 200}
 
-#: Screening result of a candidate in one scene: a score from 0 to 1, the obstacle to a score of 1, and figures for
+#: Screening result of a candidate in one scene: a score from 0 to 1, the reason for a score below 1, and figures for
 #: :func:`gensim2.design.diagnosis.diagnoses`.
 Screened = tuple[float, str | None, dict[str, Any]]
 
@@ -107,7 +107,7 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
     except MemoryError:
         raise
     except BaseException as error:
-        # A failing candidate must not end the search. A panic of the solver is not an Exception.
+        # A failing candidate must not end the search. A panic of the solver (Rust) is not a subclass of Exception.
         if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
             raise
         return 0.0, f"planner error: {type(error).__name__}: {error}", {}

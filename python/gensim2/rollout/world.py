@@ -64,7 +64,7 @@ class World(Body, Protocol):
 
     @property
     def reset_options(self) -> Mapping[str, Any]:
-        """Options with which a reset with the same seed reproduces the scene."""
+        """Options with which a reset with the seed of the last reset reproduces the scene."""
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:

@@ -32,7 +32,7 @@ from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
 Drawn = str | tuple[str, ...] | frozenset[tuple[str, str | tuple[str, ...]]]
-"""Instances that scenes choose from: one word, several ids, or (object's name, word or ids) pairs."""
+"""Instances that scenes choose from: a split or id, several ids, or (name, split or ids) for each object."""
 
 SceneRecord = Annotated[dict[str, Any], BeforeValidator(with_current_scene)]
 """Fields of :class:`SceneOptions` in a file of any release, converted to the present names."""
@@ -73,7 +73,7 @@ class SceneOptions:
 
     Attributes:
         assets: folder of objects or ``"builtin"``.
-        physics: name of the physics (:mod:`gensim2.scenes.physics`), never a file name.
+        physics: name of the physics settings (:mod:`gensim2.scenes.physics`), never a file name.
         robot: name of a known robot, which is not loaded.
         randomization: name of the randomization preset.
         engine: simulation engine.
@@ -142,7 +142,7 @@ class SceneOptions:
         return second
 
     def with_task(self, task: TaskSpec, instances: Drawn = "all") -> SceneConfig:
-        """Return the configuration of one task's scenes."""
+        """Return these options with a task, as the configuration of the task's scenes."""
         return SceneConfig(**self.to_record(), task=task, instances=instances)
 
     @property

@@ -30,7 +30,7 @@ class DefaultPose:
         position: (3,) position of the root in the world frame, m.
         quaternion: (4,) orientation of the root in the world frame, (w, x, y, z).
         openness: mean of the randomized openness, 0..1; 0 for a rigid object.
-        origin: source of the pose.
+        origin: ``"default"`` for a computed pose, ``"original"`` for a pose of the original GenSim2.
     """
 
     position: Array
@@ -45,13 +45,13 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
     Args:
         model: object to place.
         poses: ``"original"`` uses the pose of the original GenSim2 for a released articulated model, if there is one.
-            Rigid objects always rest on the table, because the original's heights let some of them overlap the table.
+            Rigid objects always rest on the table, because in the original GenSim2 some of them overlap the table.
     """
     if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)
         if pose is not None:
-            # In some poses of the original the moving link overlaps the table. In SAPIEN 2 a force of 5 N moves such a
-            # link; in SAPIEN 3 the contact blocks the joint even at 400 N, so these objects are lifted.
+            # In some poses of the original GenSim2 the moving link overlaps the table. In SAPIEN 2 a force of 5 N moves
+            # such a link; in SAPIEN 3 the contact blocks the joint even at 400 N, so these objects are lifted.
             sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
             return DefaultPose(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
     openness = 0.0 if isinstance(model, RigidObject) else model.default_openness

@@ -77,12 +77,12 @@ def square(center: Array, half: float) -> Array:
 
 
 def keep_apart(first: Array, second: Array, gap: float) -> bool:
-    """Return whether two convex outlines are at least ``gap`` (m) apart, measured across their edges."""
+    """Return whether two convex outlines are at least ``gap`` (m) apart, measured along the normals of their edges."""
     return gap_between(first, second) >= gap
 
 
 def gap_between(first: Array, second: Array) -> float:
-    """Return the gap (m) between two convex outlines, measured across their edges; negative if they overlap.
+    """Return the gap (m) between two convex outlines along the normals of their edges; negative if they overlap.
 
     Args:
         first, second: (N, 2) and (M, 2) corners in m, counter-clockwise.

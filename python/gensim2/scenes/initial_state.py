@@ -102,7 +102,7 @@ class InitialState:
 
     Attributes:
         objects: objects by name, in the task's order.
-        draws: number of random placements until all objects were apart, within reach and clear of the robot.
+        draws: number of placements sampled until all objects were apart, within reach and clear of the robot.
         start: (n,) all active joints of the robot.
         randomization: name of the randomization preset.
     """
@@ -139,8 +139,8 @@ def sample_initial_state(
     the robot's reach, and rigid objects are clear of the robot's start. If the preset randomizes the robot's start, a
     new start is sampled until the robot overlaps no object. Placements given by options are not changed.
 
-    Separate random generators draw the values of the task's ranges and the additional values of a preset, so that a
-    preset does not change the other draws.
+    The values of the task's ranges and the additional values of a preset are sampled with separate random generators,
+    so that a preset does not change the values of the task's ranges.
 
     Args:
         task: task with the ranges.
@@ -162,14 +162,14 @@ def sample_initial_state(
     for name, spec in task.objects.items():
         draws[name] = draw_object(generator, spec.randomization, randomization, instances[name])
         chosen = options[name].get("instance")
-        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # a split is no instance
+        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # no id
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance, physics.hulls)
     factors, start = _vary(task, models, seed, robot, randomization)
     again = physics.redraw == "placement"
     room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
     starts = rng(seed, f"{task.name}/{randomization.name}/start") if again and randomization.varies else None
-    for count in range(1, MAX_DRAWS + 1):  # without a room to keep, the first placement is used
+    for count in range(1, MAX_DRAWS + 1):  # a single object keeps its first placement
         objects = _stand_all(task, models, draws, options, physics.poses, factors)
         if objects is not None and (room is None or room.holds(objects)):
             hulls = [thing.hulls_in_world() for thing in objects.values()]
@@ -193,7 +193,7 @@ def _vary(
     robot: RobotProfile,
     randomization: Preset,
 ) -> tuple[dict[str, Factors], tuple[float, ...]]:
-    """Draw the additional values of a preset: physical factors of each object, and the robot's start."""
+    """Sample the additional values of a preset: physical factors of each object, and the robot's start."""
     if not randomization.varies:
         return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
     generator = rng(seed, f"{task.name}/{randomization.name}")
@@ -214,7 +214,7 @@ def _stand_all(
     poses: PhysicsSource,
     factors: Mapping[str, Factors],
 ) -> dict[str, PlacedObject] | None:
-    """Place every object as drawn; return None if an object does not fit on its support."""
+    """Place every object with its sampled offset; return None if an object does not fit on its support."""
     objects: dict[str, PlacedObject] = {}
     for name, spec in task.objects.items():
         thing = _stand(spec, models[name], draws[name], options[name], objects, poses)
@@ -232,7 +232,7 @@ def _stand(
     before: Mapping[str, PlacedObject],
     poses: PhysicsSource,
 ) -> PlacedObject | None:
-    """Place an object as drawn; return None if it does not fit on its support."""
+    """Place an object with its sampled offset; return None if the object does not fit on its support."""
     openness = None
     default = default_pose(model, poses)
     if isinstance(model, ArticulatedObject):
@@ -310,7 +310,7 @@ class _Room:
 
     def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
-        if isinstance(thing.model, ArticulatedObject):  # checked by its placement
+        if isinstance(thing.model, ArticulatedObject):  # its default pose and ranges keep it clear of the robot
             return True
         if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):
             return False

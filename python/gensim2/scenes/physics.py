@@ -1,8 +1,8 @@
-"""Name physics settings, and choose the engines that simulate them.
+"""Define names for physics settings, and select the engines that can simulate them.
 
 Each setting is either the default or as in the original GenSim2. ``original`` and ``default`` are presets, and a name
 such as ``original+gripper=default`` changes one setting of a preset. The name defines the physics completely, so
-records and worker processes use names. Users may also give a file of settings.
+records and worker processes store only the name. Users may also give a file of settings.
 """
 
 from __future__ import annotations
@@ -46,11 +46,12 @@ class PhysicsSwitches:
         joint_friction: default: Coulomb friction and damping of the object; original: a coefficient on the joint's load
             for each class.
         densities: default: masses of the objects; original: a density of the hulls for each class.
-        materials: contact materials of all bodies except the table.
-        solver: default: settings and contact offsets for the engine; original: the original's PhysX settings.
-        poses: default: poses computed from the geometry; original: the original's poses for released models.
-        gripper: finger drives. Default: the profile's; ``"soft"``: drives with which the original's solver holds
-            objects; original: the original's drives.
+        materials: friction and restitution of all bodies except the table.
+        solver: default: settings and contact offsets for the engine; original: the PhysX settings of the original
+            GenSim2.
+        poses: default: poses computed from the geometry; original: poses of the original GenSim2 for released models.
+        gripper: finger drives. Default: the profile's; ``"soft"``: drives with which the solver settings of the
+            original GenSim2 can hold objects; original: the drives of the original GenSim2.
         hulls: collision hulls of real objects, which the planner uses, too. Default: hulls that keep cavities open;
             original: the convex hull of each connected part of a file.
         redraw: ``"placement"``: placements of several objects are sampled again until all fit; ``"none"``: the first
@@ -75,14 +76,14 @@ class PhysicsSwitches:
 
 
 ORIGINAL_CRITERIA_SECONDS = 0.85
-"""Time (s) between evaluations of criteria in the original, whose control steps take 0.81 to 0.9 s."""
+"""Time (s) between evaluations of criteria in the original GenSim2, whose control steps take 0.81 to 0.9 s."""
 
 DEFAULT_PHYSICS = "default"
 PRESETS: Mapping[str, PhysicsSwitches] = {
     DEFAULT_PHYSICS: PhysicsSwitches(),
     "original": PhysicsSwitches("original", "original", "original", "original", "original", "soft", "none"),
 }
-"""Presets. ``original`` is for comparisons with the paper: all settings except the fingers are the original's
+"""Presets. ``original`` is for comparisons with the paper: all settings except the fingers are the original GenSim2's
 (docs/reference/simulation.md).
 """
 
@@ -123,7 +124,7 @@ def physics_name(word: object, redraw: str | None = None) -> str:
     Args:
         word: name as for :func:`physics_word`, or the path of a YAML or JSON file of settings; its field ``base`` names
         the preset for all other settings.
-        redraw: value of the setting ``redraw``; None: as in ``word``.
+        redraw: value of the setting ``redraw``; None: the value in ``word``.
 
     Raises:
         InputError: a preset, setting or value is unknown, or the file cannot be read.
@@ -137,7 +138,7 @@ def physics_name(word: object, redraw: str | None = None) -> str:
 def physics_word(word: object) -> str:
     """Check and normalize the name of physics settings, as stored in files.
 
-    ``"ours"``, the name of the default in older files, becomes ``"default"``.
+    In older files the default is named ``"ours"``; this name becomes ``"default"``.
 
 
     Args:
@@ -171,7 +172,7 @@ def _changed(base: PhysicsSwitches, given: Mapping[str, Any], file: Path | None)
 
 
 def _word(switches: PhysicsSwitches) -> str:
-    """Return the shortest name of physics settings; among equals, a change of the default preset."""
+    """Return the shortest name of physics settings; prefer a name that starts with ``default``."""
     words = []
     for name, preset in PRESETS.items():
         own = [each.name for each in fields(preset) if getattr(switches, each.name) != getattr(preset, each.name)]
@@ -195,14 +196,14 @@ def require_engine(engine: Engine) -> None:
 
 
 def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
-    """Check that an engine exists and can simulate a physics, and return its name.
+    """Check that an engine exists and can simulate the given physics settings; return the engine's name.
 
     Args:
         engine: name of the engine.
         physics: name of the physics.
 
     Raises:
-        InputError: the engine is unknown, or cannot simulate a setting of the physics.
+        InputError: the engine is unknown, or cannot simulate one of the settings.
     """
     found = next((name for name in ENGINES if name == engine), None)
     if found is None:
@@ -221,7 +222,7 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
 
 
 def with_current_scene(record: Any) -> Any:
-    """Return a file's fields with the current name of the physics and, for old files, with the engine."""
+    """Return a file's fields with the current name of the physics settings; add the engine to fields of old files."""
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
         return {"engine": DEFAULT_ENGINE, **record, "physics": current(word, _RENAMED, "physics")}
     return record

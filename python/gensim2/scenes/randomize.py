@@ -1,4 +1,4 @@
-"""Draw the random values of a task's episodes from seed, task and preset."""
+"""Sample the random values of a task's episodes; seed, task and preset determine them."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ AS_IT_IS = Factors()
 def draw_object(
     generator: np.random.Generator, ranges: Randomization, preset: Preset, instances: Sequence[str]
 ) -> Draw:
-    """Draw the random values of an object; always five numbers, so that later draws are independent of the task."""
-    # The choice uses one random number for any number of instances, so that later draws do not depend on this number.
+    """Sample the random values of an object; always five numbers, so that later samples do not depend on the task."""
+    # One random number selects the instance, so that later samples do not depend on the number of instances.
     instance = instances[int(generator.random() * len(instances))]
     x, y, yaw = _placement(generator, ranges, preset)
     spread = preset.scale * ranges.openness_spread
@@ -74,7 +74,7 @@ def draw_object(
 
 
 def redraw_placement(generator: np.random.Generator, ranges: Randomization, preset: Preset, draw: Draw) -> Draw:
-    """Draw a new placement of the same object, by three uniform random numbers."""
+    """Sample a new placement of the same object from three uniform random numbers."""
     x, y, yaw = _placement(generator, ranges, preset)
     return replace(draw, x=x, y=y, yaw=yaw)
 
@@ -89,7 +89,7 @@ def _placement(generator: np.random.Generator, ranges: Randomization, preset: Pr
 
 
 def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
-    """Draw log-uniform physical factors; always three random numbers, even without a joint."""
+    """Sample log-uniform physical factors; three random numbers are used even for an object without a joint."""
     mass, contact, joint = (
         float(np.exp(generator.uniform(np.log(low), np.log(high))))
         for low, high in ((LIGHTEST, HEAVIEST), (SLIPPERIEST, ROUGHEST), (LOOSEST, STIFFEST))
@@ -98,7 +98,7 @@ def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
 
 
 def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[float, ...]:
-    """Draw all active joints of the robot's start: a uniform offset for each arm joint, within the joint limits."""
+    """Sample the robot's active joints at the start: each arm joint gets a uniform offset within its joint limits."""
     size = robot.arm_size
     start = np.array(robot.reset_qpos)
     start[:size] += generator.uniform(-START_SPREAD, START_SPREAD, size)
@@ -107,7 +107,7 @@ def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[flo
 
 
 def openness_at_reset(ranges: Randomization, draw: Draw, default_openness: float) -> float:
-    """Return the mean openness of the task (or of the instance) plus the drawn offset, clipped to 0..1."""
+    """Return the mean openness of the task (or of the instance) plus the sampled offset, clipped to 0..1."""
     mean = ranges.openness_mean
     return float(np.clip((default_openness if mean is None else mean) + draw.openness_offset, 0.0, 1.0))
 

@@ -30,7 +30,7 @@ class SceneSampler:
         library: library of the objects.
         robot: name of the robot, valid in any process.
         profile: profile of the robot.
-        physics: name of the physics.
+        physics: name of the physics settings.
         engine: simulation engine.
         randomization: randomization preset.
         instances: by object, the ids that a reset chooses from.
@@ -81,7 +81,7 @@ class SceneSampler:
         for seed in GOAL_SEEDS:
             try:
                 state = self._draw(seed, nothing)
-            except PlacementError:  # irrelevant for the goal; raised when this seed is used
+            except PlacementError:  # does not concern the goal; the same error is raised again when this seed is used
                 continue
             yield state
 

@@ -1,7 +1,7 @@
 """Provide a ManiSkill environment for each task.
 
-``HeadlessEnv`` simulates only the physics, with exactly the same states. Importing this module registers the
-environments with gymnasium, without importing ManiSkill:
+``HeadlessEnv`` simulates only the physics and reaches exactly the states of the ManiSkill environment. Importing this
+module registers the environments with gymnasium, without importing ManiSkill:
 
     import gymnasium as gym import gensim2.sim env = gym.make("GenSim2-OpenDrawer-v1")
 

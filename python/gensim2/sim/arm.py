@@ -123,5 +123,5 @@ def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
 
 @cache
 def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
-    """Parse a robot, once for each physics, because a builder keeps the default material at the time of parsing."""
+    """Parse a robot, once for each default material, because a builder stores the default material when it parses."""
     return parsed(urdf, urdf_config(friction, pads))

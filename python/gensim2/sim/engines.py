@@ -34,7 +34,7 @@ class EngineScene(Protocol):
         """Build the scene of an initial state.
 
         Args:
-            physics: name of the physics.
+            physics: name of the physics settings.
             setup: initial state.
             robot: False leaves the robot out.
         """

@@ -63,7 +63,7 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
 
 @cache
 def spare_imports_from_collection() -> None:
-    """Exempt all existing objects, such as imported modules, from garbage collection, once in each process.
+    """Exempt all existing Python objects, such as imported modules, from garbage collection, once in each process.
 
     ManiSkill runs a full collection at every reset; this reduces the duration from 180 ms to 2 ms.
     """
@@ -96,9 +96,9 @@ class GenSim2Env(RaycastObservations):
             generated object that is not listed, any number up to 10^6. An id applies to the first object whose class
             has several instances; a mapping from object names applies to any object.
 
-    Reset options replace random draws: ``instance`` (id), ``openness`` (0..1), ``offset`` (x, y, yaw relative to the
+    Reset options replace random values: ``instance`` (id), ``openness`` (0..1), ``offset`` (x, y, yaw relative to the
     default pose) or ``pose`` (root in the world frame: x, y, z, qw, qx, qy, qz). For a task with several objects each
-    is a mapping from an object's name to its value.
+    option is a mapping from an object's name to the value.
 
     Raises:
         InputError: an argument or a reset option is invalid.
@@ -169,7 +169,7 @@ class GenSim2Env(RaycastObservations):
                 sim_backend="physx_cpu",
                 render_backend=rendering.backend(render_backend, "none" if self._seen else obs_mode, render_mode),
                 reconfiguration_freq=1,
-                obs_mode=obs_mode if self._seen is None else "none",  # GenSim2 renders, so ManiSkill does not
+                obs_mode=obs_mode if self._seen is None else "none",  # no observation from ManiSkill
                 render_mode=render_mode,
                 reward_mode=reward_mode,
                 **rest,
@@ -188,7 +188,7 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def instance_ids(self) -> Mapping[str, tuple[str, ...]]:
-        """By object, the ids that a reset chooses from."""
+        """Ids from which a reset chooses the instance, by name of the object."""
         return self._sampler.instances
 
     @property
@@ -229,7 +229,7 @@ class GenSim2Env(RaycastObservations):
         self._require_open()
         read_options(options, tuple(self.task.objects))
         seed = checked_seed(seed)
-        if seed is not None:  # gymnasium's generator, which is not used here
+        if seed is not None:  # seed gymnasium's random generator, which this environment does not use itself
             self._np_random, self._np_random_seed = np_random(seed)
         self.reset_options = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
         result: tuple[Any, dict[str, Any]] = super().reset(seed=seed, options=options)

@@ -43,7 +43,7 @@ class Transmission:
 
 
 def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[str, physx.PhysxArticulationJoint]:
-    """Return the active joints by their names in the URDF, in order.
+    """Return the active joints by their names in the URDF, in the profile's order.
 
     Raises:
         InputError: the physics engine orders the joints differently from the profile.

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 NO_POSE = np.full(7, np.nan, dtype=np.float32)
-"""Pose of a tool that is not computed."""
+"""Placeholder for a tool pose that is not computed."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class HeadlessEnv(SceneAccessMixin):
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
         self.engine, self.physics = sampler.engine, physics_switches(sampler.physics)
         self.instance_ids = sampler.instances
-        self._drawn: tuple[int, InitialState] | None = None  # state drawn from the last seed, without options
+        self._drawn: tuple[int, InitialState] | None = None  # seed and state of a reset without options
         self.seed = 0
         self.elapsed_steps = 0
         self.reset_options: dict[str, Any] = {}
@@ -146,7 +146,7 @@ class HeadlessEnv(SceneAccessMixin):
         self._advance()
 
     def substep(self, action: npt.ArrayLike) -> None:
-        """Execute one physics step, which is a part of a control step, for devices that run at the physics rate.
+        """Execute one physics step, which is a part of a control step, for devices that are read at the physics rate.
 
         Args:
             action: as for :meth:`step`.
@@ -287,7 +287,7 @@ class HeadlessEnv(SceneAccessMixin):
         return self._pictures.colors
 
     def close(self) -> None:
-        """Release all resources that are independent of the scene."""
+        """Release all resources that are kept between scenes."""
         if self._pictures is not None:
             self._pictures.close()
             self._pictures = None

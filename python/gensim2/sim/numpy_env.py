@@ -91,7 +91,7 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
         """Build a new scene; the same seed gives the same scene.
 
         Args:
-            seed: 0 to 2**32 - 1; None draws a seed.
+            seed: 0 to 2**32 - 1; None selects a random seed.
             options: reset options, as for :class:`~gensim2.sim.headless.HeadlessEnv`.
 
         Raises:

@@ -18,7 +18,7 @@ from gensim2.sim.physics import DEFAULT, Physics
 
 
 class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
-    """Loader without visuals, whose materials need a Vulkan driver."""
+    """URDF loader that omits visual shapes, because their materials need a Vulkan driver."""
 
     def _build_link(self, link: Any, link_builder: Any) -> None:
         link.visuals = []
@@ -133,7 +133,7 @@ def _corners(shape: physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
 
 
 def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionShape) -> tuple[float, float]:
-    """Return by how much (m) the bounds of a collision shape lie inside its hull (N, 3), and outside the hull."""
+    """Return the distances (m) by which a collision shape's bounding box is smaller, and is larger, than its hull's."""
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
     return float(-beyond.min()), float(beyond.max())

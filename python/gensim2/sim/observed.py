@@ -1,4 +1,4 @@
-"""Compute observations of an environment: ManiSkill's with added object poses, or this project's."""
+"""Compute observations of an environment: ManiSkill's with added object poses, or this package's by ray casting."""
 
 from __future__ import annotations
 

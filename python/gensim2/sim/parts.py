@@ -23,7 +23,7 @@ Row = npt.NDArray[np.float32]
 
 
 class LazyMapping(Mapping[str, Array]):
-    """Arrays by name, computed on first access, because most measurements use only one or two of them.
+    """Mapping from names to arrays, which are computed on first access because most are never read.
 
     Args:
         work_out: function that computes all arrays from stored values, without reading the simulator.
@@ -49,11 +49,11 @@ class LazyMapping(Mapping[str, Array]):
         return repr(dict(self._values))
 
     def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[Mapping[str, Array]]]:
-        return dict, (dict(self._values),)  # pickled as a dict
+        return dict, (dict(self._values),)  # pickle this mapping as a plain dict
 
 
 class Frame(Protocol):
-    """Pose of a link in the world frame at the time of reading."""
+    """Copy of a link's pose in the world frame at the instant at which it was read."""
 
     def row(self) -> Row:
         """Return the pose (7,): position, quaternion (w, x, y, z)."""
@@ -67,7 +67,7 @@ class ArticulatedPart(ABC):
 
     Args:
         name: name of the object in the task.
-        thing: object with its initial pose.
+        thing: object to build, with its initial pose.
         parents: name of each link's parent, None for the root; parents come before their children.
         warnings: warnings from building the object.
     """
@@ -117,7 +117,7 @@ class ArticulatedPart(ABC):
 
     @property
     def joint_speed(self) -> float:
-        """Openness per second."""
+        """Velocity of the joint, in openness per second."""
         joint = self.model.joint
         return float(self.qvel[0]) / (joint.upper - joint.lower)
 
@@ -191,7 +191,7 @@ class RigidPart(ABC):
     """A rigid object in a scene.
 
     Args:
-        name: role in the task.
+        name: name of the object in the task.
         thing: the object and its initial pose.
     """
 

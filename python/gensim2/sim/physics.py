@@ -44,14 +44,14 @@ class JointResistance(Protocol):
 
 
 class Physics:
-    """Physics of a scene; :func:`named_physics` returns it by name.
+    """Physics settings of a scene; :func:`named_physics` returns the settings with a given name.
 
     Args:
-        name: name of the physics (:mod:`gensim2.scenes.physics`).
+        name: name of the settings (:mod:`gensim2.scenes.physics`).
 
     Attributes:
-        name: name of the physics.
-        switches: individual settings of the physics.
+        name: name of the settings.
+        switches: individual settings.
         scene_config: PhysX settings in ManiSkill's format.
         material: default contact material.
 
@@ -150,7 +150,7 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # The damping does not exceed the profile's, because profiles with the original's fingers have no damping.
+            # The damping does not exceed the profile's: profiles with the original GenSim2's finger drives have none.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":
             _drive_fingers(robot, profile, **self._constants.fingers)
@@ -163,7 +163,7 @@ class Physics:
         build_link = loader._build_link
 
         def without_inertial(link: Any, builder: Any) -> None:
-            link.inertial = None  # PhysX then computes mass and inertia from the hulls
+            link.inertial = None  # without this entry PhysX computes mass and inertia from the hulls
             build_link(link, builder)
 
         loader._build_link = without_inertial
@@ -188,7 +188,7 @@ class Physics:
         return physx.PhysxMaterial(rigid.friction, rigid.friction, 0.0)
 
     def rigid_density(self, rigid: RigidObject) -> float | None:
-        """Return the density of a rigid object's hulls, kg/m3; None: it has its own mass and inertia."""
+        """Return the density of a rigid object's hulls, kg/m3; None if the object's own mass and inertia are used."""
         return self._constants.rigid_density if self.switches.densities == "original" else None
 
     def _material(self) -> physx.PhysxMaterial:
@@ -266,7 +266,7 @@ def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> N
 
 @cache
 def named_physics(name: str) -> Physics:
-    """Return the physics with a name; later calls in the process return the same object.
+    """Return the physics settings with the given name; later calls in the process return the same object.
 
     Raises:
         InputError: the name is unknown.

@@ -110,7 +110,7 @@ def make_vec_env(
         engine: as for :func:`make_env`.
         vector_kwargs: keyword arguments of gymnasium's vector class.
         wrappers: functions that wrap each environment; the first one is the innermost.
-        kwargs: as for :func:`make_env`, the same for all.
+        kwargs: as for :func:`make_env`; they apply to all environments.
 
     Returns:
         The vector environment; observations, rewards and flags are NumPy arrays (n, ...).

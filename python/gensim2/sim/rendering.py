@@ -74,7 +74,7 @@ def video_camera() -> CameraConfig:
 
 
 def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
-    """Return ManiSkill's ``render_backend``; ``"auto"`` selects a backend that works, if rendering is needed.
+    """Return the value of ManiSkill's ``render_backend``; for ``"auto"``, a working backend if rendering is needed.
 
     Raises:
         InputError: observations need images, and there is no renderer.

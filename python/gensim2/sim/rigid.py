@@ -68,9 +68,9 @@ def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics
     if visual and rigid.visual is not None:
         builder.add_visual_from_file(str(rigid.visual))
     if density is not None:
-        return  # PhysX computes mass and inertia from the hulls
+        return  # without explicit inertia PhysX computes mass and inertia from the hulls
     values, axes = np.linalg.eigh(rigid.inertia)
-    turn = Rotation.from_matrix(axes * np.linalg.det(axes)).as_quat(scalar_first=True)  # right-handed
+    turn = Rotation.from_matrix(axes * np.linalg.det(axes)).as_quat(scalar_first=True)  # the axes must be right-handed
     builder.set_mass_and_inertia(rigid.mass, sapien.Pose(rigid.center_of_mass, turn), values)
 
 

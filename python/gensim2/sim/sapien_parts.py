@@ -20,7 +20,7 @@ from gensim2.sim.scene_state import RobotReader
 
 
 class SapienFrame:
-    """Pose of an entity at the time of reading."""
+    """Copy of an entity's pose at the instant at which it was read."""
 
     def __init__(self, pose: sapien.Pose) -> None:
         self._pose = pose

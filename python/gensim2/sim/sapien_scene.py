@@ -1,4 +1,4 @@
-"""Simulate a scene of the headless environment in SAPIEN, with the bodies of the registered environment in order."""
+"""Simulate a scene of the headless environment in SAPIEN, with bodies in the order of the ManiSkill environment."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class SapienScene:
     def __init__(self, profile: RobotProfile, physics: str, setup: InitialState, robot: bool) -> None:
         self._profile, how = profile, named_physics(physics)
         self.system = how.new_system(profile)
-        self.scene = sapien.Scene([self.system])  # keep a reference, or its contents are freed
-        # Bodies are added in the order of the registered environment, because this order affects PhysX's contact
+        self.scene = sapien.Scene([self.system])  # without this reference Python would free the scene and its contents
+        # Bodies are added in the order of the ManiSkill environment, because their order affects PhysX's contact
         # solver.
         self.arm = Arm(self.scene, profile, how) if robot else None
         build_table(self.scene, visible=False)

@@ -63,7 +63,7 @@ class RobotReader(ABC):
 
 
 class StandingRobot:
-    """Stand-in for the robot in a scene without a robot; it counts as at its start with open fingers.
+    """Replacement for the robot's state in a scene without a robot: the start configuration with open fingers.
 
     Args:
         start: (n,) all active joints at the start of the episode.
@@ -146,5 +146,5 @@ class SceneAccessMixin:
         return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
 
     def measure(self) -> Measurement:
-        """Measure the current state in the world frame; a missing robot counts as at its start."""
+        """Measure the current state in the world frame; a missing robot is measured in its start pose."""
         return measure(self._robot, self.parts)

@@ -13,7 +13,7 @@ from gensim2.core.errors import InputError
 
 
 class _Done(gym.Wrapper[Any, Any, Any, Any]):
-    """Placeholder for an environment that was already reset or stepped."""
+    """Placeholder for an environment; its ``reset`` and ``step`` return a result that was computed in a thread."""
 
     def __init__(self, env: gym.Env[Any, Any], result: Any) -> None:
         super().__init__(env)

@@ -10,12 +10,11 @@ from gymnasium.utils import RecordConstructorArgs
 
 
 class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Replacement for gymnasium's wrapper, whose ``truncated`` is not a tensor.
+    """Replacement for gymnasium's ``TimeLimit``, whose ``truncated`` is not a tensor as ManiSkill requires.
 
     Args:
         env: environment from ``gymnasium.make``; this wrapper takes over the limit of gymnasium's own wrapper.
-        registered: number of control steps that is registered with the id; the environment converts it to its robot's
-            rate.
+        registered: step limit in gymnasium's registry; the environment converts it to its robot's control rate.
     """
 
     def __init__(self, env: gym.Env[Any, Any], registered: int | None = None) -> None:

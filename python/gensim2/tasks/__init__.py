@@ -1,4 +1,4 @@
-"""Tasks (objects, steps and a goal), and the library of tasks and strategies, stored as YAML files."""
+"""Define tasks (objects, steps and a goal), and read the library of tasks and strategies, which are YAML files."""
 
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.library import load_strategies, load_task, task_names

@@ -1,8 +1,8 @@
-"""Success criteria of steps and tasks, each a pure function of a :class:`Measurement`.
+"""Define the success criteria of steps and tasks, each a pure function of a :class:`Measurement`.
 
-Five criteria come from the paper. As in the original, they use horizontal distances between measured keypoints (an
-object's last keypoint); only the `strict` verdict checks heights. The other criteria describe a joint that is partly
-open, and the position of a rigid object, which is the origin of its frame, near the object's middle.
+Five criteria come from the paper. As in the original GenSim2, they use horizontal distances between measured keypoints
+(an object's last keypoint); only the `strict` verdict checks heights. The other criteria describe a joint that is
+partly open, and the position of a rigid object, which is the origin of its frame, near the object's middle.
 
 Each criterion has three methods. ``objects`` returns the names of the objects that it measures. ``holds`` returns
 whether the criterion is met, which a NaN never does. ``progress`` returns a value from 0 to 1, where 1 means that the
@@ -21,14 +21,14 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from gensim2.tasks.measurement import Measurement
 
 OPEN, CLOSED = 0.8, 0.2
-"""Openness above which the paper calls a joint open, and below which closed."""
+"""Openness above which a joint counts as open in the paper, and openness below which it counts as closed."""
 AJAR = (0.3, 0.7)
 """Openness range of a half-open joint."""
 NEAR = 0.05
 """Horizontal distance (m) within which the paper considers two points to be together."""
 
 SCALE = 0.3
-"""Distance (m) scale of the progress towards a point."""
+"""Distance (m) at which the progress towards a point is 0.24 (:func:`nearness`)."""
 
 ROLES = ("object", "articulated", "rigid", "support")
 """Fields of criteria that name objects."""
@@ -119,7 +119,7 @@ class RigidLifted(_Criterion):
 
 class RigidMoved(_Criterion):
     """The rigid object has moved more than ``distance`` (m) since the reset in a direction as seen from the robot, and
-    less than half as far sideways.
+    by less than half of this displacement sideways.
     """
 
     type: Literal["rigidbody_moved"] = "rigidbody_moved"

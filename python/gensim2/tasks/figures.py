@@ -1,4 +1,4 @@
-"""Measured success rates of the library's tasks; all tables in the documentation are made from them.
+"""Read the measured success rates of the library's tasks, from which all tables in the documentation are made.
 
 Only ``benchmarks/figures.py`` writes ``figures.json``, from the JSON output of ``gensim2 benchmark``. A row has the
 results of one task in one such JSON file.
@@ -32,7 +32,7 @@ def _current_word(word: object) -> object:
 
 
 OWNERS = {"default": "default physics", "original": "the original's physics"}
-"""Names of the physics presets; mixtures keep their spelling."""
+"""Phrases for the physics presets in tables; mixed settings appear under their own name."""
 
 
 class Condition(_Value):
@@ -46,7 +46,7 @@ class Condition(_Value):
         instances: instances used, as in ``--instances``.
         randomization: ranges of the scene: ``"paper"``, ``"paper-half"`` or ``"wide"``.
         attempts: maximum number of attempts in an episode, each from the same initial scene.
-        open_loop: whether all motions were planned at the start.
+        open_loop: whether all motions were planned at the start of each episode.
         disturbance: ``"push"``, ``"drop"`` or None.
         one_plan: whether each step was planned only once, with its first strategy.
     """
@@ -182,7 +182,7 @@ class Figures(_Value):
 
 
 def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
-    """Return the sort key of a row: by task, the paper's protocol first."""
+    """Return the sort key of a row: by task; for each task, the row under the paper's protocol comes first."""
     return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
 
 

@@ -1,4 +1,4 @@
-"""The task library: one folder for each task, in three locations.
+"""Read the task library, which has one folder for each task, in three locations.
 
 ``library/`` in this package contains the paper's suite, ``designed/`` contains tasks that designers made with generated
 objects, and the user's folder (:func:`user_library`) contains tasks kept by the user's runs. In each,

@@ -16,9 +16,9 @@ from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 ALIKE = 85.0
-"""Similarity of two sentences, 0 to 100, above which they count as the same for the same goal."""
+"""Similarity of two sentences, 0 to 100, above which tasks with the same goal and object classes count as the same."""
 
-#: Synonyms in instructions; each word on the left replaces those on the right.
+#: Synonyms in instructions; the key replaces the words in the value.
 SAYINGS = {
     "close": ("shut", "closed"),
     "open": ("opened",),
@@ -126,7 +126,7 @@ def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
 
 
 def _concerned(task: TaskSpec) -> list[str]:
-    """Return the objects that steps and goal use, in the order of first use."""
+    """Return the names of the objects that steps and goal use, in the order in which they are first used."""
     named = [name for step in task.steps for name in (step.object, step.tool) if name != HAND]
     return list(dict.fromkeys([*named, *(name for criterion in task.success for name in criterion.objects)]))
 

@@ -1,4 +1,4 @@
-"""State of a scene at one instant, from which criteria and verdicts are computed, independent of the simulator."""
+"""Define the state of a scene at one instant, from which criteria and verdicts are computed, for any simulator."""
 
 from __future__ import annotations
 
@@ -37,5 +37,5 @@ class Measurement:
     start_positions: Mapping[str, Array] = field(default_factory=dict)
 
     def point(self, name: str) -> Array:
-        """Return the measured keypoint (3,) of an object: its last keypoint, as in the original."""
+        """Return the measured keypoint (3,) of an object: its last keypoint, as in the original GenSim2."""
         return list(self.keypoints[name].values())[-1]

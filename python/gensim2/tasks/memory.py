@@ -181,7 +181,7 @@ class Memory:
         try:
             (self.folder / name).rename(gone)
         except FileNotFoundError:
-            return  # another process removed it first
+            return  # another process has already removed the folder
         sync_folder(self.folder)
         shutil.rmtree(gone)
 

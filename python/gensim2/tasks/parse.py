@@ -56,8 +56,8 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
         if len(kinds) > 1:
             models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
             if not models:
-                break  # In a union of plain values, the remaining parts name the types that were tried.
-            # This part of the location is the value of the field ``type``, which selects the model.
+                break  # for a union of plain types, the remaining parts of the location are the names of these types
+            # this part of the location is not a field, but the value of the field ``type``, which selects the model
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":

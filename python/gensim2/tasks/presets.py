@@ -1,4 +1,4 @@
-"""Presets of scene randomization: the task's own ranges, half of them, or wider ones."""
+"""Define presets of scene randomization: the task's own ranges, half of them, or wider ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Success rates to compare with: from the paper (Table 4), and measured by us with the paper's released code."""
+"""List success rates for comparisons: published in the paper (Table 4), and measured with the paper's code."""
 
 from __future__ import annotations
 
@@ -75,14 +75,14 @@ MEASURED: dict[str, tuple[int, int]] = {
     "CloseRefrigeratorDoor": (7, 10),
     "OpenRefrigeratorDoor": (9, 10),
 }
-"""Results of the original's public release: successes by the paper's verdict, and number of episodes.
+"""Results of the public release of the original GenSim2: successes by the paper's verdict, and number of episodes.
 
-Real objects and ranges as in the paper. Only these ten episodes are known for each task; ``MEASURED_IN_ALL`` totals all
-thirty.
+Objects are real, and ranges are the paper's. For each task ten of its thirty episodes are counted here;
+``MEASURED_IN_ALL`` has the totals of all thirty.
 """
 
 MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-horizon": (8, 50)}
-"""Totals of the release: 24 single-step tasks with thirty episodes each, and five long tasks with ten each."""
+"""Total successes and episodes of the release: 24 single-step tasks with 30 episodes each, 5 long tasks with 10."""
 
 
 def paper_of(task: TaskSpec) -> tuple[float, float] | None:

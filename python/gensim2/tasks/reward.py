@@ -11,7 +11,7 @@ from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
 REACHING = 0.2
-"""Share of a stage's reward for moving the gripper to the stage's object."""
+"""Fraction of a stage's reward that is given for moving the gripper to the stage's object."""
 BELOW_GOAL = 0.99
 """Maximum reward before the goal is reached."""
 
@@ -37,7 +37,7 @@ class Stage:
 
 
 def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
-    """Return a task's stages: one for each step with criteria, and one for the goal unless the last has it.
+    """Return a task's stages: one for each step with criteria, and one for the goal unless the last step has it.
 
     A step without ``done`` belongs to the stage of the next step with ``done``; the gripper then moves to the first
     step's object.

@@ -1,4 +1,4 @@
-"""Task specification: an immutable, validated value that can be converted to YAML and JSON.
+"""Define the task specification: an immutable, validated value that can be converted to YAML and JSON.
 
 A task has named objects and one or more steps. A step is one actuation pose with its motions and its gripper command.
 The spec contains only the names of the strategies of its steps; the strategies are in files
@@ -50,7 +50,7 @@ def _pair(value: Any) -> Any:
     """Expand a number w to the range (-w, w); return a pair unchanged."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (-value, value)
-    return tuple(value) if isinstance(value, list) else value  # Pydantic no longer parses this value as JSON
+    return tuple(value) if isinstance(value, list) else value  # pydantic expects a tuple
 
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
@@ -93,14 +93,15 @@ class Place(_Value):
 class Randomization(_Value):
     """Ranges of the initial scene; lengths in metres (the table ends at 0.65), angles in radians.
 
-    The drawn yaw lies between 0 and ``yaw`` if the drawn y offset is positive, and between 0 and ``-yaw`` otherwise.
-    A positive ``yaw`` turns an object at the side towards the robot, a negative ``yaw`` turns it away from the robot.
+    The sampled yaw lies between 0 and ``yaw`` if the sampled y offset is positive, and between 0 and ``-yaw``
+    otherwise. A positive ``yaw`` turns an object at the side towards the robot, a negative ``yaw`` turns it away from
+    the robot.
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
-        yaw: maximum rotation about the vertical, rad. The drawn yaw has the sign of y times the sign of ``yaw``.
+        yaw: maximum rotation about the vertical, rad. The sampled yaw has the sign of y times the sign of ``yaw``.
         openness_mean: mean openness at the start; None: default of the instance.
-        openness_spread: maximum deviation from the mean openness; the drawn openness is clipped to 0..1.
+        openness_spread: maximum deviation from the mean openness; the sampled openness is clipped to 0..1.
     """
 
     x: Offset = (-0.1, 0.1)

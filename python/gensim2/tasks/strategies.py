@@ -1,4 +1,4 @@
-"""Types for the strategies of a task as JSON data, by name and by step."""
+"""Define types for the strategies of a task as JSON data, by name and by step."""
 
 from __future__ import annotations
 

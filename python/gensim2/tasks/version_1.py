@@ -7,10 +7,10 @@ from typing import Any
 from gensim2.core.errors import InputError
 
 ROLE = "object"
-"""Name of the only object."""
+"""Name of the only object of a task of schema version 1."""
 STEP = "act"
 STRATEGY = "solver"
-"""Name of the only step, and of its only strategy."""
+"""Name of the only step of a task of schema version 1, and of the step's only strategy."""
 
 FIELDS = ("schema_version", "name", "description", "asset_class", "success", "randomization", "max_episode_steps")
 _OWN = ("asset_class", "success")

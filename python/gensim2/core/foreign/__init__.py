@@ -1,4 +1,4 @@
-"""Readers of untrusted files: exports, data sets, object libraries and records.
+"""Read untrusted files: exports, data sets, object libraries and records.
 
 All untrusted files are read through this package. A file is opened only if it is a regular file of limited size inside
 its folder; names are single words; libraries get only plain arrays of limited size; and formats that can still crash a

@@ -14,7 +14,7 @@ from typing import BinaryIO
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.tree import NotRegularError, open_regular
 
-MAX_ARCHIVE = 256 * 2**20  # bytes of the file
+MAX_ARCHIVE = 256 * 2**20  # maximum size of the file, bytes
 MAX_ENTRIES = 100_000
 _ENTRY = b"PK\x01\x02"  # signature of a directory entry
 

@@ -15,8 +15,8 @@ from gensim2.core.foreign.tree import ForeignTree, read_input, read_regular
 if TYPE_CHECKING:
     import trimesh
 
-MAX_URDF = 16 * 2**20  # bytes of a URDF or SRDF
-MAX_MESH = 512 * 2**20  # bytes of a mesh, and of each file that it names
+MAX_URDF = 16 * 2**20  # maximum size of a URDF or SRDF, bytes
+MAX_MESH = 512 * 2**20  # maximum size of a mesh and of each file that it names, bytes
 
 
 def read_xml(file: Path) -> ET.Element:
@@ -46,7 +46,7 @@ def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
 
 
 class _Beside:
-    """Resolver for trimesh that reads the materials and textures of a mesh from regular files beside it."""
+    """Resolver for trimesh that reads the materials and textures of a mesh from regular files in the mesh's folder."""
 
     def __init__(self, file: Path) -> None:
         self.file_name = file.name

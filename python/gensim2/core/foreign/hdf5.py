@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-MAX_ARRAY = 2**30  # bytes of one array in memory
-MAX_MEMBERS = 10_000  # members of one group, except in ManiSkill's trajectories
+MAX_ARRAY = 2**30  # maximum size of one array in memory, bytes
+MAX_MEMBERS = 10_000  # maximum number of members of a group, except in ManiSkill's trajectories
 
-#: deflate, shuffle, fletcher32 and lzf, which h5py writes; for other filters HDF5 would search plug-ins.
+#: Allowed filters: deflate, shuffle, fletcher32 and lzf, which h5py writes. For others HDF5 would load plug-ins.
 _FILTERS = {1, 2, 3, 32000}
 
 Array = npt.NDArray[Any]
@@ -62,7 +62,7 @@ def dataset_in(
     Args:
         dtype: required data type; None: any numbers or booleans.
         shape: required shape; None as an axis's length allows any length.
-        max_bytes: largest size in memory.
+        max_bytes: maximum size of the array in memory.
 
     Raises:
         ForeignHdf5Error: the dataset is missing, is stored in another file, or has a wrong type, shape or size.

@@ -1,4 +1,4 @@
-"""Limits for untrusted files of objects and robots; larger files are refused.
+"""Define size limits for untrusted files of objects and robots; larger files are refused.
 
 Limits that apply to a file format in general are in its reader: ``tree``, ``hdf5``, ``archive``, ``tensors``,
 ``geometry``.
@@ -10,25 +10,25 @@ MIB = 2**20
 
 # Folders of objects: URDF, Wavefront OBJ, info.json.
 MAX_OBJECT_FILES = 20_000
-MAX_OBJECT = 512 * MIB  # bytes of all files of an object
-MAX_OBJECT_JSON = MIB  # bytes of one file
-MAX_OBJ, MAX_MATERIALS = 32 * MIB, 4 * MIB  # bytes of one file
-MAX_LOOKS = 2_000  # material groups of a file; each becomes a mesh
-MAX_TRIANGLES = 2_000_000  # triangles in all elements of an object
-FARTHEST_VERTEX = 1e6  # units
-LARGEST_VALUE = 1e6  # units or radians; squares of larger values lose precision
-MAX_MIMICS = 64  # length of a chain of mimic joints
+MAX_OBJECT = 512 * MIB  # maximum total size of an object's files, bytes
+MAX_OBJECT_JSON = MIB  # maximum size of one file, bytes
+MAX_OBJ, MAX_MATERIALS = 32 * MIB, 4 * MIB  # maximum size of one file, bytes
+MAX_LOOKS = 2_000  # maximum number of material groups of a file; each group becomes a mesh
+MAX_TRIANGLES = 2_000_000  # maximum number of triangles in all elements of an object
+FARTHEST_VERTEX = 1e6  # maximum absolute coordinate of a vertex, in units of the file
+LARGEST_VALUE = 1e6  # maximum absolute value, in units of the file or rad; squares of larger values lose precision
+MAX_MIMICS = 64  # maximum length of a chain of mimic joints
 LONGEST_LINK_NAME = 100
 MAX_KEYPOINTS = 256
 LONGEST_TEXT = 2_000
 
 # Logs of a robot: MCAP files.
 MAX_MESSAGE = 64 * MIB
-MAX_HEAD = MIB  # bytes of a message's header
-MAX_CHUNK = MAX_MESSAGE + 2 * MIB  # bytes, compressed or not: the largest message and a margin
+MAX_HEAD = MIB  # maximum size of a message's header, bytes
+MAX_CHUNK = MAX_MESSAGE + 2 * MIB  # maximum size of a chunk, compressed or not, bytes: the largest message and a margin
 MAX_CHANNELS = 100
-MAX_CAMERA_PIXELS = 8 * MIB  # pixels of all cameras in a log; their rays take 500 MB
+MAX_CAMERA_PIXELS = 8 * MIB  # maximum number of pixels of all cameras in a log; their rays take 500 MB
 MAX_JOINTS = 100
-MAX_STATES = MAX_PICTURES = 2**19  # kept from a log for a calibration: 87 minutes at 100 Hz
-MAX_POSES = 200  # read from a log for a calibration
-MAX_POSE_BYTES = 1024 * MIB  # of the images at these poses
+MAX_STATES = MAX_PICTURES = 2**19  # maximum number read from a log for a calibration: 87 minutes at 100 Hz
+MAX_POSES = 200  # maximum number of arm poses read from a log for a calibration
+MAX_POSE_BYTES = 1024 * MIB  # maximum total size of the images at these poses, bytes

@@ -45,7 +45,7 @@ class Bounds:
     Attributes:
         memory: memory that the reader may allocate after its start, bytes.
         cpu_s: CPU time, s.
-        file_size: size limit of files that the reader writes, bytes; the caller's own limit.
+        file_size: maximum size of files that the reader writes, bytes; by default the limit of the calling process.
     """
 
     memory: int
@@ -177,7 +177,7 @@ def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
         return InputError(f"takes longer than {bounds.cpu_s} s of CPU to read, or was ended", file=source)
     if code == -signal.SIGABRT:
         return _too_large(source, bounds)
-    if code is None or code >= 0:  # after a crash it would be a signal's number
+    if code is None or code >= 0:  # a negative code is the number of the signal that ended the process
         guard = 'a script must import below `if __name__ == "__main__":`'
         return WorkerStartError(f"the process that reads {source} could not be started (exit code {code}; {guard})")
     fate = signal.Signals(-code).name

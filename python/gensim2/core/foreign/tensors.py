@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import torch
 
 MISMATCH = "weights are not those of the configuration"
-MAX_HEADER = 4 * 2**20  # bytes; a thousand tensors need about 100,000
+MAX_HEADER = 4 * 2**20  # maximum size of the header, bytes; a thousand tensors need about 100,000
 
 
 class Shape(NamedTuple):

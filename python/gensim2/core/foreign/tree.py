@@ -12,11 +12,11 @@ from typing import BinaryIO, ClassVar, NamedTuple
 
 from gensim2.core.errors import InputError
 
-MAX_FILES = 1_000_000  # files of an export; 10,000 episodes with images have about 140,000 files
-MAX_DEPTH = 12  # levels of nested folders; exports of gensim2 have 5
-MAX_FILE_BYTES = 64 * 2**30  # bytes of a file; ManiSkill stores all episodes of a task in one
-MAX_RECORD = 512 * 2**20  # bytes of one JSON file
-MAX_COPIED = 2**30  # bytes of one file of demonstrations, as large as their readers accept
+MAX_FILES = 1_000_000  # maximum number of files in an export; 10,000 episodes with images have about 140,000 files
+MAX_DEPTH = 12  # maximum number of levels of nested folders; exports of gensim2 have 5
+MAX_FILE_BYTES = 64 * 2**30  # maximum size of a file, bytes; ManiSkill stores all episodes of a task in one file
+MAX_RECORD = 512 * 2**20  # maximum size of one JSON file, bytes
+MAX_COPIED = 2**30  # maximum size of one file of demonstrations, bytes; their readers have the same limit
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -77,7 +77,7 @@ def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
     """Read a regular file no larger than ``max_bytes``.
 
     Raises:
-        InputError: the file cannot be read; includes the ``remedy``.
+        InputError: the file cannot be read; the message includes the ``remedy``.
     """
     try:
         return read_regular(path, max_bytes)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def template(package: str, name: str) -> Template:
     """Return a template from a package's ``templates/``; it may use the shared ``base.html.j2`` and ``parts.html.j2``.
 
-    Every page is one file that loads nothing except files beside it.
+    Every page is one file that loads only files from its own folder.
     """
     import jinja2  # imported here: argument checks do not need it
 
@@ -34,7 +34,7 @@ def template(package: str, name: str) -> Template:
 
 def _visible(value: Any) -> Any:
     """Show control characters of a text as escapes; in a page they would hide or reorder the text around them."""
-    return printable(value) if type(value) is str else value  # markup of a macro has been through this already
+    return printable(value) if type(value) is str else value  # a macro's markup was cleaned when the macro made it
 
 
 def _openness(value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""Settings for running jobs: number of workers, time limit, Ray cluster."""
+"""Define settings for running jobs: number of workers, time limit, Ray cluster."""
 
 from __future__ import annotations
 

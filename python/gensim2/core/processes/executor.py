@@ -1,4 +1,4 @@
-"""Interface of executors, and outcomes of jobs.
+"""Define the interface of executors, and the outcomes of jobs.
 
 A job is a pure function of its arguments, so it gives the same result on any machine and can run again. Therefore a job
 is run again if its process dies. A ``GenSim2Error`` that the function raises is the job's outcome. Any other exception
@@ -20,7 +20,7 @@ from gensim2.core.errors import GenSim2Error, NotRunError, WriteError
 Result = TypeVar("Result")
 
 TRIES = 3
-"""Number of attempts after which a job is given up."""
+"""Maximum number of attempts to run a job."""
 
 
 class WorkerStartError(GenSim2Error):
@@ -61,7 +61,7 @@ class Outcome(Generic[Result]):
         result: return value of the function.
         error: ``GenSim2Error`` that the function raised.
         failures: one failure for each attempt, if all attempts failed.
-        cpu_s: CPU time of another process in the last attempt, s; 0 if the job ran in the caller's process.
+        cpu_s: CPU time of the worker process in the last attempt, s; 0 if the job ran in the caller's process.
     """
 
     index: int
@@ -133,7 +133,7 @@ class Tries:
         return len(self._failures.get(job.index, ())) + 1
 
     def over(self, job: Job, found: Outcome[Any] | Failure) -> list[Outcome[Any]]:
-        """Record the outcome of an attempt, and return the outcomes of all jobs that it finishes."""
+        """Record an attempt; return the outcomes of all jobs that need no further attempt because of it."""
         if isinstance(found, Failure):
             return self._failed(found, job)
         self.ran = True

@@ -1,4 +1,4 @@
-"""The server that forks worker processes, protected from Ctrl-C."""
+"""Start the server that forks worker processes, and protect the server from Ctrl-C."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 
 _registered_in: int | None = None
-"""Process that ends its fork server when it exits; forked children must not."""
+"""Id of the process that ends the fork server at exit; its forked children must not end the server."""
 
 
 def start_fork_server() -> None:

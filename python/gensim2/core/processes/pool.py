@@ -1,7 +1,7 @@
-"""Worker processes on this machine that share nothing.
+"""Run jobs in worker processes on this machine; the processes share no memory.
 
 Each simulator needs its own process, because SAPIEN runs one environment per process on the CPU. Workers are forked
-from a server that has imported all modules but executed nothing. Forked workers have no state of the parent, like
+from a server process that has imported all modules but has run no job. Forked workers have no state of the parent, like
 spawned processes, but start in 0.1 s instead of 8 s, so that replacing a worker costs little.
 """
 

@@ -39,8 +39,8 @@ RETRY_SECONDS = 1.0
 """
 
 left_waiting = False
-"""Whether Ray was abandoned while waiting for a lost head; its threads would then end this process with other exit
-codes.
+"""Whether this process left Ray while Ray waited for a lost head. Ray's threads would then change the exit code of the
+process.
 """
 
 _ADDRESS = re.compile(r"local|auto|[\w.-]+:\d{1,5}|\[[0-9a-fA-F:]+\]:\d{1,5}")
@@ -127,7 +127,7 @@ def _keep_alive(connection: socket.socket) -> None:
 
 
 class _Place:
-    """One actor and its current job."""
+    """One Ray actor and its current job."""
 
     def __init__(self, actor: Any) -> None:
         self.actor = actor
@@ -143,7 +143,7 @@ class _Place:
 
 
 class RayPool(Executor):
-    """Executor on Ray.
+    """Executor that runs jobs on a Ray cluster.
 
     While there are fewer than ``workers`` actors, one extra actor is always requested; Ray starts it on the next node
     that joins.

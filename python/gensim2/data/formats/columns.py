@@ -1,4 +1,4 @@
-"""Names of frame columns in observation files, in zarr and in LeRobot.
+"""Define the names of frame columns in observation files, in zarr and in LeRobot.
 
 | observation file | column, and array in zarr | LeRobot |
 |---|---|---|
@@ -124,7 +124,7 @@ def column_in_lerobot(name: str) -> str | None:
 
 
 def current(camera: str) -> str:
-    """Return a camera's current name; old exports call the camera ``left`` ``cameras/left``."""
+    """Return a camera's current name; in old exports the camera ``left`` has the name ``cameras/left``."""
     return camera.removeprefix(f"{_CAMERAS}/")
 
 

@@ -21,7 +21,7 @@ FIRST_JOINT = 13
 """Column of the first joint in ManiSkill's states, after the root's pose (7) and velocities (6)."""
 
 EPISODE_COLUMNS = ("state", "action", "reward", "success", "done")
-"""Columns that follow from an episode itself; an import compares them with the original episodes in an export."""
+"""Columns that are computed from an episode; an import compares them with the original episodes in an export."""
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
 """Import exported data sets.
 
 A ManiSkill export has all data in its trajectories. A LeRobot or zarr export has frames, and the original episodes
-beside them; an import takes the episodes and checks that the frames agree with them.
+in a subfolder; an import copies the episodes and checks that the frames agree with them.
 
-An export may be untrusted. Its files are listed and compared with its manifest before any of them is parsed, in a
-process with limited memory. The number of imported episodes is then counted from the new data set.
+An export may be untrusted. Its files are listed and compared with its manifest before a process with limited memory
+parses any of them. The number of imported episodes is then counted from the new data set.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """Return what differs first, or None; compare clouds and images only by their number of frames."""
+    """Return the first difference between two episodes, or None; of clouds and images only the count is compared."""
     if ours.sentence != theirs.sentence:
         return "the sentence"
     for name in EPISODE_COLUMNS:

@@ -51,7 +51,7 @@ INDICES = {
 
 @dataclass(frozen=True)
 class Totals:
-    """Running sums from which elementwise statistics of any number of frames follow."""
+    """Running sums from which the elementwise statistics of a feature over any number of frames are computed."""
 
     count: int
     low: Array
@@ -255,7 +255,7 @@ class LeRobotWriter:
         self._in_file += size
 
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
-        """Write a camera's video of one episode, and return the values about the video for the episode's row."""
+        """Write a camera's video of one episode, and return the video's columns for the episode's row in the table."""
         chunk, file = divmod(number, FILES_PER_CHUNK)
         with replacing(
             self._root / "videos" / camera / f"{PATH.format(chunk_index=chunk, file_index=file)}.mp4"

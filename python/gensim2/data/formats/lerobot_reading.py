@@ -20,9 +20,9 @@ from gensim2.data.formats.lerobot import INDEX_NAME, INDICES, VERSION
 
 Array = npt.NDArray[Any]
 
-MAX_INFO = 16 * 2**20  # bytes of meta/info.json
-MAX_ROWS = 10_000_000  # frames of a row group, which is read as a whole
-MAX_GROUP = 2**30  # uncompressed bytes of a row group
+MAX_INFO = 16 * 2**20  # maximum size of meta/info.json, bytes
+MAX_ROWS = 10_000_000  # maximum number of frames in a row group, which is read as a whole
+MAX_GROUP = 2**30  # maximum uncompressed size of a row group, bytes
 MAX_TASKS = 1_000_000
 
 REMEDY = "give a LeRobot data set of version 3.0"

@@ -18,7 +18,7 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
 
-MAX_STRATEGIES = 1000  # files; a task names up to 1000
+MAX_STRATEGIES = 1000  # maximum number of strategy files of a task
 
 REMEDY = "export again"
 

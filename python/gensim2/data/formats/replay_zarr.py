@@ -45,7 +45,7 @@ class ZarrWriter:
         if root.exists() and any(root.iterdir()):
             raise InputError("is not empty", file=root, remedy="give another folder")
         self._root = root
-        self._group = zarr.open_group(root, mode="w-", zarr_format=2)  # "w" would replace an existing folder
+        self._group = zarr.open_group(root, mode="w-", zarr_format=2)  # mode "w" would replace an existing folder
         self._data, self._meta = self._group.create_group("data"), self._group.create_group("meta")
         self._tasks: dict[str, int] = {}
         self._arrays: dict[str, Any] = {}

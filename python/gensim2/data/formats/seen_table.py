@@ -16,7 +16,7 @@ _SPEC = ("modalities", "cameras", "cloud")
 
 
 class SeenTable:
-    """Collects the contents of ``observations.json`` from the episodes of an export in order.
+    """Collects the contents of ``observations.json`` from the episodes of an export.
 
     ``observations.json`` has ``spec``; ``cameras`` with ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4), or
     for cameras on the robot ``T_link_camera`` and ``link``; ``tables`` with object and link by segmentation id; and
@@ -47,7 +47,7 @@ class SeenTable:
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
             is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")
-            if is_own and arrays[name].ndim == 2:  # the pose at each instant follows from the joints
+            if is_own and arrays[name].ndim == 2:  # a moving camera's pose follows from the joints
                 self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
         for camera, link in description.get("camera_links", {}).items():
             self._cameras.setdefault(camera, {})["link"] = link

@@ -74,7 +74,7 @@ def take_apart(tree: ForeignTree, sizes: Mapping[str, int], out: Path, progress:
     """Convert exported trajectories back to a data set in the folder ``out``.
 
     Args:
-        sizes: sizes of the export's files.
+        sizes: size of each file in the export, bytes, by path.
 
     Raises:
         InputError: a file cannot be used; the message names the file and the episode.

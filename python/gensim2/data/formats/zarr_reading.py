@@ -1,6 +1,6 @@
 """Read untrusted zarr folders in the layout of :mod:`~gensim2.data.formats.replay_zarr`.
 
-Each array's metadata is checked first, because the zarr library would accept pickled objects and 1e12 rows.
+Each array's metadata is checked first, because the zarr library would unpickle objects and allocate 1e12 rows.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from gensim2.data.formats.frames import Frames
 from gensim2.data.formats.replay_zarr import zarr_module
 
 MAX_EPISODES = 10_000_000
-MAX_DESCRIPTION = 64 * 2**20  # bytes of a JSON file; one contains the instructions of all tasks
-MAX_CHUNK = 256 * 2**20  # uncompressed bytes
-MAX_EPISODE = 2**30  # bytes of one array of an episode
+MAX_DESCRIPTION = 64 * 2**20  # maximum size of a JSON file, bytes; one file contains the instructions of all tasks
+MAX_CHUNK = 256 * 2**20  # maximum uncompressed size of a chunk, bytes
+MAX_EPISODE = 2**30  # maximum size of one array of an episode, bytes
 
 REMEDY = "export again"
 

@@ -82,7 +82,7 @@ HEADERS = ("retry-after", "retry-after-ms", "x-should-retry")
 #: Maximum nesting of a JSON reply; a deeper reply is treated as text.
 MAX_DEPTH = 100
 
-#: Bound of whole numbers in a reply; larger ones are dropped.
+#: Maximum absolute value of an integer in a reply; larger integers are replaced by None.
 LARGEST = 2**63
 
 #: Exceptions that the client libraries raise on a broken reply, besides their own error types.

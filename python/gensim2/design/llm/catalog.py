@@ -42,7 +42,7 @@ class Catalog:
             try:
                 found[name] = brief.classes[name]
             except InputError:
-                continue  # The run's notes report this class as left out.
+                continue  # the run's notes name this class and the reason
             if articulated_only and found[name].kind == "rigid":
                 break
         return Catalog(

@@ -1,4 +1,4 @@
-"""Client for endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
+"""Query endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
 
 The ``openai`` library retries with back-off and obeys Retry-After; ``boundary`` cleans replies. This client drops
 request fields that an endpoint does not support, and explains errors to the user.
@@ -76,7 +76,7 @@ class Client:
             TypeError,
             ImportError,
             self._openai.OpenAIError,
-        ) as error:  # such as invalid proxy settings
+        ) as error:  # for example because of invalid proxy settings
             raise InputError(
                 f"no connection can be made: {self._boundary.text(str(error))}", field="designer"
             ) from None
@@ -189,7 +189,7 @@ class Client:
             return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
         if isinstance(error, library.NotFoundError):
             message = f"{self.endpoint} has no model {given.model!r}: {said}"
-            known = given.model in said  # If the message does not name the model, the address may be wrong instead.
+            known = given.model in said  # otherwise the address may be wrong
             remedy = (
                 None if known else "is the model's name right, and does --base-url end as it should, mostly in /v1?"
             )

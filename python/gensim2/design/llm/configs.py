@@ -25,7 +25,7 @@ ALLOWED = (CONSTRAINTS, *MOTIONS, *FINGERS, *PLANNER_FIELDS)
 DROPPED = ("task_name", "category_name", "tool_keypoint_name_list", "object_keypoint_name_list")
 """Redundant fields of the paper's configs, which are dropped silently."""
 
-#: Bounds of a translation (m), a rotation (rad) and an offset (m) in a config for an arm on a table.
+#: Maximum absolute value of a translation (m), a rotation (rad) and an offset (m) in a config.
 LONGEST_WAY, WIDEST_TURN, LONGEST_OFFSET = 0.6, 2 * math.pi, 0.3
 
 #: Range of openness that a motion may target.
@@ -59,7 +59,7 @@ def problems_of_config(config: Mapping[str, Any]) -> list[str]:
 
 
 def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a config without redundant fields, null values and a retreat of zero metres, which means none."""
+    """Return a config without redundant fields, null values and a retreat of zero metres (equal to no retreat)."""
     return {
         name: value
         for name, value in data.items()
@@ -126,7 +126,7 @@ def _odd_motions(config: Mapping[str, Any]) -> list[str]:
     for field in MOTIONS:
         motions = config.get(field, [])
         if not isinstance(motions, list):
-            continue  # The config language has already reported this motion.
+            continue  # this motion is invalid and was already reported
         if len(motions) > MAX_MOTIONS:
             found.append(f"{field}: has more than {MAX_MOTIONS} motions")
         for index, motion in enumerate(motions):

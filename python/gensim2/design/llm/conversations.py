@@ -1,4 +1,4 @@
-"""Ask a model, send back the faults of its answer, and repeat until the answer is valid or the rounds are used up."""
+"""Ask a model, and send the faults of its answer back until an answer is valid or all rounds are used."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TurnRecord(_Record):
 
     Attributes:
         answer: digest of the question; ``answers/<first 32 digits>.json`` stores both.
-        problems: faults of the answer, as sent to the model; of a usable answer, the faults of the parts left out.
+        problems: faults of the answer, as sent to the model; for a usable answer, the faults of the omitted parts.
     """
 
     answer: str
@@ -96,7 +96,7 @@ class ConversationLog:
             self._write()
 
     def settle(self, record: ConversationRecord, subject: str, outcome: Outcome, reason: str = "") -> None:
-        """Record what became of a valid answer."""
+        """Record whether a valid answer was used, dropped or refused."""
         self.add(record.model_copy(update={"subject": subject, "outcome": outcome, "reason": reason}))
 
     @property

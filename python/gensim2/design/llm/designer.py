@@ -1,4 +1,4 @@
-"""Designer that queries a language model in the stages of the paper; its strategies are then tested in simulation."""
+"""Design by querying a language model in the stages of the paper; the strategies are then tested in simulation."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class LLMDesigner:
                     return
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Ask for configs of the steps without a known or rule-based strategy; config n of each forms candidate n.
+        """Ask for configs of the steps without a known or rule-based strategy; candidate n has config n of each.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -247,7 +247,7 @@ class LLMDesigner:
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
         """Return the task that the model's code for ``task`` describes."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-        if not known:  # The good examples of the proposal prompt are no secret, even if the run starts from nothing.
+        if not known:  # good examples may be shown even if stored tasks are hidden
             known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
         found, _ = self.talk.ask(code_stage.code(self.prompts, task, references))

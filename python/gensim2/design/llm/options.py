@@ -1,4 +1,4 @@
-"""Options of a language model from a config file or the command line; the API key comes from the environment."""
+"""Read options of a language model from a config file or the command line, and the API key from the environment."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def problem_of_address(address: str) -> str | None:
     """Return what is wrong with an endpoint's address, or None; the text never contains its credentials."""
     try:
         parts = urlsplit(address)
-        _ = parts.port  # Raises ValueError if the port is invalid.
+        _ = parts.port  # raises ValueError if the port is invalid
     except ValueError:
         return "is no http or https address"
     if parts.password or parts.username or parts.query or parts.fragment:

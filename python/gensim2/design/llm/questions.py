@@ -1,4 +1,4 @@
-"""Questions to a language model, its answers, and their cost."""
+"""Define questions to a language model, its answers, and the cost of answers."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from gensim2.tasks.strategies import Strategies
 
 Mode = Literal["explore", "topdown", "bottomup", "free"]
 
-#: Maximum numbers of tried configs shown when asking for better ones: the best ones, and the newest others.
+#: Maximum numbers of tried configs in a request for better configs: of the best configs, and of the newest others.
 SHOWN_BEST, SHOWN_NEW = 3, 3
 
 FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"
@@ -106,7 +106,7 @@ class Solutions:
         return trials
 
     def _sight(self, job: StepToSolve) -> CaptionedPictures:
-        """Return pictures of the step's objects and of the scene, if requested and available."""
+        """Return pictures of the step's objects and of the scene; none if not requested or not available."""
         if not self.asking.visual:
             return CaptionedPictures()
         captions, pictures = [], []

@@ -25,10 +25,10 @@ CRITERIA = (
 )
 """Types of success criteria in the paper."""
 
-#: Position (x, y) in metres of a rigid object to pick up, beside the robot and clear of doors that open.
+#: Position (x, y) in metres of a rigid object to pick up; it lies beside the robot, where no opening door can reach.
 BESIDE = (-0.2, -0.45)
 
-#: Control steps allowed for each step of a long task.
+#: Number of control steps by which each step of a long task extends the task's time limit.
 STEPS_A_STEP = 300
 
 #: Initial openness of a container that no step opens first.

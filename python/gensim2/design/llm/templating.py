@@ -49,7 +49,7 @@ def reached(thing: Affordance, goal: End) -> str:
 
 
 def place(thing: Affordance) -> str:
-    """Describe the place of an articulated object for other objects, with the free space around it."""
+    """Describe where other objects can be put in or on an articulated object, with the free space there."""
     if thing.place is None:
         return "no place for another object"
     room = ""

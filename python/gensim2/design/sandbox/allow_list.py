@@ -23,7 +23,7 @@ MAX_NODES = 5_000
 MAX_DEPTH = 50
 MAX_PROBLEMS = 10
 
-#: Allowed nodes without a field to check.
+#: Syntax nodes that are always allowed, because they have no field that could be harmful.
 PLAIN = (
     ast.Module,
     ast.Expr,
@@ -61,9 +61,9 @@ SPOKEN = {
     ast.Subscript: "an index",
     ast.IfExp: "a conditional expression",
 }
-#: Bound of whole numbers.
+#: Maximum absolute value of an integer.
 LARGEST = 2**63
-#: If Python reports too deep nesting without a line number, a line with more characters is reported.
+#: Python may report too deep nesting without a line number; the error then names a line longer than this.
 LONG_LINE = 200
 NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -139,7 +139,7 @@ class Reader:
             nodes, parents = self.listed(tree)
         except Refused as refused:
             return [(refused.line, refused.words)]
-        for node in nodes:  # Check in the order of lines, so that a name is known after its assignment.
+        for node in nodes:  # in the order of lines, so that a name counts as defined only after its assignment
             try:
                 self.look(node, parents.get(node))
             except Refused as refused:
@@ -166,7 +166,7 @@ class Reader:
             if depth > MAX_DEPTH:
                 raise Refused(node, "it is nested too deeply")
             children = list(ast.iter_child_nodes(node))
-            if isinstance(node, ast.Assign):  # The value is evaluated before the name exists.
+            if isinstance(node, ast.Assign):  # Python evaluates the value before it defines the name
                 children = [node.value, *node.targets]
             for child in children:
                 parents.setdefault(child, node)
@@ -246,7 +246,7 @@ class Reader:
                 raise Refused(node, f"the name {_short(node.id)} cannot be assigned")
             self.known.add(node.id)
         elif node.id == "super" and isinstance(parent, ast.Call) and parent.func is node:
-            return  # look_at_Call checks the position of super().
+            return  # look_at_Call checks where super() occurs
         elif node.id not in self.known:
             raise Refused(node, f"the name {_short(node.id)} is not allowed, or not imported from {MODULE}")
 

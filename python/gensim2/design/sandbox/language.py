@@ -1,4 +1,4 @@
-"""Functions and values of the task language, and the task fields that they produce.
+"""Define the functions and values of the task language, and the task fields that they produce.
 
 A class derived from ``Task`` names its objects (``self.drawer = Object("drawer")``), its steps (``self.step``) and its
 goal (``self.goal``). Each criterion type of :mod:`gensim2.tasks.criteria` is a function. The values are checked later,

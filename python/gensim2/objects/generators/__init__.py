@@ -1,1 +1,1 @@
-"""Procedurally generated objects: a class draws a random blueprint (geometry and joint), which becomes a model."""
+"""Procedurally generated objects: each class builds a random blueprint, which is converted to a model."""

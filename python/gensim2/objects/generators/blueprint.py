@@ -53,8 +53,8 @@ class ObjectClass:
         name: folder name of the class in the GenSim2 release.
         count: number of built-in (listed) instances.
         joint_type: joint type of the class's objects.
-        build: function that draws the blueprint of a random instance.
-        others: functions that draw instances of other designs. Built-in instances use ``build`` only, so that their
+        build: function that returns the blueprint of a random instance.
+        others: functions that return instances of other designs. Built-in instances use ``build`` only, so that their
             geometry never changes; all further instances are divided equally between the designs.
     """
 

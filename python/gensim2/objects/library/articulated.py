@@ -1,4 +1,4 @@
-"""Sources of articulated objects: generated objects, and folders of real models."""
+"""Define the sources of articulated objects: generated objects, and folders of real models."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gensim2.objects.types import ArticulatedObject, AssetError, Hulls, Kind, So
 
 LARGEST_NUMBER = 10**6
 NEW = 100
-"""Number of objects that the word ``new`` selects."""
+"""Number of objects that ``--instances new`` selects."""
 GENERATOR_MODULES = ("gensim2.objects.generators.blueprint", "gensim2.objects.generators.generate")
 
 
@@ -58,12 +58,12 @@ class GeneratedShelf(ArticulatedShelf):
         return f"a number from 0 to {LARGEST_NUMBER}"
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Return the ids (numbers) that follow the built-in instances."""
+        """Return a fixed number of ids, the numbers that follow the ids of the built-in instances."""
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))
 
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
-        """Draw ``count`` different numbers up to 10^6, excluding the built-in instances."""
+        """Sample ``count`` different ids (numbers up to 10^6), excluding the built-in instances."""
         first = len(self.instances(asset_class))
         if not 0 <= count <= LARGEST_NUMBER + 1 - first:
             raise InputError(f"cannot draw {count} different objects of {LARGEST_NUMBER + 1 - first}", field="random")
@@ -117,7 +117,7 @@ class FolderShelf(ArticulatedShelf):
         try:
             return self.load(asset_class, self._found[asset_class][0]).joint.type
         except AssetError:
-            return "unknown"  # the fault is reported when the object is loaded
+            return "unknown"  # the error in the file is reported when the object is loaded
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
         from gensim2.objects.library.released import READER_MODULES, read_model

@@ -1,4 +1,4 @@
-"""Cache of prepared objects on disk, shared by the user's processes; an object's folder is complete or absent."""
+"""Cache prepared objects on disk for all of the user's processes; an object's folder is complete or absent."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ DAMAGE = (
 )
 
 
-# Modules that take part in preparing any object; each kind of source adds further modules.
+# Modules whose code affects every prepared object; each kind of source adds further modules.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
     "gensim2.core.foreign.tree",
@@ -138,7 +138,7 @@ def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> Articulated
     """
 
     def write(folder: Path) -> None:
-        write_model(folder / INSTANCE, replace(make(folder), urdf=Path(URDF)))  # the folder is renamed afterwards
+        write_model(folder / INSTANCE, replace(make(folder), urdf=Path(URDF)))  # relative: ``folder`` will be renamed
 
     folder = folder_once(key, write)
     return replace(read_model(folder / INSTANCE, ArticulatedObject), urdf=folder / URDF)

@@ -1,4 +1,4 @@
-"""A library of articulated classes with their instances, and of rigid objects."""
+"""Define libraries of articulated classes with their instances, and of rigid objects."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ YCB = "ycb"
 
 
 class Library:
-    """A set of object classes with their instances. A library that is sent to a worker process is opened again there.
+    """A set of object classes with their instances. Pickling stores only the location; unpickling opens the library.
 
     The name of a rigid object is its class, and its only instance is ``"0"``.
 
@@ -76,7 +76,7 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Combine sources, which must not share a class; ``stand_in`` is the source of classes that all lack."""
+        """Combine sources without common classes; ``stand_in`` is the source of classes that all ``shelves`` lack."""
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
@@ -129,7 +129,7 @@ class Library:
         return self._shelf(asset_class).joint_type(asset_class)
 
     def describe(self, asset_class: str) -> str:
-        """Return one phrase that describes a class. Raises InputError for an unknown class."""
+        """Return a phrase that describes a class. Raises InputError for an unknown class."""
         return self._shelf(asset_class).describe(asset_class)
 
     def instances(self, asset_class: str) -> tuple[str, ...]:
@@ -251,7 +251,7 @@ class Library:
         return (which,)
 
     def sample(self, asset_class: str, count: int, seed: int = 0) -> tuple[str, ...]:
-        """Draw ``count`` different random ids; return all ids if the class has fewer.
+        """Sample ``count`` different ids; return all ids if the class has fewer.
 
         For generated articulated classes the ids are numbers up to 10^6 that ``instances`` does not list.
 
@@ -363,7 +363,7 @@ def _shelves(folder: Path) -> list[Shelf]:
 def load_all(
     library: Library, items: Sequence[tuple[str, str]], workers: int = 0
 ) -> Iterator[tuple[tuple[str, str], str | None]]:
-    """Prepare objects (class, id) in worker processes; yield each with the reason why it cannot be used, or None."""
+    """Prepare objects (class, id) in worker processes; yield each with the error that prevents its use, or None."""
     from gensim2.core.processes import WorkerPool, enumerated, in_order
 
     with WorkerPool(workers) as pool:

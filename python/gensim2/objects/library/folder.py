@@ -106,7 +106,7 @@ def find_source(where: str) -> Path:
         if file.suffix in (".urdf", ".xml", ".mjcf") and not file.is_dir():
             return file
     except (OSError, RuntimeError, ValueError):
-        pass  # no file is called so, and no folder: said below
+        pass  # ``where`` is no path; the error below reports this
     try:
         return existing_folder(where)
     except AssetError as error:

@@ -65,10 +65,10 @@ from gensim2.objects.types import AssetError, MissingFileError
 
 Array = npt.NDArray[np.float64]
 
-OTHER_SIZE = 0.3  # m, longest side of an object of a class without generated objects
+OTHER_SIZE = 0.3  # m, assumed longest side of an object whose class has no generated objects
 CONTINUOUS_RANGE = (0.0, math.pi / 2)
 PUSHED = ("_move", "_push")  # name endings of classes whose objects are pushed from behind
-PREFIX = "articulated_object_"  # of the names of keypoints
+PREFIX = "articulated_object_"  # prefix of keypoint names
 COMPANIONS = ("semantics.txt", "meta.json", "mobility_v2.json", "bounding_box.json")
 
 Up = Literal["y", "z"]
@@ -189,7 +189,7 @@ class _Source:
     Args:
         source: URDF file, or a folder with ``mobility.urdf``.
         asset_class: class of the object.
-        joint: name of the joint that stays movable; None: the only joint that can be meant.
+        joint: name of the joint that stays movable; None: selected by the rules above.
         up: axis of the root frame that points up.
     """
 
@@ -215,7 +215,7 @@ class _Source:
         for element in self.root.findall("joint"):
             each = by_name.get(str(element.get("name")))
             if each is None:
-                continue  # the joint that turns the model upright
+                continue  # this fixed joint turns the model upright
             if each is chosen:
                 self._settle(element, each)
             elif each.type != "fixed":
@@ -298,7 +298,7 @@ class _Source:
         self.fixed.append(joint.name)
 
     def _settle(self, element: ET.Element, joint: UrdfJoint) -> None:
-        """Complete the limits of the movable joint, and reverse the joint if it opens downwards."""
+        """Add missing limits of the movable joint, and reverse the joint if it opens downwards."""
         limits = joint.limits
         if joint.type == "continuous":
             element.set("type", "revolute")

@@ -158,7 +158,7 @@ def _convex(value: Any, file: Path) -> bool:
 
 
 COLOURS = ("blue", "red", "yellow", "green")
-NEAR = 0.03  # m: a keypoint named by a colour and farther than this from the moving link has another meaning
+NEAR = 0.03  # m: a keypoint named after a colour is the contact point only if it is closer than this to the moving link
 HEAD = "articulated_object_head"
 
 
@@ -197,7 +197,7 @@ def read_keypoints(
         info: content of ``info.json``.
         scale: length in metres of one unit.
         T_link_object: (4, 4) frame in which the keypoints are given.
-        link, kind, axis, hulls: moving link, joint type, unit joint axis and collision hulls in the link's frame.
+        link, kind, axis, hulls: moving link, joint type, unit joint axis and collision hulls; both in the link's frame.
         warnings: list to which a line is appended for each keypoint that is derived by a rule.
     """
     # Import late: naming objects does not need SciPy.

@@ -1,4 +1,4 @@
-"""Read an object's meshes: Wavefront OBJ files within limits, other formats with trimesh."""
+"""Read an object's meshes: OBJ files of limited size with this module's reader, other formats with trimesh."""
 
 from __future__ import annotations
 

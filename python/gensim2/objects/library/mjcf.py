@@ -1,11 +1,12 @@
 """Convert an MJCF file to a URDF with meshes, the form that :mod:`gensim2.objects.library.importer` reads.
 
 MuJoCo's reader resolves classes, angles, frames and inertias. It gets only the elements of ``ELEMENTS``, and no file:
-included files and meshes are read here, with the limits for untrusted objects. These rules apply:
+this module reads included files and meshes, with the limits for untrusted objects. These rules apply:
 
 - The object is the only body below the world that contains a hinge or a slide; its pose in the world is ignored.
 - Geoms that can touch, by ``contype`` and ``conaffinity`` or in a contact pair, are collision elements, and meshes
-  among them are convex hulls as in MuJoCo. The others are visual. A body with only one kind has it for both purposes.
+  among them are convex hulls as in MuJoCo. All other geoms are visual. If a body has only one kind of geoms, they serve
+  both purposes.
 """
 
 from __future__ import annotations
@@ -38,13 +39,13 @@ ELEMENTS = frozenset(
     ("mujoco", *SECTIONS, "mesh", "material", "body", "frame", "geom", "joint", "freejoint", "inertial")
 )
 DECORATION = frozenset(("camera", "light", "site", "texture"))
-"""Elements without a meaning for an object, which are left out."""
+"""MJCF elements that are ignored, because they do not affect an object."""
 MAX_INCLUDES = 100
 
 
 @contextlib.contextmanager
 def as_urdf(source: Path) -> Iterator[Path]:
-    """Give the URDF file that an MJCF file is converted to, or ``source`` itself if it is no MJCF file.
+    """Convert an MJCF file, and yield the path of the temporary URDF file; yield ``source`` if it is no MJCF file.
 
     Raises:
         InputError: the file cannot be imported; the error names ``source`` also for errors inside the block.
@@ -92,12 +93,12 @@ class _Converter:
                 mesh.file = ""
         spec.compiler.discardvisual = spec.compiler.fusestatic = False
         with warnings.catch_warnings(), read_by_library(self._file, "correct the MJCF", "MuJoCo cannot compile it"):
-            warnings.simplefilter("ignore")  # about motion, which is not simulated here
+            warnings.simplefilter("ignore")  # ignore warnings about motion, because the model is not simulated
             self._model = spec.compile()
         return self._write(mujoco, touching)
 
     def _read(self, name: str) -> ET.Element:
-        """Parse a file of the folder and put included files in place of their ``include``."""
+        """Parse a file of the folder, and replace each ``include`` element by the content of the included file."""
         content = self._tree.read(name, MAX_URDF)
         if b"<!" in content.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
             raise AssetError("declares a document type or entities", file=self._tree.path / name, remedy="remove them")
@@ -126,13 +127,13 @@ class _Converter:
         return folders[-1] if folders else None
 
     def _check(self, element: ET.Element, in_default: bool) -> None:
-        """Remove what an object does not need, and refuse unknown elements, such as those that repeat bodies."""
+        """Remove elements that an object does not need, and refuse unknown elements, such as ``replicate``."""
         in_default = in_default or element.tag == "default"
         element.attrib.pop("texture", None)
         for name, value in element.items():
             if "nan" in value.lower().split():  # MuJoCo's reader only warns
                 raise AssetError("is not a number", file=self._file, field=f"<{element.tag}> {name[:40]}")
-        if "builtin" in element.attrib:  # its parameters can ask for any number of triangles
+        if "builtin" in element.attrib:  # a built-in mesh can have any number of triangles
             raise AssetError(
                 "cannot be imported", file=self._file, field=f"<{element.tag} builtin>", remedy="use a file"
             )
@@ -185,7 +186,7 @@ class _Converter:
         return file
 
     def _name(self, written: str, kind: str) -> str:
-        """Return an unused name that a URDF may hold."""
+        """Return an unused name that is valid in a URDF."""
         plain = re.sub(r"[^\w.-]", "_", written.rpartition("/")[2])[: LONGEST_LINK_NAME - 8].strip(".") or kind
         name = next(
             each for n in range(len(self._names) + 1) if (each := f"{plain}_{n}" if n else plain) not in self._names
@@ -194,7 +195,7 @@ class _Converter:
         return name
 
     def _add_body(self, body: int, is_root: bool) -> None:
-        """Add a body's links: one for each joint, at the joint's anchor, of which the last has the shapes."""
+        """Add a link for each joint of a body, at the joint's anchor; the last link gets the body's shapes."""
         model, name = self._model, self._name(self._model.body(body).name, "link")
         joints = [int(model.body_jntadr[body]) + n for n in range(model.body_jntnum[body])]
         if is_root:

@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
 CREASE = np.cos(np.radians(35))
-EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # the release has no limits, but urdf-rs needs them
+EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # dummy limits, which the release lacks but urdf-rs requires
 
 
 def rpy_from_matrix(R: Array) -> Array:
@@ -38,7 +38,7 @@ def numbers(values: Array) -> str:
 
 
 def box_of(hull: Array) -> tuple[Array, Array] | None:
-    """Return pose (4, 4) and size (3,) if the (N, 3) vertices are the corners of a box, else None.
+    """Return the pose (4, 4) and the size (3,) of the box whose corners are the vertices (N, 3); None for other hulls.
 
     Physics engines test boxes faster than meshes, and need no preprocessing for them.
     """
@@ -101,7 +101,7 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     owner, same = order // 3, edge[order[1:]] == edge[order[:-1]]
     left, right = owner[:-1][same], owner[1:][same]
     smooth = np.einsum("ij,ij->i", normals[left], normals[right]) > CREASE
-    # Two faces share their corners at each smooth edge.
+    # At a smooth edge both adjacent faces use the same vertices.
     corner_of = np.arange(3 * n).reshape(-1, 3)
     pairs = []
     for i in range(3):

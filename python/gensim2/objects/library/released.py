@@ -48,7 +48,7 @@ Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
-FARTHEST = 10.0  # m or rad from the origin: larger values are mistakes, and no grid could hold them
+FARTHEST = 10.0  # m or rad from the origin: larger values are mistakes and would exhaust the memory of the grids
 SOLID_CORNERS = 4  # a collision file with fewer vertices has no volume
 HULL_MODULES = (
     "gensim2.objects.meshwork.clearance",
@@ -77,7 +77,7 @@ def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
             try:
                 others.append(read_info(ObjectFolder(other)).scale)
             except AssetError:
-                others.append(None)  # this fault is reported when that object is loaded
+                others.append(None)  # the error in that file is reported when the other object is loaded
     known = [scale for scale in others if scale is not None]
     scale = statistics.median(known) if known else FALLBACK_SCALE
     warnings.append(f"no scale: {scale:g}, {'the median of its class' if known else 'the default'}")

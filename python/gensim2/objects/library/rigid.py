@@ -1,4 +1,4 @@
-"""Sources of rigid objects: generated objects, the GenSim2 release, and ManiSkill's YCB download."""
+"""Define the sources of rigid objects: generated objects, the GenSim2 release, and ManiSkill's YCB download."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gensim2.objects.types import AssetError, Hulls, RigidObject, Source
 CLASSES = dict(sorted({**FOOD, **HOUSEHOLD}.items()))
 YCB_LICENSE = "YCB object and model set (CC BY 4.0)"
 YCB_INFO = "info_pick_v0.json"
-WATER = 1000.0  # kg/m³
+WATER = 1000.0  # kg/m³, density of water
 _MODULES = (
     "gensim2.objects.generators.rigid.parts",
     "gensim2.objects.generators.rigid.food",
@@ -171,7 +171,7 @@ class YcbShelf(RigidShelf):
 
 
 def _usual_license(name: str) -> str:
-    """Return the licence of a model that states none: the YCB licence for objects of the YCB set."""
+    """Return the licence of a model whose files state no licence: the YCB licence for objects of the YCB set."""
     return YCB_LICENSE if name in CLASSES else UNSTATED
 
 

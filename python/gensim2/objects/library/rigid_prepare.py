@@ -39,13 +39,13 @@ from gensim2.objects.types import (
 )
 
 FILE = "rigid.json"
-#: An object that a smaller tilt (rad) tips over is laid down instead of standing on its foot.
+#: An object that tips over at a smaller tilt than this (rad) is laid on its side instead of standing upright.
 STEADY = np.radians(10)
 #: Tilt (rad) up to which an object counts as upright, since scanned feet are not level.
 LEAN = np.radians(5)
-#: Height (m) above the lowest vertex up to which vertices count as foot, since scanned feet are uneven.
+#: Vertices up to this height (m) above the lowest vertex count as the object's foot, because scanned feet are uneven.
 FOOT = 2e-3
-#: Thinner material (m) is too thin to grasp.
+#: Parts thinner than this (m) are too thin to grasp.
 THINNEST_GRIP = 1.5e-3
 #: Number of directions and heights in the search for a grasp.
 GRIP_ANGLES, GRIP_HEIGHTS = 24, 9
@@ -113,7 +113,7 @@ def resting_sides(points: Array, center: Array) -> Array:
 
 
 def _share(*corners: Array) -> float:
-    """Return the solid angle of a triangle with three corners (3,) seen from the origin as a share of 4π.
+    """Return the solid angle of a triangle with three corners (3,) seen from the origin, as a fraction of 4π.
 
     The formula is L'Huilier's theorem.
     """
@@ -137,7 +137,7 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
     """Return the best grasp with two parallel fingers from above, over all directions, heights and parts.
 
     The best grasp is narrow, at the height of the centre of mass (round objects slip out of higher grasps) and close to
-    it. Its width is the extent of the material within half of ``FINGER`` of the plane of the fingers.
+    it. The width of the grasp is the extent of the material within half of ``FINGER`` of the plane of the fingers.
     """
     R = resting.rotation
     placed = [hull @ R.T + resting.position for hull in hulls]
@@ -184,7 +184,7 @@ def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[t
     spans.sort()
     joined: list[tuple[float, float]] = []
     for low, high in spans:
-        # A gap narrower than a finger counts as material.
+        # A finger cannot enter a gap that is narrower than the finger, so such a gap counts as material.
         if joined and low < joined[-1][1] + FINGER:
             joined[-1] = (joined[-1][0], max(joined[-1][1], high))
         else:
@@ -234,7 +234,7 @@ def prepare(key: str, model: RigidModel) -> RigidObject:
         made = RigidObject(
             asset_class=model.asset_class,
             source=model.source,
-            folder=Path(),  # the folder is renamed afterwards
+            folder=Path(),  # the path is set after the folder has been renamed
             hulls={BODY: tuple(hulls)},
             mass=body.mass,
             center_of_mass=body.center,

@@ -29,8 +29,8 @@ def select(
             ``all`` or ``random``.
         every: also select all objects of the library itself (of ``kind``). Default if neither ``words`` nor ``drawn``
             is given.
-        drawn: number of additional random objects of each class (in ``words``, or all): unlisted numbers of generated
-            classes, any objects of folders.
+        drawn: number of additional random objects of each class in ``words``, or of every class: unlisted ids of
+            generated classes, any objects of folders.
         seed: seed of ``random`` and ``drawn``.
         kind: restrict the selection to this kind; None: both.
 
@@ -98,7 +98,7 @@ def taken_instances(
         choose: function that returns the ids for a class and one value.
         asset_class: name of the class.
         asked: values given by the user.
-        own: values given by the task; None: the task accepts all.
+        own: values in the task's spec; None: the task accepts all ids.
 
     Raises:
         InputError: an instance or split does not exist, or the task accepts none of the selected ids.

@@ -40,7 +40,7 @@ class Shelf(ABC):
             hulls: method by which real meshes become collision parts.
 
         Raises:
-            AssetError: the object cannot be used; gives the reason.
+            AssetError: the object cannot be used; the message gives the reason.
         """
 
     @abstractmethod
@@ -72,7 +72,7 @@ class Shelf(ABC):
         )
 
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
-        """Draw ``count`` different random ids; return all ids if the class has fewer."""
+        """Sample ``count`` different ids; return all ids if the class has fewer."""
         ids = self.instances(asset_class)
         order = rng(seed, f"sample/{asset_class}").permutation(len(ids))[:count]
         return tuple(ids[i] for i in sorted(order))

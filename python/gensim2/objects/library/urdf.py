@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 
 URDF = "mobility.urdf"
 MOVABLE = ("revolute", "prismatic", "continuous")
-SPHERE_DETAIL = 2  # subdivisions of a sphere for collision: 162 vertices fit into one hull of a physics engine
+SPHERE_DETAIL = 2  # subdivisions of a collision sphere; physics engines accept its 162 vertices as one hull
 
 
 @dataclass(frozen=True)

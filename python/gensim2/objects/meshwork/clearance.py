@@ -31,17 +31,17 @@ from gensim2.objects.shapes import pose, transform
 Array = npt.NDArray[np.float64]
 Pieces = Sequence[tuple[Array, Faces]]
 
-POSES = 9  # joint values at which links are kept apart; the checks use every second one
+POSES = 9  # number of joint values at which hulls are cut free; the checks use every second joint value
 FINE = 0.0012  # m, cell size of the grid of space that one link's mesh leaves free for the other
-SPACING = 0.004  # m between samples of a link's own surface
-RESIDUE = 0.0007  # m of overlap that may remain
-LOSS = 0.0012  # m of its own surface that a cut may remove from a hull
-NOTICED = 0.0009  # m of overlap that is worth a cut
-HOPELESS = 0.004  # m of own surface between the links: beyond this the model itself overlaps, and no cut is tried
-COVERED = 0.0002  # m that surface must lie inside another hull to make up for a cut
-PROGRESS = 0.0003  # m of overlap that a cut must remove
+SPACING = 0.004  # m, distance between neighbouring sample points on a link's own surface
+RESIDUE = 0.0007  # m, depth of overlap that may remain after a cut
+LOSS = 0.0012  # m, depth to which a cut may remove mesh surface from a hull
+NOTICED = 0.0009  # m, minimum depth of overlap for which a cut is tried
+HOPELESS = 0.004  # m, depth of removed surface beyond which no cut is tried, because the meshes themselves overlap
+COVERED = 0.0002  # m, depth inside another hull at which removed mesh surface counts as covered
+PROGRESS = 0.0003  # m, depth of overlap that a cut must remove
 ROUNDS = 3
-MAX_POINTS = 400  # on either side in the search for a separating plane
+MAX_POINTS = 400  # maximum number of points on each side of a separating plane
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class PairHulls:
-    """Convex hulls (N, 3) of the body (root frame) and the moving link (its frame); number of omitted pieces."""
+    """Convex hulls (N, 3) of body and moving link, each in its own frame, and the number of omitted pieces."""
 
     body: list[Array]
     moving: list[Array]
@@ -146,7 +146,7 @@ class _Parts:
         self.hulls = list(hulls)
         self.blocks = [ConvexBlock.of(hull) for hull in hulls]
         self._owned = [surface[_near(surface, block)] for block in self.blocks]
-        self._settled = [False] * len(self.hulls)  # once clear, always clear: the other link's hulls only shrink
+        self._settled = [False] * len(self.hulls)  # stays True: the other link's hulls only shrink
 
     def cut_free(
         self, others: _Parts, poses: Sequence[Array], counts: Callable[[Array, int], npt.NDArray[np.bool_]]
@@ -200,7 +200,7 @@ def _intruders(
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """Return points (N, 3), in this link's frame, in both ``hull`` and the other link; empty if the overlap is small.
+    """Return the points (N, 3) inside ``hull`` and the other link, in this link's frame; empty for a small overlap.
 
     ``placed`` holds samples of the other link's hulls in this link's frame, at each of ``poses``.
     """
@@ -248,7 +248,7 @@ def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
         intruders: (N, 3) points to exclude.
     """
     if not len(own):
-        return None  # other hulls cover all of the surface
+        return None  # other hulls cover the whole mesh surface of this hull
     normal = _separating(hull, own, intruders)
     if normal is None:
         return hull

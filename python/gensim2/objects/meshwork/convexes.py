@@ -1,4 +1,4 @@
-"""Convex hulls: surface samples, and the depth of points inside hulls."""
+"""Compute surface samples of convex hulls, and the depth of points inside hulls."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.spatial import ConvexHull
 
 Array = npt.NDArray[np.float64]
 
-HINGE = 0.012  # m around the axis that counts as hinge; links may overlap there
-SAMPLE_SPACING = 0.006  # m between samples of a hull's surface
+HINGE = 0.012  # m, radius around the joint axis of the hinge region, in which links may overlap
+SAMPLE_SPACING = 0.006  # m, distance between neighbouring sample points on a hull's surface
 
 
 def planes_of(hull: Array) -> Array:

@@ -28,12 +28,12 @@ Faces = npt.NDArray[np.int64]
 THINNEST = 0.003  # m: thinner pieces are thickened, since physics engines cannot handle them
 SMALLEST = 0.001  # m: pieces smaller than this in every direction are dropped
 MAX_VERTICES = 64
-MAX_HULLS = 40  # maximum for each link
-MAX_HULLS_FOR_CLEARANCE = 60  # maximum for each link if fewer hulls would block the other link
-FREE_SHARE = 0.01  # share of a hull's volume that may be free space of the mesh
+MAX_HULLS = 40  # maximum number of hulls for each link
+MAX_HULLS_FOR_CLEARANCE = 60  # maximum number of hulls for each link if fewer hulls would block the other link
+FREE_SHARE = 0.01  # fraction of a hull's volume that may be free space of the mesh
 FREE_VOLUME = 1e-6  # m³ of free space that a hull may fill, while the number of hulls allows
 PATCH_ANGLE = np.cos(np.radians(15))
-PATCH_OFFSET = 0.002  # m from the plane of the patch's first face
+PATCH_OFFSET = 0.002  # m, maximum distance of a patch's vertices from the plane of its first face
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
 MANY_PATCHES = 100  # with more patches in one piece, vertices within one, two or three cells are merged
@@ -74,7 +74,7 @@ def make_hull(points: Array) -> Hull | None:
 
 
 def _solid_hull(points: Array) -> Hull | None:
-    """Return the hull of (N, 3) points that are thick enough."""
+    """Return the convex hull of points (N, 3) whose thickness is at least ``THINNEST``."""
     center = points.mean(axis=0)
     try:
         hull = ConvexHull(points - center)

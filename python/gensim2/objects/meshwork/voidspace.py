@@ -31,8 +31,8 @@ FINEST = 0.003  # m, edge length of a cell
 CELLS = 96  # number of cells along the longest side, for larger links
 MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # number of sample points processed at a time
-NEEDED_VOLUME = 1.1e-6  # m³ counted for each point that the other link needs: more than a hull may ever fill
-NEEDED_DEPTH = 0.0008  # m that such a point may lie inside a hull
+NEEDED_VOLUME = 1.1e-6  # m³, penalty for each point that the other link needs; more than any hull may fill
+NEEDED_DEPTH = 0.0008  # m, depth to which a point that the other link needs may lie inside a hull
 MAX_PROBES = 5000  # approximate number of cells tested for a hull; a bigger hull is tested more coarsely
 
 
@@ -63,11 +63,11 @@ class VoidSpace:
                 crossed[index[:, 0], index[:, 1], index[:, 2]] = True
         label, _ = ndimage.label(~crossed)
         self._free = label == label[0, 0, 0]
-        self._needed = np.zeros((0, 3))  # sorted along one axis
+        self._needed = np.zeros((0, 3))  # points of ``keep_clear``, sorted along one axis
         self._needed_axis = 0
 
     def occupied(self) -> Array:
-        """Return the centres (N, 3) of the unreachable cells: those that the meshes cross or enclose."""
+        """Return the centres (N, 3) of the unreachable cells: the cells that the meshes cross or enclose."""
         return np.asarray(self._low + (np.argwhere(~self._free) + 0.5) * self.cell)
 
     def is_free(self, points: Array) -> npt.NDArray[np.bool_]:
@@ -173,7 +173,7 @@ class VoidSpace:
             return 0.0
         grid = np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1).reshape(-1, 2)
         probes = grid @ np.stack([u, v]) + 0.5 * (low[2] + high[2]) * normal
-        edge = np.abs(planes[:, :3] @ normal) < 0.5  # faces around the plate, without its two large ones
+        edge = np.abs(planes[:, :3] @ normal) < 0.5  # side faces of the plate, without its two large faces
         inside = np.ones(len(probes), bool)
         if edge.any():
             inside = heights(probes, planes[edge]) < -0.5 * self.cell
@@ -181,10 +181,10 @@ class VoidSpace:
 
 
 OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
-MESH_SPACING = 0.002  # m between samples of a mesh
+MESH_SPACING = 0.002  # m, distance between neighbouring sample points on a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
-SKIN = 0.0032  # m around a mesh that its convex parts may fill, since they are thicker than a sheet
-NEAREST = 8  # triangles considered in the search for the closest
+SKIN = 0.0032  # m, layer around a mesh that its convex parts may fill, because they are thicker than sheets
+NEAREST = 8  # number of triangles examined in the search for the closest triangle
 
 
 def _off_hinge(instance: ArticulatedObject, points: Array) -> Array:
@@ -298,7 +298,7 @@ class _Enclosed:
         return near | ~self._space.is_free_finely(points, GAP)
 
     def depth(self, points: Array) -> float:
-        """Return the largest distance (m) of an enclosed point among (N, 3) from the meshes; 0 without any."""
+        """Return the maximum distance (m) from the meshes to the enclosed points among (N, 3); 0 if there are none."""
         inside = points[((points > self._space.low) & (points < self._space.high)).all(axis=1)]
         inside = inside[~self._space.is_free(inside)]
         if not len(inside):

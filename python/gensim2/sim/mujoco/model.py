@@ -32,17 +32,17 @@ FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """Impedance of joint friction; with MuJoCo's default of 0.95 a lid slowly closes under its own weight."""
 
 IMPRATIO = 10.0
-"""Ratio of the impedance of friction to that of normal forces; with a larger value grasped objects slip less."""
+"""Ratio of friction impedance to normal-force impedance; grasped objects slip less with a larger value."""
 
 OTHER_FRICTION = 0.3
 """Friction coefficient of surfaces that specify none, as in ManiSkill."""
 
 TABLE_FRICTION = 0.2
-"""Friction coefficient of the table: PhysX's dynamic one, because MuJoCo has no static friction."""
+"""Friction coefficient of the table, equal to its dynamic friction in PhysX; MuJoCo has no static friction."""
 
 ROLLING = 0.002
 """Radius (m) that, multiplied by the friction coefficient, gives the rolling and torsional friction of rigid objects.
-With this value balls roll as far as in PhysX, which puts them to sleep.
+With this value balls roll as far as in PhysX, which stops slow bodies.
 """
 
 
@@ -111,7 +111,7 @@ class _Builder:
         option.impratio = IMPRATIO
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         spec.compiler.degree = False
-        spec.compiler.balanceinertia = True  # the Fetch's fingers have impossible inertias
+        spec.compiler.balanceinertia = True  # MuJoCo would refuse the inertias of the Fetch's fingers
         self._shapes: list[Shape] = []
         self._meshes = 0
         if robot:
@@ -143,7 +143,7 @@ class _Builder:
                 self._resist(joint, model, thing)
             elif link.parent is None or link.parent in still:
                 still.add(link.name)
-                body.mocap = link.parent is None  # can be moved, and its pose is part of the stored state
+                body.mocap = link.parent is None  # a mocap body can be moved, and its pose is part of MuJoCo's state
             is_static = link.name in still
             slides = not is_static and model.joint.type == "prismatic"
             shape = Shape(mixed_name(name, link.name), name, link.name, is_static, friction, slides=slides)
@@ -155,7 +155,7 @@ class _Builder:
         drives, still = self._drives(), set[str]()
         for link in links_of(profile.urdf):
             body = self._add_link(agent, link, profile.base_position, profile.base_quaternion)
-            body.gravcomp = 1.0  # as in ManiSkill, instead of gravity compensation
+            body.gravcomp = 1.0  # gravity does not act on the robot, as in ManiSkill
             if link.axis is not None:
                 assert link.joint is not None
                 joint = self._add_joint(body, agent, link, link.joint.limits)
@@ -238,7 +238,7 @@ class _Builder:
             type=kind.get(solid.kind, kinds.mjGEOM_MESH),
             pos=solid.T[:3, 3],
             quat=_quaternion(solid.T),
-            contype=0,  # collisions are enabled by explicit pairs only
+            contype=0,  # only explicit pairs collide
             conaffinity=0,
         )
         if solid.vertices is None:
@@ -267,7 +267,7 @@ class _Builder:
             name2=leader,
             solref=SOLREF,
         )
-        equality.data[:2] = 0.0, 1.0  # offset and multiplier
+        equality.data[:2] = 0.0, 1.0  # offset and multiplier of the follower joint
 
     def _add_pairs(self) -> None:
         """Add the pairs of shapes that may touch, with the mean of both friction coefficients, as in PhysX."""
@@ -285,7 +285,7 @@ class _Builder:
         if one.is_static and other.is_static:
             return False
         if one.owner == other.owner:
-            if one.owner != self._profile.agent:  # the two links of an object
+            if one.owner != self._profile.agent:  # both links belong to the same object
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart

@@ -34,7 +34,7 @@ class Simulation:
         self._is_stale = True
 
     def changed(self) -> None:
-        """Mark the state as changed from outside, so that poses are updated."""
+        """Mark the joint state as changed, so that the next access to :attr:`data` computes the poses again."""
         self._is_stale = True
 
     @property
@@ -61,7 +61,7 @@ class Simulation:
 
 
 class MujocoFrame:
-    """Pose of a body at the time of reading."""
+    """Copy of a body's pose at the instant at which it was read."""
 
     def __init__(self, data: mujoco.MjData, body: int) -> None:
         self._position, self._quaternion = data.xpos[body].copy(), data.xquat[body].copy()
@@ -151,7 +151,7 @@ class MujocoRigidPart(RigidPart):
         return self._simulation.frame(self._body)
 
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-        found = np.zeros(6)  # angular, then linear of the centre of mass
+        found = np.zeros(6)  # angular velocity, then linear velocity of the centre of mass
         simulation = self._simulation
         mujoco.mj_objectVelocity(simulation.model, simulation.data, mujoco.mjtObj.mjOBJ_BODY, self._body, found, 0)
         return found[3:], found[:3]

@@ -51,7 +51,7 @@ class MujocoScene:
         never_touching(profile.srdf)
 
     def _take_drives(self) -> None:
-        """Look up the drives of the arm, of the gripper's motors, and of their followers."""
+        """Find the model's drives of the arm joints, of the gripper's motors, and of the follower joints."""
         profile, model = self._profile, self.simulation.model
 
         def drive(joint: str) -> int:
@@ -105,7 +105,7 @@ class MujocoScene:
         return float(np.linalg.norm(total))
 
     def _robot_contacts(self) -> list[tuple[int, float, int]]:
-        """Return the contacts with a force on the robot.
+        """Return the contacts in which a force acts on the robot.
 
         Each entry has the contact's index, a sign (1 if the robot is the second shape, -1 if it is the first), and the
         owner of the other shape.

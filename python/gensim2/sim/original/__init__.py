@@ -23,7 +23,7 @@ class Constants:
         scene: PhysX settings, named as in ManiSkill's ``SceneConfig``.
         material: static and dynamic friction and restitution of every surface except the table's.
         rigid_density: density of rigid objects' hulls, kg/m3.
-        fingers: stiffness (N/m) and damping (N s/m) of the original's finger drives.
+        fingers: stiffness (N/m) and damping (N s/m) of the original GenSim2's finger drives.
         fingers_for: stiffness and damping of finger drives in scenes with a rigid object of the given class.
         finger_damping: damping of the soft drives in scenes without rigid objects, N s/m.
         picking_fingers: stiffness and damping of the soft drives in scenes with rigid objects.

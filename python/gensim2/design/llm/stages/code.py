@@ -1,4 +1,4 @@
-"""Ask for a task as code; the code is interpreted and must describe the same task."""
+"""Ask for a proposed task as code; the code is interpreted and must describe the proposed task."""
 
 from __future__ import annotations
 

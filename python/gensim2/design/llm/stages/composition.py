@@ -68,7 +68,7 @@ class Skill:
 
     @property
     def after(self) -> str:
-        """Effect of the skill: its criterion."""
+        """Effect of the skill in words: its success criterion."""
         return self.kind
 
 

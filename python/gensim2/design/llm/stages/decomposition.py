@@ -144,7 +144,7 @@ class _Chain:
         elif kind in WORKING:
             self._work(where, kind)
         elif kind == "distance_gripper_rigidbody" and self._grasps_next(rest):
-            self.reached = criterion(kind, self.role, self.other)  # This criterion belongs to the grasp.
+            self.reached = criterion(kind, self.role, self.other)  # the criterion of a grasp
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role
             self._step("reach", on, HAND, kind)
@@ -162,7 +162,7 @@ class _Chain:
         if name == GRASP and (self.held or self.on_handle):
             self.problems.append(f"{where}: the hand holds something already")
         elif name == GRASP and self.reached is None and _first_kind(rest) in WORKING:
-            self.on_handle = True  # The next motion moves the part with this handle.
+            self.on_handle = True  # the next motion moves the part to which this handle belongs
         elif name == GRASP:
             self._step(GRASP, self.other, HAND, "distance_gripper_rigidbody")
             self.held, self.brought, self.reached = True, False, None

@@ -1,4 +1,4 @@
-"""Free mode: ask for a whole task with its objects, steps and criteria, in everything that a task can express."""
+"""Free mode: ask for a whole task with its objects, steps and criteria, without restricting its form."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def read_whole_task(
         origin: name of the designer.
 
     Raises:
-        Wrong: the task breaks rules; names all of them.
+        Wrong: the task breaks rules; the message names all of them.
     """
     given = next((each for each in reversed(data) if "objects" in each and "steps" in each), None)
     if given is None:

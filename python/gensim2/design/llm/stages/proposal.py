@@ -15,12 +15,12 @@ from gensim2.design.llm.templating import Prompts
 from gensim2.tasks.criteria import CLOSED, OPEN
 from gensim2.tasks.spec import TaskSpec
 
-#: Goals in a sentence that no criterion measures: distances, angles, parts, sides.
+#: Phrases for goals that no criterion can measure, such as distances, angles, parts and sides.
 _UNMEASURED = re.compile(
     r"\b(\d+(\.\d+)? ?(mm|cm|m|degrees?|percent)|half(way)?|slightly|a (little|bit)|to the (left|right)|twice)\b"
 )
 
-#: Half the width of the range of the initial openness.
+#: Maximum deviation of the initial openness from its mean.
 SPREAD = 0.15
 
 KEYS = ("task-name", "task-description", "assets-used", "success-criteria")
@@ -133,7 +133,7 @@ def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish, shown: Seq
         shown: good examples of the prompt, which a proposal must not repeat.
 
     Raises:
-        Wrong: the proposal breaks rules; the problems list all of them.
+        Wrong: the proposal breaks rules; the message lists all of them.
     """
     given = next((_in_kebab(each) for each in reversed(data) if "task-name" in _in_kebab(each)), None)
     if given is None:

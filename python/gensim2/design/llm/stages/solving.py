@@ -52,7 +52,7 @@ class StepToSolve:
         things: affordance of each object, by its name in the task.
         settings: facts about the robot, among them the keypoints of its hand.
         profile: robot profile, against which names are checked.
-        sentence: the model's own sentence for the step; None: there is none.
+        sentence: the model's own sentence for the step; None if the model wrote no sentence.
     """
 
     task: TaskSpec
@@ -147,7 +147,7 @@ def motions(
     trials: int,
     sight: CaptionedPictures,
 ) -> Ask[list[Config]]:
-    """Return the question of stage 2: motions to and from the actuation pose, ``trials`` times; it yields configs."""
+    """Return the question of stage 2, which asks for ``trials`` configs with motions to and from the actuation pose."""
     stage = "motions_visual" if sight.pictures else "motions"
     examples = [
         {"name": each.name, "sentence": each.sentence, "motions": _motions_of(each.config)}
@@ -224,7 +224,7 @@ def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
             asset_class = each.task.objects[step.object].asset_class
             same = (asset_class, [criterion.type for criterion in step.done]) == (own.asset_class, kinds)
             if CONSTRAINTS not in config or each.task.name == job.task.name or (same and job.task.is_single_step):
-                continue  # The stored solution of the task under design must stay hidden.
+                continue  # the stored solution of the task that is being designed must stay hidden
             unlike = (
                 (step.tool == HAND) != (job.step.tool == HAND),
                 [criterion.type for criterion in step.done] != kinds,

@@ -10,7 +10,7 @@ from gensim2.objects.shapes import Array, Look, Solid, Vec3, ball, box, loft, po
 Rng = np.random.Generator
 Keypoint = tuple[Vec3, str]
 
-# Without an environment to reflect, renderers show metal as grey, so the metallic value of metals is only a third.
+# Renderers without an environment map show metal as dark grey, so metals here have a metallic value of only 1/3.
 CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
 STEEL = Look((0.66, 0.67, 0.69, 1), 0.30, 0.35)
 BRASS = Look((0.84, 0.66, 0.32, 1), 0.35, 0.28)
@@ -43,7 +43,7 @@ PAINTS = tuple(
 
 
 def pick(rng: Rng, choices: tuple[Look, ...]) -> Look:
-    """Return a random one of the materials ``choices``, slightly lighter or darker."""
+    """Select a random material from ``choices``, and return it in a slightly lighter or darker shade."""
     look = choices[int(rng.integers(len(choices)))]
     shade = float(rng.uniform(0.88, 1.1))
     r, g, b, a = look.rgba
@@ -129,7 +129,7 @@ def feet(width: float, depth: float, bottom: float, height: float, radius: float
 
 
 def hoop(center: Vec3, direction: Vec3, radius: float, thick: float, look: Look) -> Solid:
-    """Return a ring without collision; ``radius`` is the ring's radius, ``thick`` that of its cross-section (m)."""
+    """Return a visual ring without collision shape; ``thick`` is the radius of its cross-section (m)."""
     c, d = np.asarray(center, float), np.asarray(direction, float)
     sides, around = 48, np.array([ring(c, d, radius + thick * np.cos(t), 48) for t in _SECTION])
     heights = thick * np.sin(_SECTION)[:, None, None] * (d / np.linalg.norm(d))
@@ -205,7 +205,7 @@ def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | Non
 
 
 def lifted(parts: list[Solid], head: Vec3, description: str, **keypoints: Keypoint) -> Blueprint:
-    """Return the blueprint of an object that moves as a whole and is lifted straight up at the point ``head``."""
+    """Return the blueprint of an object on a vertical prismatic joint, which is lifted at the point ``head``."""
     return sliding([], parts, (0, 1, 0), (0.0, 0.2), head=(head, description), **keypoints)
 
 

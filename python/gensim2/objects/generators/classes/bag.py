@@ -1,4 +1,4 @@
-"""A handbag with a tapered body and a strap that swings; it can also be lifted or pushed."""
+"""Define a class of generated objects: a handbag whose strap swings, or that is lifted or pushed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LEATHERS = c.PAINTS[1:]
 
 @dataclass(frozen=True)
 class Bag:
-    """Parts of a bag; ``hinge`` (3,) is the middle of the strap's axis, ``top`` the highest point."""
+    """Parts of a bag; ``hinge`` (3,) is the middle of the strap's joint axis, ``top`` its highest point."""
 
     body: list[Solid]
     strap: list[Solid]
@@ -61,7 +61,7 @@ def _leather(
 
 
 def draw(rng: np.random.Generator) -> Bag:
-    """Draw a bag that stands upright with the strap raised."""
+    """Generate a random bag that stands upright with the strap raised."""
     width, depth, height = c.between(rng, 0.18, 0.26), c.between(rng, 0.07, 0.11), c.between(rng, 0.11, 0.16)
     taper = c.between(rng, 0.55, 0.85)
     look = c.pick(rng, LEATHERS)

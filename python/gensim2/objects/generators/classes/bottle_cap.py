@@ -1,4 +1,4 @@
-"""A bottle with a winged cap that turns."""
+"""Define a class of generated objects: a bottle with a winged cap that turns."""
 
 from __future__ import annotations
 

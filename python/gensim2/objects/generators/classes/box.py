@@ -1,4 +1,4 @@
-"""A box with a hinged lid, to be opened or pushed."""
+"""Define a class of generated objects: a box with a hinged lid, to be opened or pushed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Look, Solid, box, rod, tray
 
-GAP = 0.001  # m between lid and rim
+GAP = 0.001  # m, distance between lid and rim
 
 
 def _trim(
@@ -18,12 +18,12 @@ def _trim(
     metal: Look,
     lock: bool,
 ) -> tuple[list[Solid], list[Solid]]:
-    """Draw visual fittings for body and lid: corner plates, straps or plank lines, and a lock plate.
+    """Generate random visual fittings for body and lid: corner plates, straps or plank lines, and a lock plate.
 
     Args:
         rng: random generator.
         size: width, height, depth of the body, m.
-        lid: y of the lid's upper face, and thickness of the lid, m.
+        lid: height (y) of the lid's upper face, and thickness of the lid, m.
         metal: material of the fittings.
         lock: whether the lid has a tab for a lock plate.
     """
@@ -44,7 +44,7 @@ def _trim(
                     side = (sx * width / 2, y, sz * (depth - arm) / 2)
                     on_body.append(box(side, (2 * skin, arm, arm), metal, 0.0005))
             on_lid.append(box((sx * (width - arm) / 2, lid_top, front - arm / 2), (arm, 2 * skin, arm), metal, 0.0005))
-    elif style == 1:  # straps around it
+    elif style == 1:  # straps around the box
         band = c.pick(rng, (*c.WOODS, c.BLACK, metal))
         for sx in (-1, 1):
             x = sx * 0.28 * width

@@ -1,4 +1,4 @@
-"""A bucket with a wire handle that swings; it can also be lifted or pushed."""
+"""Define a class of generated objects: a bucket whose wire handle swings, or that is lifted or pushed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.objects.shapes import Array, Solid, arc, ball, cone, path, rod, tub
 
 @dataclass(frozen=True)
 class Bucket:
-    """Parts of a bucket with the handle up; ``hinge`` (3,) is the middle of the axis, ``top`` the highest point."""
+    """Parts of a bucket with the handle up; ``hinge`` (3,) is the middle of its axis, ``top`` its highest point."""
 
     body: list[Solid]
     handle: list[Solid]
@@ -60,7 +60,7 @@ def draw(rng: np.random.Generator) -> Bucket:
 
 
 def pail(rng: np.random.Generator) -> Bucket:
-    """Draw a pail: bands around its rim, a thin wire handle hinged below them, and often some content."""
+    """Generate a random pail: bands around its rim, a thin wire handle hinged below them, and often some content."""
     height, wide = c.between(rng, 0.13, 0.20), c.between(rng, 0.07, 0.105)
     narrow = wide * c.between(rng, 0.72, 0.96)
     wall, thick = c.between(rng, 0.004, 0.006), c.between(rng, 0.0028, 0.0045)
@@ -138,7 +138,7 @@ def swing(rng: np.random.Generator) -> Blueprint:
 
 
 def swinging_pail(rng: np.random.Generator) -> Blueprint:
-    """Draw a pail whose wire handle swings."""
+    """Generate a random pail whose wire handle swings."""
     return _swinging(pail(rng))
 
 

@@ -1,4 +1,4 @@
-"""A coffee machine with a push button on top."""
+"""Define a class of generated objects: a coffee machine with a push button on top."""
 
 from __future__ import annotations
 

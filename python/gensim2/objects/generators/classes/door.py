@@ -1,4 +1,4 @@
-"""A door that stands on the table and opens away from the robot, in a frame or in a wall."""
+"""Define a class of generated objects: a door, in a frame or a wall, that opens away from the robot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     body = [box((s * (width + post) / 2, 0, 0), (post, height, deep), frame) for s in (-1, 1)]
     body.append(box((0, top + post / 2, 0), (width + 2 * post, post, deep), frame))
     body.append(box((0, -top - 0.006, 0), (width + 2 * post + 0.06, 0.012, 0.16), frame))
-    # The leaf lies in the plane of the frame's back, so that it clears the posts when it swings.
+    # The door leaf is flush with the back of the frame, so that it does not touch the posts when it swings.
     z = -deep / 2 + leaf / 2
     span, tall = width - 2 * GAP, height - 2 * GAP
     shape = [box((0, 0, z), (span, tall, leaf), wood)]
@@ -51,7 +51,7 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def in_a_wall(rng: np.random.Generator) -> Blueprint:
-    """Draw a door in a piece of wall, with or without a lever, often larger than framed doors."""
+    """Generate a random door in a piece of wall, with or without a lever, often larger than framed doors."""
     width, height = c.between(rng, 0.11, 0.26), c.between(rng, 0.40, 0.56)
     sides = [c.between(rng, 0.03, 0.28) for _ in range(2)]
     above, deep = c.between(rng, 0.01, 0.22), c.between(rng, 0.02, 0.08)
@@ -68,7 +68,7 @@ def in_a_wall(rng: np.random.Generator) -> Blueprint:
         for s, side in zip((-1, 1), sides, strict=True)
     ]
     body.append(box((0, top + above / 2, 0), (width, above, deep), wall))
-    # The leaf may lie at any depth in the wall; the hinge at its back lets it swing freely.
+    # The door leaf may lie at any depth in the wall, because its hinge is at its back and lets it swing freely.
     back = -deep / 2 + (inset if rng.random() < 0.5 else 0.0)
     z, span, tall = back + leaf / 2, width - 2 * GAP, height - 2 * GAP
     shape = [box((0, 0, z), (span, tall, leaf), look)]

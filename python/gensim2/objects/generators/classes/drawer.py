@@ -1,4 +1,4 @@
-"""A cabinet, table or sideboard with a drawer that slides out."""
+"""Define a class of generated objects: a cabinet, table or sideboard with a drawer that slides out."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Look, Solid, ball, box, rod, tray
 
-GAP = 0.002  # m around the sliding drawer
-FRONT = 0.012  # m thickness of a drawer's front
-WALL = 0.012  # m thickness of a table's aprons, and of a sideboard's boards
+GAP = 0.002  # m, gap between the drawer and the parts around it
+FRONT = 0.012  # m, thickness of a drawer's front
+WALL = 0.012  # m, thickness of a table's aprons, and of a sideboard's boards
 
 
 def knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Solid]:
@@ -31,7 +31,7 @@ def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np
 
 
 def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tuple[list[Solid], np.ndarray]:
-    """Draw one or two knobs, a tab or a bar in front of ``at``; return the parts and the point to grasp."""
+    """Generate random knobs, a tab or a bar in front of ``at``; return the parts and the point to grasp."""
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(4))
     reach, radius = c.between(rng, 0.018, 0.032), c.between(rng, 0.009, 0.015)
@@ -51,7 +51,7 @@ def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tupl
 
 
 def sideboard(rng: np.random.Generator) -> Blueprint:
-    """Draw a sideboard: two or three bays under a top, some of them empty, above doors, drawers or a shelf."""
+    """Generate a random sideboard: two or three bays under a top, some empty, above doors, drawers or a shelf."""
     width, depth = c.between(rng, 0.34, 0.56), c.between(rng, 0.15, 0.24)
     top, over = c.between(rng, 0.010, 0.022), c.between(rng, 0.0, 0.035)
     rise, foot = c.between(rng, 0.26, 0.42), c.between(rng, 0.0, 0.07)
@@ -107,7 +107,7 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
 def _below(
     rng: np.random.Generator, width: float, low: float, high: float, depth: float, wood: Look, look: Look
 ) -> list[Solid]:
-    """Draw a pair of doors, fixed wide drawers, or a shelf below the row of bays, between y = ``low`` and ``high``."""
+    """Generate a pair of doors, fixed drawers, or a shelf at random below the bays, from y = ``low`` to ``high``."""
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())
     if kind == 0:
@@ -131,7 +131,7 @@ def _below(
 
 
 def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: float) -> tuple[list[Solid], float]:
-    """Draw a handle in front of ``at``; return its parts and the distance of its middle from the surface, m."""
+    """Generate a random handle in front of ``at``; return its parts and its distance (m) from the surface."""
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(3))
     reach = c.between(rng, 0.030, 0.042)
@@ -194,7 +194,7 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def table(rng: np.random.Generator) -> Blueprint:
-    """Draw a table on legs or panels, with an overhanging top and a drawer in the middle or at a side."""
+    """Generate a random table on legs or panels, with an overhanging top and a drawer in the middle or at a side."""
     width, depth = c.between(rng, 0.24, 0.58), c.between(rng, 0.17, 0.27)
     top, over = c.between(rng, 0.010, 0.022), c.between(rng, 0.0, 0.03)
     rise, leg = c.between(rng, 0.28, 0.44), c.between(rng, 0.016, 0.030)
@@ -220,7 +220,7 @@ def table(rng: np.random.Generator) -> Blueprint:
         body.append(box((x, y, 0), (0.6 * leg, row, depth - 2 * leg), wood))
     body.append(box((0, y, -(depth - WALL) / 2), (between_legs, row, WALL), wood))
     for left, right in ((-between_legs / 2, aside - front / 2), (aside + front / 2, between_legs / 2)):
-        if right - left > 2 * GAP:  # the apron beside the drawer
+        if right - left > 2 * GAP:  # a board beside the drawer
             body.append(box(((left + right) / 2, y, (depth - WALL) / 2), (right - left, row, WALL), wood))
     if shelf:
         low = -rise / 2 + c.between(rng, 0.03, 0.10)

@@ -1,4 +1,4 @@
-"""A faucet with a lever on top that turns about the vertical axis: slender, a mixer, or low with a long spout."""
+"""Define a class of generated objects: a faucet with a lever on top that turns about the vertical axis."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Look, Solid, Vec3, ball, box, cone, convex, path, rod
 
 GAP = 0.001
-LEGS = 8  # straight pieces of a long spout
+LEGS = 8  # number of straight pieces of a long spout
 
 
 def _with_lever(
@@ -85,7 +85,7 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def mixer(rng: np.random.Generator) -> Blueprint:
-    """Draw a faucet with a wide column, a short flat or round lever, and a thick spout that begins high or low."""
+    """Generate a random faucet with a wide column, a short flat or round lever, and a thick spout."""
     height, radius = c.between(rng, 0.10, 0.25), c.between(rng, 0.024, 0.048)
     cap, lever = c.between(rng, 0.016, 0.05), c.between(rng, 0.075, 0.14)
     rise, at = c.between(rng, 0.0, 0.45), c.between(rng, 0.3, 0.85)
@@ -99,10 +99,10 @@ def mixer(rng: np.random.Generator) -> Blueprint:
         body = [box((0, 0, z), (1.7 * radius, height, 1.7 * radius), look, 0.004)]
     else:
         body = [cone((0, bottom, z), (0, top, z), radius, c.between(rng, 0.85, 1.0) * radius, look)]
-    highest = top - tube - 0.004  # the lever turns above it
+    highest = top - tube - 0.004  # the spout stays below the turning lever
     root = np.array([0.0, min(bottom + at * height, highest), z])
     end = root + spout * np.array([0, np.sin(slope), np.cos(slope)])
-    mouth = bottom + 0.06  # with room beneath
+    mouth = bottom + 0.06  # leaves free space below the mouth
     drop = min(c.between(rng, 0.012, 0.035), highest - mouth)
     end[1] = np.clip(end[1], mouth + drop, highest)
     body += path([root, end, end - np.array([0, drop, 0])] if droops else [root, end], tube, look)
@@ -122,7 +122,7 @@ def mixer(rng: np.random.Generator) -> Blueprint:
 
 
 def sweeping(rng: np.random.Generator) -> Blueprint:
-    """Draw a faucet with a low column, a short sloping or bent lever, and a long spout that rises above both."""
+    """Generate a random faucet with a low column, a short sloping or bent lever, and a long spout above both."""
     height, radius = c.between(rng, 0.075, 0.15), c.between(rng, 0.019, 0.032)
     cap, lever = c.between(rng, 0.012, 0.035), c.between(rng, 0.065, 0.11)
     rise, crook = c.between(rng, 0.1, 0.6), c.between(rng, 0.02, 0.05)
@@ -138,7 +138,7 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
         cone((0, bottom + 0.008, z), (0, top, z), radius, c.between(rng, 0.85, 1.0) * radius, look),
     ]
     root = max(bottom + at * height, bottom + tube + 0.002)
-    highest = max(top + climb, bottom + 0.06 + sag + drop)  # with room beneath the mouth
+    highest = max(top + climb, bottom + 0.06 + sag + drop)  # leaves free space below the mouth
     base = top + GAP
     start = np.array([0.0, base + max(0.6 * cap, 0.012), z])
     points = []
@@ -147,7 +147,7 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
         y = root + (highest - root) * np.sin(share * np.pi / 2) - sag * max(0.0, share - 0.6) / 0.4
         if out - spout / LEGS < 1.4 * radius + tube:  # both ends of this segment lie over the column
             y = min(y, top - tube - 0.006)
-        elif out - spout / LEGS < lever + 0.03:  # the lever turns above it
+        elif out - spout / LEGS < lever + 0.03:  # the lever turns above this segment
             y = min(y, start[1] + (crook if shape == 0 else out * np.tan(rise)) - tube - 0.022)
         points.append(np.array([0.0, y, z + out]))
     body += path([*points, points[-1] - np.array([0, drop, 0])], tube, look)

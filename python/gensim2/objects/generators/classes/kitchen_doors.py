@@ -1,4 +1,4 @@
-"""Kitchen appliances with a door that folds down: a dishwasher and an oven."""
+"""Define two classes of kitchen appliances with a door that folds down: a dishwasher and an oven."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class FoldDown:
 
 
 def carcass(size: FoldDown, look: Look) -> list[Solid]:
-    """Return the body, open to the front, with solid plinth and panel."""
+    """Return the appliance's body, which is open at the front, with a solid plinth and panel."""
     low, high = size.opening
     middle = (low + high) / 2
     parts = tray((0, middle, 0), (size.width, high - low, size.depth), size.wall, look, "+z")
@@ -51,9 +51,7 @@ def carcass(size: FoldDown, look: Look) -> list[Solid]:
 def fold_down_door(
     size: FoldDown, look: Look, metal: Look, rng: np.random.Generator, window: bool
 ) -> tuple[list[Solid], Vec3, np.ndarray]:
-    """Return a door hinged at its lower edge with a bar handle near the upper one: parts, hinge, middle of the
-    handle.
-    """
+    """Return a door hinged at its lower edge, with a bar handle: its parts, hinge and middle of the handle."""
     low, high = size.opening
     z = size.front + GAP
     span, tall = size.width - 0.004, high - low - 0.004

@@ -1,4 +1,4 @@
-"""A pot with a lid that lifts off."""
+"""Define a class of generated objects: a pot with a lid that lifts off."""
 
 from __future__ import annotations
 

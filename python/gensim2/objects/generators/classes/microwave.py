@@ -1,4 +1,4 @@
-"""A microwave oven: door on the left, control panel on the right."""
+"""Define a class of generated objects: a microwave oven with its door on the left."""
 
 from __future__ import annotations
 

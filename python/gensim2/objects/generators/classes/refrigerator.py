@@ -1,6 +1,4 @@
-"""A refrigerator with a fixed freezer door above a hinged one, with two tall doors side by side, or with one tall
-door.
-"""
+"""Define a class of generated objects: a refrigerator with one door, or with two doors, of which one opens."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from gensim2.objects.shapes import Solid, Vec3, ball, box, cone, rod, tray
 GAP = 0.0015
 
 SHELF = 0.66
-"""Height of the shelf as a share of the compartment's; an object 8 cm tall fits below it with room for the hand."""
+"""Height of the shelf as a fraction of the compartment's height; the hand can put 8 cm tall objects below the shelf."""
 
 
 def _food(
@@ -91,9 +89,7 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def tall(rng: np.random.Generator) -> Blueprint:
-    """Draw a refrigerator with one tall door, or with two of which the left opens; handles range from none to tall
-    bars.
-    """
+    """Generate a random refrigerator with one tall door, or with two tall doors of which the left opens."""
     two = rng.random() < 0.6
     own = c.between(rng, 0.20, 0.26)
     beside = c.between(rng, 0.18, 0.27) if two else 0.0

@@ -1,4 +1,4 @@
-"""A desk stapler, front towards +z, to be pushed or pressed."""
+"""Define a class of generated objects: a desk stapler to be pushed or pressed. Its front faces +z."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Stapler:
 
 
 def draw(rng: np.random.Generator) -> Stapler:
-    """Draw a stapler with its arm level (joint value zero)."""
+    """Generate a random stapler with its arm level (joint value zero)."""
     length, width = c.between(rng, 0.13, 0.18), c.between(rng, 0.030, 0.042)
     thick = c.between(rng, 0.014, 0.020)
     look = c.pick(rng, c.PAINTS)

@@ -1,4 +1,4 @@
-"""A suitcase that lies flat, to be pushed or opened."""
+"""Define a class of generated objects: a suitcase that lies flat, to be pushed or opened."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Suitcase:
 
 
 def draw(rng: np.random.Generator) -> Suitcase:
-    """Draw the parts of a closed suitcase, m."""
+    """Generate the parts of a random closed suitcase."""
     width, height = c.between(rng, 0.26, 0.34), c.between(rng, 0.18, 0.23)
     deep, shallow = c.between(rng, 0.045, 0.07), c.between(rng, 0.025, 0.045)
     wall = c.between(rng, 0.005, 0.007)
@@ -67,7 +67,7 @@ def move(rng: np.random.Generator) -> Blueprint:
 
 
 def with_its_lid_up(rng: np.random.Generator) -> Blueprint:
-    """Draw an open suitcase with its lid upright on the far side."""
+    """Generate a random open suitcase whose lid stands upright on the side away from the robot."""
     case = draw(rng)
     lid = c.turned(case.lid, case.hinge, (1, 0, 0), c.between(rng, 0.9, 1.9))
     near = (0.0, -float(case.hinge[1]), float(case.grip[2]))

@@ -1,4 +1,4 @@
-"""A big rocker switch on a stand."""
+"""Define a class of generated objects: a big rocker switch on a stand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A toaster, to be pushed, or operated by pressing its lever down."""
+"""Define a class of generated objects: a toaster, to be pushed, or operated by pressing its lever down."""
 
 from __future__ import annotations
 

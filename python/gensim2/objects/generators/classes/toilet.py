@@ -1,4 +1,4 @@
-"""A toilet with a hinged lid."""
+"""Define a class of generated objects: a toilet with a hinged lid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A trash can with a hinged lid."""
+"""Define a class of generated objects: a trash can with a hinged lid."""
 
 from __future__ import annotations
 

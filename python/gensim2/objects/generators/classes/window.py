@@ -1,4 +1,4 @@
-"""A framed window whose pane slides sideways or opens towards the robot."""
+"""Define a class of generated objects: a framed window whose pane slides sideways or opens towards the robot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.objects.shapes import Look, Solid, Vec3, box
 
 @dataclass(frozen=True)
 class WindowFrame:
-    """Clear width and height, frame section, sash thickness (m), and materials of a window frame."""
+    """Inner width and height, width of the frame's bars and thickness of the sash (m), and materials of a window."""
 
     width: float
     height: float

@@ -1,4 +1,4 @@
-"""Fruit and groceries."""
+"""Define generated fruit and groceries."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _banana() -> RigidBlueprint:
     end = points[-1]
     parts.append(rod(end, (end[0] + 0.010, 0, end[2] + 0.014), 0.0045, matte(0.55, 0.45, 0.12), 8))
     parts.append(sphere(0.0052, STEM, points[0]).visual_only())
-    # The banana lies on its side.
+    # The curve of the banana lies in a horizontal plane.
     return _fruit(centred([p.moved(pose(axis=(1, 0, 0), angle=np.pi / 2)) for p in parts]))
 
 

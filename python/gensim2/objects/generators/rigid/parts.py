@@ -1,4 +1,4 @@
-"""Shapes, materials and blueprint of generated rigid objects."""
+"""Define shapes, materials and blueprint of generated rigid objects."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def scaled(solid: Solid, factor: float | Vec3) -> Solid:
 
 
 def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, smooth: int = 6) -> list[Solid]:
-    """Return a solid of revolution about z, with a smooth visual and one collision frustum for each profile step.
+    """Return a solid of revolution about z, with a smooth visual mesh and one collision frustum per profile step.
 
     Args:
         profile: (radius, height) from the bottom up, metres.
@@ -89,7 +89,7 @@ def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, 
     parts = []
     low = 0
     for high in range(1, len(profile)):
-        # Extend the hull as long as the outline stays convex.
+        # Extend each hull along the outline as long as the outline stays convex.
         last = high + 1 == len(profile)
         if last or not _bulges(radius[low : high + 2], height[low : high + 2]):
             rings = [_circle(radius[k], height[k], sides) for k in range(low, high + 1)]
