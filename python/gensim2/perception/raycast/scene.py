@@ -69,6 +69,11 @@ class RaycastScene:
         """For each segmentation id, the owner (object name, name of the robot's agent, or ``table``) and the link."""
         return self._names
 
+    @property
+    def solids(self) -> tuple[CastSolid, ...]:
+        """Solids, in the order of :meth:`poses`."""
+        return tuple(self._solids)
+
     def tree(self, name: str) -> Tree:
         """Return the kinematic tree of an articulated object, or of the robot, which is named by its agent."""
         return self._trees[name][0]
