@@ -189,7 +189,8 @@ def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, 
     )
     for look in looks:
         with pytest.raises(
-            InputError, match=rf"\.h5: was run with another version of drawer/{thing.id} than the one in builtin.*--assets"
+            InputError,
+            match=rf"\.h5: was run with another version of drawer/{thing.id} than the one in builtin.*--assets",
         ):
             look()
     # Other versions of gensim2 may render the same files differently.
