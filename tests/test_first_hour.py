@@ -24,6 +24,7 @@ NO_PAGES = {
     r"CHANGELOG\.md|crates/python/CHANGES\.md": "what changed, not what to do",
     r"prompts/.*|python/.*/prompts/.*": "for language models",
     r"tests/.*": "data of tests",
+    r"python/gensim2/robots/franka_description/README\.md": "origin of the robot's files",
 }
 
 

@@ -83,7 +83,7 @@ def test_only_named_strategies_are_left_to_a_step_that_has_them() -> None:
     assert one.spec.steps[0].strategies == (first,)
     assert tuple(one.strategies) == (first,)
     assert only_strategies([given], []) == [given]
-    with pytest.raises(InputError, match="no step has 'pray'") as caught:
+    with pytest.raises(InputError, match="no step has the strategy 'pray'") as caught:
         only_strategies([given], ["pray"])
     assert first in str(caught.value)
 

@@ -65,7 +65,7 @@ def test_what_cannot_be_fitted_to_is_refused(views: list[ArmView]) -> None:
         calibrate(surface, CAMERAS[0], views[:2], views[4:])
     with pytest.raises(InputError, match=r"left\.depth"):
         calibrate(surface, replace(CAMERAS[0], width=80), views[:3], views[4:])
-    with pytest.raises(InputError, match="by a board"):
+    with pytest.raises(InputError, match="with a board"):
         calibrate(surface, replace(CAMERAS[0], link="panda_hand"), views[:3], views[4:])
 
 

@@ -73,7 +73,8 @@ def test_what_nobody_takes_is_dropped_and_what_was_taken_stays(cameras: ProcessC
 
 
 @pytest.mark.parametrize(
-    ("fault", "said"), [("broken", r"cameras are gone: xioctl\(VIDIOC"), ("large", "camera odd: depth is")]
+    ("fault", "said"),
+    [("broken", r"connection to the cameras is lost: xioctl\(VIDIOC"), ("large", "camera odd: depth is")],
 )
 def test_cameras_whose_library_fails_are_gone(cameras: ProcessCameras, fault: str, said: str) -> None:
     cameras.fail(fault)

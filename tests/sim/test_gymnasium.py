@@ -167,7 +167,7 @@ def test_actions_of_every_usual_kind_are_taken(env: GenSim2Env) -> None:
         ({"task": 5}, "task: must be a name"),
         ({"instances": 5}, "instances: must be text"),
         ({"instances": ""}, "instance: "),
-        ({"instances": "random"}, "instances: 'random' selects one object"),
+        ({"instances": "random"}, "instances: 'random' selects an object"),
         ({"obs_mode": "smell"}, "obs_mode: no observation mode 'smell' (one of raycast, state"),
         ({"obs_mode": "rgb", "render_backend": "none"}, "use obs_mode 'raycast'"),
         ({"num_envs": 2}, "num_envs: must be 1, is 2 (gensim2.make_vec_env"),

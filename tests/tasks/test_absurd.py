@@ -51,9 +51,9 @@ ABSURD: dict[str, tuple[Callable[[Fields], None], str]] = {
     "10,000 times one step": (at("steps", value=[STEP] * 10_000), "more than 20000 values, repeated ones included"),
     "51 steps": (
         at("steps", value=[{**STEP, "name": f"s{i}"} for i in range(51)]),
-        "steps: tuple should have at most 50",
+        "steps: needs at most 50 entries",
     ),
-    "1,000 ways": (at("steps", 0, "strategies", value=["a"] * 1000), "strategies: tuple should have at most 20"),
+    "1,000 ways": (at("steps", 0, "strategies", value=["a"] * 1000), "strategies: needs at most 20 entries"),
     "1,000 objects": (
         at("objects", value={f"o{i}": {"class": "drawer"} for i in range(1000)}),
         "objects: .* at most 20",

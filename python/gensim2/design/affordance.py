@@ -15,7 +15,6 @@ from gensim2.design.pictures import LazyPicture
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject, Kind
 from gensim2.objects.words import noun
-from gensim2.rollout.container import inner_box
 
 Array = npt.NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -208,6 +207,8 @@ def _facts(instances: Sequence[ArticulatedObject], name: str, moves: bool) -> Ke
 
 def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
     """Return the extents of the free space at the measured keypoint; None if an instance has no free space there."""
+    from gensim2.rollout.container import inner_box
+
     sizes = []
     for each in instances:
         point = each.keypoints[name]

@@ -150,6 +150,11 @@ def benchmark_both(
 ) -> BothEngines:
     """Run :func:`benchmark` in one engine and then in the other.
 
+    Example:
+        ```python
+        both = benchmark_both(["CloseBox"], runs=1, episodes=20, assets="builtin")
+        ```
+
     Args:
         tasks, given: as for :func:`benchmark`.
         out: folder of both runs, ``out/sapien`` and ``out/mujoco``; default ``runs/<date>-<time>``.

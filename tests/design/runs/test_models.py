@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("openai")
 
 import fake_world
-from llm_answers import BOX, DRAWER, LONG, GoodModel
+from llm_answers import BOX, DRAWER, LONG, WHOLE, GoodModel
 from llm_server import KEY, SERVER_ERROR, Asked, ModelServer
 
 from gensim2.core.processes import Execution
@@ -200,7 +200,10 @@ def test_a_model_that_cannot_write_configs_gets_its_tasks_rejected(server: Model
 
 
 class AnyModel(GoodModel):
-    """A model that proposes a long task if asked for one."""
+    """A model that proposes a long or a whole task if asked for one."""
+
+    def free(self, asked: Asked) -> str:
+        return json.dumps(WHOLE).replace('"class": "apple"', '"class": "golf_ball"')
 
     def proposal(self, asked: Asked) -> str:
         return json.dumps(LONG) if "one rigid object" in asked.prompt else super().proposal(asked)
