@@ -114,7 +114,7 @@ class Affordance:
     @property
     def is_container(self) -> bool:
         """Whether objects of the class are containers, judged by the name of the measured keypoint."""
-        return bool(self.keypoints) and self.joint_type is not None and INSIDE in self.measured
+        return self.place is not None and INSIDE in self.place
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data without the picture, the samples and empty fields."""

@@ -18,6 +18,9 @@ _KEBAB = re.compile(r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$")
 LONGEST_NAME = 60
 LONGEST_SENTENCE = 160
 
+NAMED_SCHEMA: dict[str, Any] = {name: {"type": "string"} for name in ("reasoning", "task-name", "task-description")}
+"""Properties in the JSON schema of every answer that proposes a task."""
+
 
 @dataclass(frozen=True)
 class Catalog:

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined
 from gensim2.design.llm.catalog import Catalog
-from gensim2.design.llm.conversations import Conversations, Dropped
+from gensim2.design.llm.conversations import Ask, ConversationRecord, Conversations, Dropped
 from gensim2.design.llm.model import LanguageModel
 from gensim2.design.llm.questions import BudgetSpent
 from gensim2.design.llm.solutions import Asking, Solutions, Views, in_words, tried_of
@@ -202,10 +202,9 @@ class LLMDesigner:
             return self._whole(brief, catalog, wish, number, refused)
         found, record = self.talk.ask(proposal.proposal(self.prompts, catalog, wish, refused, number))
         self.talk.log.settle(record, found.name, "used")
-        (good, why), _ = self.talk.ask(proposal.reflection(self.prompts, catalog, found, wish))
-        if not good:
-            self.talk.log.settle(record, found.name, "refused", why)
-            refused.append(f"{found.name} ({found.sentence}): {why}")
+        if not self._approved(
+            record, found.name, found.sentence, proposal.reflection(self.prompts, catalog, found, wish), refused
+        ):
             return None
         if wish.long:
             made, _ = self.talk.ask(decomposition.decomposition(self.prompts, catalog, found, self.name))
@@ -227,6 +226,18 @@ class LLMDesigner:
         self._skills[found.task.name] = found.strategies
         return self._as_code(found.task, brief) if self.asking.code else found.task
 
+    def _approved(
+        self, record: ConversationRecord, name: str, sentence: str, ask: Ask[tuple[bool, str]], refused: list[str]
+    ) -> bool:
+        """Return whether the model's own reflection accepts a proposal; a rejected one is recorded and added to
+        ``refused``.
+        """
+        (good, why), _ = self.talk.ask(ask)
+        if not good:
+            self.talk.log.settle(record, name, "refused", why)
+            refused.append(f"{name} ({sentence}): {why}")
+        return good
+
     def _whole(self, brief: Brief, catalog: Catalog, wish: Wish, number: int, refused: list[str]) -> TaskSpec | None:
         good = [load_task(name) for name in self.prompts.good_tasks(long=True)]
         found, record = self.talk.ask(free.whole_task(self.prompts, catalog, good, wish, refused, number, self.name))
@@ -236,10 +247,7 @@ class LLMDesigner:
         about = proposal.reflection_on(
             self.prompts, catalog.about(*classes), free.as_answer(task), task.name, long=True
         )
-        (good_one, why), _ = self.talk.ask(about)
-        if not good_one:
-            self.talk.log.settle(record, task.name, "refused", why)
-            refused.append(f"{task.name} ({task.description}): {why}")
+        if not self._approved(record, task.name, task.description, about, refused):
             return None
         self._sentences[task.name] = found.sentences
         return self._as_code(task, brief) if self.asking.code else task

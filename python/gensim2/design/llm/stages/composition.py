@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gensim2.design.base import Known
-from gensim2.design.llm.catalog import Catalog, name_of, sentence_of
+from gensim2.design.llm.catalog import NAMED_SCHEMA, Catalog, name_of, sentence_of
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import Data
 from gensim2.design.llm.specs import criterion, long_task, roles_of
@@ -25,9 +25,7 @@ PLACE = "place"
 SCHEMA: dict[str, Any] = {
     "type": "object",
     "properties": {
-        "reasoning": {"type": "string"},
-        "task-name": {"type": "string"},
-        "task-description": {"type": "string"},
+        **NAMED_SCHEMA,
         "steps": {
             "type": "array",
             "items": {

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from gensim2.core.validation import input_error
-from gensim2.design.llm.catalog import Catalog, name_of, sentence_of
+from gensim2.design.llm.catalog import NAMED_SCHEMA, Catalog, name_of, sentence_of
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import Data
 from gensim2.design.llm.specs import STEPS_A_STEP
@@ -35,9 +35,7 @@ _CRITERIA = {
 SCHEMA: dict[str, Any] = {
     "type": "object",
     "properties": {
-        "reasoning": {"type": "string"},
-        "task-name": {"type": "string"},
-        "task-description": {"type": "string"},
+        **NAMED_SCHEMA,
         "objects": {"type": "object", "additionalProperties": {"type": "object"}},
         "steps": {
             "type": "array",

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gensim2.design.llm.catalog import Catalog, name_of, sentence_of
+from gensim2.design.llm.catalog import NAMED_SCHEMA, Catalog, name_of, sentence_of
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import Data
 from gensim2.design.llm.specs import CRITERIA, single_step
@@ -28,9 +28,7 @@ KEYS = ("task-name", "task-description", "assets-used", "success-criteria")
 SCHEMA: dict[str, Any] = {
     "type": "object",
     "properties": {
-        "reasoning": {"type": "string"},
-        "task-name": {"type": "string"},
-        "task-description": {"type": "string"},
+        **NAMED_SCHEMA,
         "assets-used": {"type": "array", "items": {"type": "string"}},
         "success-criteria": {"type": "array", "items": {"type": "string", "enum": list(CRITERIA)}},
     },
