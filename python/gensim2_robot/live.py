@@ -84,7 +84,7 @@ class LivePage:
             for name, size in (("/cloud", CLOUD_POINT), ("/next", NEXT_POINT))
         )
         self._stand(np.array(profile.reset_qpos))
-        self._said = add_text(server, "nothing yet")
+        self._said = add_text(server, "Waiting for data")
         self._state: ArmState | None = None
         self._answer: ControllerAnswer | None = None
         self._watch, self._clocks = "idle", ""
@@ -126,8 +126,8 @@ class LivePage:
         self._watch = f"{state}: {reason}"
 
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        pictures = ", ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())
-        self._clocks = f"period {1e3 * late:.1f} ms late; pictures: {pictures}"
+        images = ", ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())
+        self._clocks = f"Control period: {1e3 * late:.1f} ms late. Age of the images: {images}"
 
     def frame(self, frame: CameraFrame) -> None:
         """Do nothing, because the page shows images as point clouds."""
@@ -177,12 +177,13 @@ class LivePage:
         return np.array(found, dtype=np.float32).reshape(-1, 3)
 
     def _words(self, state: ArmState | None, answer: ControllerAnswer | None) -> list[str]:
-        lines = [f"watch {self._watch}"]
+        lines = [f"Watchdog: {self._watch}"]
         if state is not None:
-            lines.append(f"arm {state.mode}, {state.force:.0f} N")
+            lines.append(f"Arm: {state.mode}, external force {state.force:.0f} N")
         if answer is not None:
-            cloud = "no cloud" if answer.cloud_ms is None else f"cloud {answer.cloud_ms:.0f} ms after its pictures"
-            lines.append(f"{cloud}, controller {answer.acting_ms:.0f} ms, {len(answer.actions)} actions")
+            if answer.cloud_ms is not None:
+                lines.append(f"Point cloud: ready {answer.cloud_ms:.0f} ms after its images")
+            lines.append(f"Controller: {len(answer.actions)} actions, computed in {answer.acting_ms:.0f} ms")
         return [*lines, self._clocks]
 
 

@@ -49,6 +49,7 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
     model = _load("yourdfpy").URDF.load(str(profile.urdf))
     server = viser.ViserServer(host=host, port=port, verbose=False)
     server.scene.set_up_direction("+z")
+    server.initial_camera.position, server.initial_camera.look_at = (1.5, -1.0, 0.9), (0.4, 0.0, 0.2)
     arm = extras.ViserUrdf(server, model, root_node_name="/arm")
     riding = _draw_scene(server, scene)
     draw_plans(server, {"plan": plan}, profile)
@@ -121,7 +122,7 @@ def _draw_scene(server: Any, scene: Scene) -> Any:
             label = key.removeprefix("articulated_object_").removeprefix("rigidbody_object_")
             server.scene.add_icosphere(f"/keypoints/{name}/{key}", 0.008, color=(220, 40, 40), position=place)
             labels.append((f"{name} {label}", np.asarray(place)))
-    _add_labels(server, "/keypoints/labels", labels)
+    _add_labels(server, "/keypoints/labels", labels, anchor="top-left")
     return riding
 
 
@@ -157,11 +158,14 @@ def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfil
                     (40, 90, 220),
                     thickness=0.003,
                 )
-    _add_labels(server, "/plan/labels", labels)
+    _add_labels(server, "/plan/labels", labels, anchor="bottom-right")
 
 
-def _add_labels(server: Any, name: str, labels: Sequence[tuple[str, Array]]) -> None:
-    """Add text labels. Labels closer than ``APART`` are merged, so that none covers another."""
+def _add_labels(server: Any, name: str, labels: Sequence[tuple[str, Array]], *, anchor: str) -> None:
+    """Add text labels whose corner ``anchor`` is at the labelled point. Labels closer than ``APART`` are merged.
+
+    Keypoints and keyframes have opposite anchors, so that no label covers a label of the other kind.
+    """
     groups: list[tuple[list[str], Array]] = []
     for text, place in labels:
         near = next((texts for texts, first in groups if np.linalg.norm(first - place) < APART), None)
@@ -170,4 +174,4 @@ def _add_labels(server: Any, name: str, labels: Sequence[tuple[str, Array]]) -> 
         else:
             near.append(text)
     for number, (texts, place) in enumerate(groups):
-        server.scene.add_label(f"{name}/{number}", ", ".join(texts), position=place)
+        server.scene.add_label(f"{name}/{number}", ", ".join(texts), position=place, anchor=anchor)
