@@ -18,11 +18,11 @@ _STATES = 200
 
 
 class LimitedArm:
-    """Arm whose commands all pass through :func:`~gensim2_robot.limits.limit`; no other code sends to the driver.
+    """Arm whose commands are all checked by :func:`~gensim2_robot.limits.limit` before the driver gets them.
 
     Args:
         driver: driver of the arm.
-        limits: limits that every command keeps.
+        limits: limits of every command.
 
     Attributes:
         clips: number of commands that each limit has changed, by the name of the limit.
@@ -95,7 +95,8 @@ class LimitedArm:
         return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """Send the next command of the checked stop; once the arm is at rest, repeat the last position.
+        """Send the next command of the stop that the limits have already checked; once the arm is at rest, repeat its
+        last position.
 
         Raises:
             RefusedError: the contact force is too large; nothing is sent.
@@ -144,10 +145,11 @@ class Streamer:
     The arm therefore stops by itself if no more targets arrive. New targets extend the motion.
 
     Args:
-        limits: joint limits of the motion. Limits of the tool and the workspace are checked for each command instead.
+        limits: joint limits of the motion. Limits of the tool and of the workspace are not part of this motion; they
+            are checked for each command.
 
     Attributes:
-        late: number of targets that were dropped because they arrived after the time at which they were due.
+        late: number of targets that were dropped because they arrived too late.
     """
 
     def __init__(self, limits: ArmLimits) -> None:
@@ -204,11 +206,11 @@ class Streamer:
                 found = self._motion.splice(found, now).since(now - _KEPT)
             self._motion = found
         except kpam.KpamError:
-            return False  # the current motion comes to rest, and the next targets start there
+            return False  # The current motion ends at rest; the next targets start from its end.
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:
-        """Return the displacement (m,) over which the arm stops from a velocity, clipped to the joint range."""
+        """Return the braking distance (m,) of each joint from a velocity, clipped to the joint range."""
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
         room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)
@@ -221,11 +223,13 @@ class Streamer:
         return sent.q, sent.v, sent.a
 
     def follows(self, sent: Sent, now: float) -> bool:
-        """Return whether the last command lies on the motion."""
+        """Return whether the last command is a sample of the planned motion."""
         return self._motion is not None and bool(np.abs(self._motion.sample(now)[0] - sent.q).max() <= _SAME)
 
     def brake(self, now: float) -> float:
-        """Drop the targets, replace the motion by the fastest stop along its path, and return the stop's seconds."""
+        """Drop the targets, replace the motion by the fastest stop along its path, and return the duration of the stop
+        in seconds.
+        """
         self._ahead = []
         if self._motion is None:
             return 0.0

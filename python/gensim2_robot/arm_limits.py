@@ -42,7 +42,7 @@ class Braking:
         return self._root(self.upper - q), self._root(q - self.lower)
 
     def ahead(self, seconds: float) -> Braking:
-        """Return stricter limits, such that a joint that keeps them now keeps the original limits ``seconds`` later.
+        """Return stricter limits: a joint within these limits now is within the original limits ``seconds`` later.
 
         Solving ``v = -offset + sqrt(gain (room - v seconds))`` for v gives limits of the same form.
         """
@@ -51,7 +51,9 @@ class Braking:
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """Return the lower and upper positions (m,), rad, up to which a joint may move outwards at ``0.1 * offset``."""
+        """Return the lower and upper positions (m,), rad, at which the velocity limit towards the end of the range is
+        ``0.1 * offset``.
+        """
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
 
@@ -122,8 +124,8 @@ class ArmLimits:
         force: maximum contact force on the arm, N.
         leash: maximum distance (rad or m) between a target and the measured arm, so that a blocked arm does not press
             harder and harder. A contact force reduces this distance.
-        jump: maximum distance (rad or m) of an episode's first target from the arm's position, and of any target from
-            the joint range.
+        jump: maximum distance, rad or m, between an episode's first target and the arm, and between any target and the
+            joint range.
     """
 
     profile: RobotProfile
@@ -205,7 +207,9 @@ class ArmLimits:
         )
 
     def leash_under(self, force: float) -> float:
-        """Return the leash (rad or m) under a contact force (N), which decreases to 0 at the force limit."""
+        """Return the maximum distance (rad or m) between target and measured arm at a contact force (N); 0 at the force
+        limit.
+        """
         return self.leash * (1.0 - force / self.force)
 
     def fastest_from(self, q: Array) -> tuple[Array, Array]:
@@ -216,11 +220,11 @@ class ArmLimits:
         return np.minimum(up, self.velocity), np.minimum(down, self.velocity)
 
     def brakes(self, q: Array, v: Array, slack: float) -> bool:
-        """Return whether commands keep the velocity limits of ``braking``.
+        """Return whether commands respect the velocity limits of ``braking``.
 
         Args:
             q, v: (N, m) or (m,) positions and velocities of the commands.
-            slack: tolerance for rounding errors, as a fraction of the limit and in rad/s.
+            slack: tolerance for rounding errors: this fraction of the limit, plus this value in rad/s.
         """
         if self.braking is None:
             return True
@@ -255,7 +259,9 @@ class ArmLimits:
         return joints
 
     def whole(self, arm: Array) -> Array:
-        """Return all active joints (N, n) for arm joints (N, m); open fingers, because they need the most space."""
+        """Return the positions of all active joints (N, n) for arm positions (N, m). The fingers are open, which needs
+        the most space.
+        """
         rows = np.tile(self._open, (len(arm), 1))
         rows[:, list(self.profile.arm_columns)] = arm
         return rows

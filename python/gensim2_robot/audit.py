@@ -1,4 +1,6 @@
-"""Check sent commands without the code of the limits: by finite differences and the ray caster's kinematics."""
+"""Check sent commands independently of the code that limits them, by finite differences and the ray caster's
+kinematics.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ BLOCK = 5000
 
 
 def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
-    """Return the number of commands that exceed a limit; commands (m,) are one cycle apart and start at rest."""
+    """Return the number of commands (m,) that exceed a limit. Successive commands are one cycle apart; the first one is
+    at rest.
+    """
     if not commands:
         return 0
     q = np.array(commands)

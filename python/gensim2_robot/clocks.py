@@ -49,7 +49,8 @@ class MachineClock:
         """Give this thread priority over other threads within the block.
 
         The thread gets real-time priority if the operating system permits it (``ulimit -r``). Other Python threads
-        yield after a shorter time, and the garbage collector skips existing objects; scanning them takes 0.1 s.
+        yield after a shorter time. The garbage collector skips the objects that exist already, because scanning them
+        would take 0.1 s.
 
         Yields:
             The scheduling policy: ``fifo``, or ``other`` without real-time priority.

@@ -34,9 +34,10 @@ class CameraSource:
     """Kind of the cameras, and the devices or files that images come from.
 
     Attributes:
-        kind: ``simulated``: ray casting; ``software``: ray casting, passed through software devices of
-            ``pyrealsense2``; ``recording``: recordings of RealSense devices, or logs of a run; ``realsense``: cameras.
-        devices: by camera name, the recording, log folder or serial number; empty for simulated cameras.
+        kind: ``simulated`` for ray casting, ``software`` for ray casting whose images pass through software devices of
+            ``pyrealsense2``, ``recording`` for recordings of RealSense devices or logs of a run, ``realsense`` for real
+            cameras.
+        devices: recording, log folder or serial number of each camera, by camera name; empty for simulated cameras.
     """
 
     kind: CameraKind

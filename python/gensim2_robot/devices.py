@@ -34,8 +34,8 @@ class ArmState:
         v: (n,) velocities, rad/s or m/s.
         force: contact force, N.
         mode: ``"reflex"`` if the arm's own safety function has stopped it, ``"refusing"`` if it accepts no commands, or
-            ``"at-limit"`` if a limit of the arm itself keeps it from the target.
-        reason: reason for the mode from the arm's library; may be empty.
+            ``"at-limit"`` if one of the arm's own limits prevents it from reaching the target.
+        reason: reason for the mode, as reported by the arm's library; may be empty.
     """
 
     time: float
@@ -140,7 +140,7 @@ class Keys:
 
     @contextlib.contextmanager
     def let_go(self) -> Iterator[None]:
-        """Restore the terminal's normal mode within the block, so that a person can enter lines."""
+        """Restore the terminal's line mode within the block, so that a person can enter lines."""
         if not self._there:
             yield
             return

@@ -104,7 +104,7 @@ class _Film:
         self.times: list[float] = []
         self._cameras: tuple[CameraRecord, ...] = ()
         self._seen: set[str] = set()
-        self._last = ""  # camera whose picture completes a frame
+        self._last = ""  # name of the camera whose image is the last one of a video frame
 
     def look(self, message: AnyMessage) -> None:
         """Process a message in the first pass over the log, which collects times, states and cameras."""
@@ -119,7 +119,7 @@ class _Film:
                 self.times.append(message.captured)
 
     def frames(self, folder: Path) -> Iterator[Frame]:
-        """Yield the video frame for each of ``times`` in a second pass over the log."""
+        """Yield the video frame for each time in ``self.times``, in a second pass over the log."""
         pictures: dict[str, Frame] = {}
         watch, rest = "", iter(self.times)
         due = next(rest)
@@ -265,7 +265,8 @@ def _cloud(cloud: npt.NDArray[Any]) -> dict[str, Any]:
     """Return a cloud (N, 6), positions (m, base frame) and colours (0 to 1), as a Foxglove PointCloud."""
     packed = np.zeros(len(cloud), dtype=[("xyz", "<f4", 3), ("rgba", "u1", 4)])
     packed["xyz"], packed["rgba"] = cloud[:, :3], np.c_[255 * cloud[:, 3:6], np.full(len(cloud), 255)]
-    names = {"x": 7, "y": 7, "z": 7, "red": 1, "green": 1, "blue": 1, "alpha": 1}  # FLOAT32 and UINT8
+    # In Foxglove's numeric types, 7 is FLOAT32 and 1 is UINT8.
+    names = {"x": 7, "y": 7, "z": 7, "red": 1, "green": 1, "blue": 1, "alpha": 1}
     offsets = (0, 4, 8, 12, 13, 14, 15)
     fields = [
         {"name": name, "offset": offset, "type": kind}

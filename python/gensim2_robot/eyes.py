@@ -57,7 +57,7 @@ class OwnPoints:
         self._casters = {camera.name: Caster(solids, [camera]) for camera in self._cameras}
         rest = self._tree.poses(np.eye(4)[None], np.array(profile.reset_qpos)[None])[0][self._shown]
         for caster in self._casters.values():
-            caster.cast(rest)  # the first call is slow
+            caster.cast(rest)  # The first call is slow, so it is made before the loop starts.
         hanging = {profile.hand_link}
         for name, parent in zip(self._tree.names, self._tree.parents, strict=True):
             if parent >= 0 and self._tree.names[parent] in hanging:
@@ -102,7 +102,9 @@ class OwnPoints:
 def _require_robot(
     camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
 ) -> None:
-    """Raise an error if an image measures points behind the robot; objects in front of the robot are allowed."""
+    """Raise an error if measured points lie behind the robot's surface, where the robot would hide them. Objects in
+    front of the robot are allowed.
+    """
     covered = (ids > 0) & (depth > 0)
     count = int(covered.sum())
     if count < THROUGH_PIXELS * depth.size:
@@ -139,13 +141,15 @@ PIXELS = 320 * 240
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """Return a camera with only every n-th row and column of pixels, but at least ``pixels`` pixels, and return n."""
+    """Return a camera with every n-th row and column of pixels, and n, the largest value that keeps at least ``pixels``
+    pixels.
+    """
     step = max(1, int((camera.width * camera.height / pixels) ** 0.5))
     if step == 1:
         return camera, 1
     intrinsic = camera.intrinsic.copy()
     intrinsic[:2] /= step
-    intrinsic[:2, 2] += 0.5 - 0.5 / step  # pixel centres are at .5
+    intrinsic[:2, 2] += 0.5 - 0.5 / step  # Pixel centres are at half integers.
     width, height = -(-camera.width // step), -(-camera.height // step)
     return replace(camera, width=width, height=height, intrinsic=intrinsic), step
 
@@ -156,7 +160,7 @@ class SensorSnapshot:
 
     Attributes:
         step: number of control steps since the start of the episode.
-        q, v: (n,) positions and velocities of all active joints, in rad or m, and s.
+        q, v: (n,) positions, rad or m, and velocities, rad/s or m/s, of all active joints.
         gripper: last gripper command, -1 to 1.
         frames: one image of each camera.
         posed: (n,) joints at the time of each image, by camera name.

@@ -72,7 +72,8 @@ class Fault:
 
 
 class FullDisk:
-    """A simulated disk that can become full. After that, one write fails, and only the log's reserved space remains.
+    """A simulated disk that can become full. On a full disk one write fails; then only the space that the log has
+    reserved is available.
 
     Attributes:
         full: whether the disk is full.
@@ -87,7 +88,7 @@ class FullDisk:
         return cast(BinaryIO, _FileOnFullDisk(self, path))
 
     def take(self, size: int) -> None:
-        """Allocate ``size`` bytes on this disk.
+        """Use ``size`` bytes of the simulated disk.
 
         Raises:
             OSError: the disk is full.

@@ -1,7 +1,7 @@
 """Fit depth noise to recordings of fixed cameras in front of a static scene.
 
-Differences between images of the same scene are noise. The width of the stereo matching window (fattening) and constant
-errors cannot be estimated without the true depth; these parameters keep the given values.
+Differences between images of the same scene are noise. The width of the stereo matching window and a constant depth
+error cannot be estimated without the true depth; these parameters keep the given values.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
     Args:
         log: folder of the log.
         out: file to write.
-        base: noise parameters that supply the values that cannot be estimated, and the stereo pair's geometry.
+        base: noise parameters with the geometry of the stereo pair, and with values for the parameters that cannot be
+            estimated.
 
     Returns:
         Plain data: the parameters, and the number of pixels from which each one was estimated.
@@ -100,7 +101,7 @@ def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[
     told: dict[str, int] = {}
 
     def tell(name: str, pairs: Sequence[tuple[float, int]]) -> None:
-        """Store the mean of a parameter over recordings, weighted by their numbers of pixels."""
+        """Store the mean of a parameter over recordings, weighted by the number of pixels of each recording."""
         count = sum(each for _, each in pairs)
         if count >= TOLD:
             found[name], told[name] = float(sum(value * each for value, each in pairs) / count), count
@@ -171,7 +172,9 @@ class _Part:
         return float(np.sqrt(max(float(np.mean(variance)), 0.0))), int(which.sum())
 
     def correlation(self) -> tuple[float, int]:
-        """Return the standard deviation of the Gaussian that correlates neighbouring errors, pixels."""
+        """Return the standard deviation (pixels) of the Gaussian blur that correlates neighbouring errors, and the
+        number of pixels used.
+        """
         error, which = self._error, self.plain & (self._share > 0.5)
         if not which.any():
             return 0.0, 0
@@ -195,19 +198,24 @@ class _Part:
         return (float(1.0 - self._share[mask].mean()) if mask.any() else 0.0), int(mask.sum())
 
     def mixed(self) -> tuple[float, int]:
-        """Return the fraction of measurements at edges whose depth lies between both sides of the edge."""
+        """Return the fraction of edge pixels with a measured depth between the depths of both sides of the edge, and
+        the number of pixels used.
+        """
         if not self.edges.any():
             return 0.0, 0
         near, far = (each[self.edges] for each in _window(self._median, 1))
         depths = self._depths[:, self.edges]
         room = np.minimum(0.2 * (far - near), 0.02)
         between = (depths > near + room) & (depths < far - room)
-        # Uniformly distributed mixed depths can be told from both sides of the edge only in this fraction of cases.
+        # If mixed depths are uniformly distributed, only this fraction of them differs enough from both sides of the
+        # edge to be detected.
         shows = (far - near - 2.0 * room) / (far - near)
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 
     def shadowed(self) -> tuple[float, int]:
-        """Return the fraction of pixels in the stereo shadow that are never measured."""
+        """Return the fraction of pixels beside an edge, hidden from one camera of the stereo pair, that have no
+        measured depth, and the number of pixels used.
+        """
         filled = self._median.copy()
         for row in filled:
             there = np.flatnonzero(row)

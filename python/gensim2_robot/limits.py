@@ -1,9 +1,9 @@
 """Check and limit every command to an arm.
 
 For every command, a complete stop from this command is computed and checked: positions, velocities, accelerations,
-jerks, speed and workspace of the tool, and distances of the robot from itself and the table. If the check fails, the
-next command of the last checked stop is sent instead, possibly mixed with the request. So no request can make the arm
-exceed a limit.
+jerks, speed and workspace of the tool, and distances between the robot's links and to the table. If the check fails,
+the next command of the last checked stop is sent instead, or an interpolation between this command and the request that
+passes the check. So no request can make the arm exceed a limit.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Commands:
 
 @cache
 def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
-    """Return acceleration profiles over ``count`` cycles for a stop, and the sums of the profiles.
+    """Return acceleration profiles of stops that last ``count`` cycles, each with its sums.
 
     The first kind of profile decays linearly to zero; the second kind is a trapezoid that ends at zero.
     """
@@ -87,7 +87,7 @@ def quickest_stop(q: Array, v: Array, a: Array, limits: ArmLimits) -> Commands |
             if (np.abs(rates) > most_a).any() or (np.abs(np.diff(rates, axis=0, prepend=a[None])) > most_j).any():
                 continue
             speeds = v + CYCLE * np.cumsum(rates, axis=0)
-            speeds[-1] = 0.0  # 0 up to rounding
+            speeds[-1] = 0.0  # The last speed is zero except for rounding errors.
             if (np.abs(speeds) > most_v).any():
                 continue
             places = q + CYCLE * np.cumsum(speeds, axis=0)
@@ -152,7 +152,7 @@ def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
     if not ((tool >= limits.low) & (tool <= limits.high)).all():
         raise RefusedError(f"the tool is at {np.round(tool, 3).tolist()}, outside the workspace")
     if not limits.is_clear(here[None]):
-        raise RefusedError(f"the robot is closer than {limits.clearance} m to itself or to the table")
+        raise RefusedError(f"two links of the robot, or the robot and the table, are closer than {limits.clearance} m")
     return Sent(here, np.zeros(limits.size), np.zeros(limits.size), Commands.none(limits.size))
 
 
@@ -256,7 +256,8 @@ def halt(sent: Sent) -> Sent:
         sent: the last command.
 
     Returns:
-        The command 10 ms after ``sent``, with empty ``clips``. After the end of the stop, a command to stay in place.
+        The command 10 ms after ``sent``, with empty ``clips``. Once the arm is at rest, the command repeats its
+        position.
     """
     if not len(sent.stop):
         standing = np.zeros_like(sent.v)
@@ -274,7 +275,9 @@ def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
 
 
 def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]) -> Array:
-    """Return the acceleration (m,) for the next cycle, towards the target but small enough that a stop is possible."""
+    """Return the acceleration (m,) of the next cycle. It leads towards the target and still permits a stop within the
+    limits.
+    """
     inside = np.clip(wanted, limits.lower, limits.upper)
     if (inside != wanted).any():
         clips.append("position")

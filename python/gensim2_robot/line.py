@@ -46,7 +46,7 @@ class Mind(Protocol):
     """Interface of a connection to a controller, whose methods never block."""
 
     def send(self, message: Begin | Question) -> None:
-        """Send a message or a request."""
+        """Send the start of an episode or a request for actions."""
         ...
 
     def poll(self) -> Sequence[ControllerAnswer]:
@@ -78,7 +78,7 @@ class LoopFigures:
 
     Attributes:
         periods: durations of the periods.
-        late: delays of the starts of periods.
+        late: delay of each period's start.
         commands_late: delays of sent commands.
         picture_age_ms: for each request, the age of the newest image when the point cloud is computed.
         encoding_ms: times for computing a point cloud from images.
@@ -102,14 +102,16 @@ class LoopFigures:
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return by how many cycles (-1, 0 or 1) to change a period, so that requests follow the arrival of images.
 
-    Periods become shorter or longer, whichever needs fewer changes, but shorter if images would otherwise be too old.
+    The function chooses between shorter and longer periods by the number of changes; it chooses shorter periods if
+    images would otherwise be too old.
 
     Args:
         waited: number of cycles from the arrival of the newest complete set of images to a request.
         latency: delay of an image, s.
         max_age: maximum age of an image at a request, s.
     """
-    if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # in time, or too few images to follow
+    # The requests are in time, or images are too rare to follow them.
+    if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:
         return 0
     too_old = latency + PERIOD + 2 * CYCLE > max_age
     return -1 if too_old or waited <= PERIOD_CYCLES // 2 else 1
@@ -130,9 +132,9 @@ class Line:
     Attributes:
         pace: control steps per second.
         commands: if set, a list that gets every command.
-        in_phase: whether requests already follow soon after the arrival of images.
-        stopped_ms, standing_ms: time from the event that held or stopped the arm to the last moving command, and to the
-            measured standstill; None before such an event.
+        in_phase: whether the period has been shifted such that requests follow soon after the arrival of images.
+        stopped_ms, standing_ms: time from the event that held or stopped the arm to the last moving command
+            (``stopped_ms``) and to the measured standstill (``standing_ms``); None before such an event.
     """
 
     def __init__(
@@ -214,7 +216,7 @@ class Line:
             self._mind.send(Begin(self._seed))
         self._streamer.clear()
         self._due, self._open, self._grips = now + LEAD, None, []
-        self._grip = self.arm.gripper  # drop the gripper commands of dropped actions
+        self._grip = self.arm.gripper  # Gripper commands of the dropped actions are not sent.
         self.stopped_ms = self.standing_ms = None
 
     def pause(self) -> None:
@@ -223,7 +225,9 @@ class Line:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Request actions again. Control steps of the pause count, so that the controller drops outdated actions."""
+        """Request actions again after a pause. The number of control steps includes the pause, so that the controller
+        drops outdated actions.
+        """
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
             self._paused_at = None
@@ -406,7 +410,9 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Return a braking command along the planned path, or if that is left or too slow, from the checked stop."""
+        """Return the next braking command along the planned path. If the arm is no longer on the path, or braking along
+        it is too slow, return the next command of the checked stop.
+        """
         if not self._braking:
             self._braking = True
             self._on_path = (

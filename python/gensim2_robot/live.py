@@ -167,7 +167,9 @@ class LivePage:
             _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
 
     def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Return tool positions (k, 3), m, at actions (k, m + 1); other joints have the values of ``q`` (n,)."""
+        """Return the tool positions (k, 3), m, that actions (k, m + 1) lead to; joints without an action keep their
+        positions in ``q`` (n,).
+        """
         found = []
         for action in actions[np.isfinite(actions).all(axis=1)] if actions.ndim == 2 else ():
             if len(action) == self._profile.action_size:

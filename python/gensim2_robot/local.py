@@ -25,7 +25,7 @@ class LocalArm:
     """Simulated arm that runs in this process with a simulated clock.
 
     Attributes:
-        goal, at_rest: whether, at the last check, the goal was reached and the scene was at rest.
+        goal: whether the goal was reached at the last check. at_rest: whether the scene was at rest at the last check.
     """
 
     def __init__(self, world: SimulatedWorld, clock: SimulatedClock) -> None:
@@ -132,7 +132,7 @@ class LocalMind:
         interrupted: list of received stop signals; the first signal ends all waiting.
 
     Raises:
-        GenSim2Error: a stop signal arrived before the controller was created or answered.
+        GenSim2Error: a stop signal arrived before the controller was created, or before its answer.
     """
 
     def __init__(

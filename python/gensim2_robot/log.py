@@ -2,7 +2,7 @@
 
 At a given size a file is closed and a new file is started; at the size limit of the folder the oldest files are
 removed. The files stay readable after any failure: space for closing a file is reserved in an unnamed file, so a full
-disk ends the log without damage, and a killed run leaves no other files.
+disk ends the log without damage, and a killed run leaves no temporary file.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Journal(Protocol):
 
 
 class Journals:
-    """Passes data on to any number of logs. It fails as soon as one of them fails.
+    """Passes data on to several logs. If one log fails, the call raises its error.
 
     Args:
         several: logs, which get the data in this order.

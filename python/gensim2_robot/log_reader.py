@@ -290,7 +290,8 @@ def replay(folder: Path) -> LogReplay:
 
 class _Replayed:
     def __init__(self) -> None:
-        self._eyes: list[Eyes] = []  # first without cameras, then with them
+        # An Eyes object without cameras is made first, and replaced once the log's cameras are known.
+        self._eyes: list[Eyes] = []
         self._joints = 0
         self._frames: dict[str, dict[int, CameraFrame]] = {}
         self._asked: dict[int, QuestionMessage] = {}

@@ -1,4 +1,6 @@
-"""Run a controller for the control loop, with the rollout loop of simulation; action chunks answer requests."""
+"""Run a controller in the rollout loop of the simulation and connect it to the control loop, which requests chunks of
+actions.
+"""
 
 from __future__ import annotations
 
@@ -116,7 +118,8 @@ class _OverError(GenSim2Error):
 
 
 class LineBody:
-    """Adapter from the rollout loop to the control loop: observing waits for a request, and steps collect its actions.
+    """Adapter between the rollout loop and the control loop: ``observe`` waits for a request, and ``step`` collects the
+    actions of its answer.
 
     Args:
         spec: description of the controller.
@@ -131,7 +134,7 @@ class LineBody:
         next: message that ended the episode.
     """
 
-    waits = True  # the control loop measures the delay itself
+    waits = True  # The rollout loop needs no clock here, because the control loop measures delays.
 
     def __init__(
         self,
@@ -266,7 +269,7 @@ def think(
     Args:
         spec: description of the controller.
         receive: function that waits for :class:`Begin`, :class:`Question`, or None.
-        send: function that gets ``"ready"`` once, then answers.
+        send: function that is called with ``"ready"`` once, and then with each answer.
         now: function that returns the time of the control loop's clock, s.
         truth: true state of the scene, for privileged controllers.
     """
@@ -292,7 +295,7 @@ def think(
             except GenSim2Error as error:
                 whose = "" if isinstance(error, CameraPoseError) else "the controller failed: "
                 body.answer(error=f"{whose}{error}")
-        elif isinstance(message, Question):  # for an episode that has ended
+        elif isinstance(message, Question):  # A request of an episode that has ended gets no answer.
             send(ControllerAnswer(message.number, np.empty((0, profile.action_size), dtype=np.float32), done=True))
         elif isinstance(message, str):
             body.fail(message)

@@ -116,7 +116,7 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     made = controller.make(given.spec, profile)
     seen, privileged = spec_of(made), is_privileged(made)
     if isinstance(made, RemoteController):
-        made.close()  # the controller's process connects again
+        made.close()  # This connection was only a check; the controller's process opens its own.
     if privileged and not config.is_simulated:
         raise InputError("needs the true state of the scene, which only a simulation has", field=controller.target)
     if seen.is_privileged:
@@ -145,7 +145,7 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
                 )
     calibration = None
     if config.calibration is not None:
-        asked = cameras if source.is_rendered else ()  # real cameras report their size when opened
+        asked = cameras if source.is_rendered else ()  # Real cameras report their image size when they are opened.
         calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
     elif not source.is_rendered and not config.dry:
         raise InputError(
@@ -263,7 +263,7 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
 
     Args:
         prepared: checked inputs.
-        believed: cameras of the loop with the poses that the loop assumes.
+        believed: cameras of the loop with their calibrated poses, which can differ from the true poses in simulation.
     """
     config, given, controller = prepared.config, prepared.given, prepared.controller
     try:
@@ -357,7 +357,9 @@ def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: Min
 
 @contextlib.contextmanager
 def interruptions() -> Iterator[list[int]]:
-    """Collect stop signals in a list and yield the list, so that the arm can stop before the signals take effect."""
+    """Collect stop signals (Ctrl-C, SIGTERM) in a list and yield the list, so that the program can stop the arm before
+    it ends.
+    """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield came

@@ -36,7 +36,8 @@ class DeviceGoneError(GenSim2Error):
 
 
 class MessagePipe:
-    """One end of a pipe, with methods that never block; the other end may be a plain ``Connection``.
+    """One end of a pipe, with methods that never block. The other end may be a plain ``multiprocessing``
+    ``Connection``.
 
     The methods of a ``Connection`` wait forever if the other process is suspended: ``send`` when the kernel's buffer is
     full, ``recv`` in the middle of a message.
@@ -149,7 +150,9 @@ class Room:
 
 @dataclass(frozen=True)
 class SharedPicture:
-    """Reference to an image in a slot, valid until the slot is returned; other fields as in :class:`CameraFrame`."""
+    """Reference to an image in a slot of shared memory. It is valid until the slot is returned. The other fields are
+    the same as in :class:`CameraFrame`.
+    """
 
     camera: str
     slot: int
@@ -161,10 +164,10 @@ class SharedPicture:
 class PictureSlots:
     """Access of one process to shared memory with a slot for each image.
 
-    A slot belongs to one process at a time: to the reader from the message about a new image until the reader returns
-    the slot, otherwise to the writer. The creator sends the memory's name to the other process. Once both processes
-    have opened the memory, the name is removed, so the memory is freed when both processes have ended, even if they
-    were killed.
+    A slot belongs to one process at a time. The reader owns a slot after the message about a new image until it returns
+    the slot; at all other times the writer owns the slot. The creator sends the memory's name to the other process.
+    Once both processes have opened the memory, the name is removed, so the memory is freed when both processes have
+    ended, even if they were killed.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:
@@ -183,7 +186,9 @@ class PictureSlots:
 
     @classmethod
     def make(cls, cameras: Sequence[Camera]) -> tuple[PictureSlots, Room]:
-        """Create shared memory; return the access to it, and the description with which another process can open it."""
+        """Create shared memory. Return this process's access, and a description with which another process can open the
+        same memory.
+        """
         memory = SharedMemory(create=True, size=max(1, SLOTS * sum(map(_bytes, cameras))))
         return cls(cameras, memory), Room(tuple(cameras), memory.name)
 

@@ -60,7 +60,8 @@ class DeviceProcess:
     """
 
     def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:
-        _CONTEXT.set_forkserver_preload(list(PRELOAD))  # only has an effect before the first process
+        # A preload list set after the start of the first process has no effect.
+        _CONTEXT.set_forkserver_preload(list(PRELOAD))
         ours, theirs = Pipe()
         self.pipe = MessagePipe(ours, what)
         self._process: BaseProcess = _CONTEXT.Process(
@@ -324,8 +325,9 @@ def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> N
 
     def send(message: Any) -> None:
         if message == "ready":
-            gc.freeze()  # after the controller was created
-            if usable_cores() > 1:  # on one core it would block the others
+            gc.freeze()  # The controller exists now, so the garbage collector can skip its objects.
+            # On a single core, a process with real-time priority would block the other processes.
+            if usable_cores() > 1:
                 schedule_first(CONTROLLER_PRIORITY)
         pipe.send(message)
 

@@ -34,7 +34,7 @@ class HaltedError(GenSim2Error):
 
 
 class GivenActions:
-    """Connection to a controller whose actions another program sets; each set action answers one request."""
+    """Connection to a controller whose actions come from another program. Each action answers one request."""
 
     is_alive = True
     is_ready = True

@@ -97,7 +97,7 @@ def _serve(pipe: Connection, make: Callable[..., Any], *arguments: Any) -> None:
         driver = make(*arguments)
     except GenSim2Error:
         raise
-    except Exception as error:  # libraries raise any exception
+    except Exception as error:  # The arm's library can raise exceptions of any type.
         raise DeviceGoneError(f"the cameras cannot be opened: {type(error).__name__}: {error}") from error
     try:
         slots, room = PictureSlots.make(driver.cameras)
@@ -205,7 +205,9 @@ def logged_cameras(source: CameraSource, cameras: Sequence[Camera]) -> LoggedCam
 
 
 class ByHand:
-    """A scene that a person lays out and judges; whether the goal is reached or the scene is at rest is unknown."""
+    """A scene that a person arranges and judges. The program cannot know whether the goal is reached or the scene is at
+    rest.
+    """
 
     is_ready = True
     goal: bool | None = None

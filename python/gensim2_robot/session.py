@@ -37,13 +37,15 @@ RESUME = "r"
 
 
 def _said(arm: object) -> str:
-    """Return the last error of the arm's driver as a suffix for a message; empty without an error."""
+    """Return the last error of the arm's driver as a suffix for a message, or an empty string without an error."""
     trouble = getattr(arm, "trouble", None)
     return f": {trouble}" if trouble else ""
 
 
 class SceneStage(Protocol):
-    """Interface of an object that lays out scenes, and may know whether the goal is reached."""
+    """Interface for the scenes of episodes: it arranges the next scene, and can report whether the goal is reached if
+    this is known.
+    """
 
     @property
     def is_ready(self) -> bool:
@@ -71,8 +73,8 @@ class Devices:
 
     Attributes:
         arm, cameras, mind, clock: arm, cameras, controller and clock of the loop.
-        stage: lays out scenes.
-        failing: functions that inject faults, by the first word of the fault's name; empty for real devices.
+        stage: arranges the scene of each episode.
+        failing: functions that inject faults. The key is the first word of the fault's name; empty for real devices.
     """
 
     arm: ArmDriver
@@ -111,7 +113,7 @@ class Ended:
         over: whether the controller ended the episode, and not the goal or the time limit.
         seconds: duration, s.
         at_rest: whether the scene was at rest at the end; None if only a person can tell.
-        lost: whether the goal was reached for long enough, but no longer after the scene had settled.
+        lost: whether the goal was reached for long enough at first, but not after the scene had settled.
     """
 
     goal: bool | None
@@ -127,7 +129,7 @@ class Ended:
 
     @property
     def lacking(self) -> str:
-        """Reason why the goal was not reached with the scene at rest."""
+        """Reason why the episode did not succeed: the goal was not reached, or the scene was not at rest."""
         if self.goal:
             return "the scene did not come to rest"
         if self.lost:
@@ -177,8 +179,8 @@ class Session:
         Args:
             seconds: time limit, s.
             layouts: scenes of the episodes; the next layout is requested after the previous episode.
-            goal_ends: whether to end an episode once the goal stays reached for a while and after the scene has
-                settled.
+            goal_ends: whether to end an episode early, once the goal has been reached for some time and is still
+                reached after the scene has settled.
             ended: callback that is called after each finished episode.
         """
         try:
@@ -186,7 +188,7 @@ class Session:
                 self._go_through(seconds, layouts, goal_ends, ended)
         except GenSim2Error as error:
             self._line.watch.stop(self._devices.clock.now(), str(error), at_once=True)
-            self._line.arm.release()  # no later cycle would stop the arm
+            self._line.arm.release()  # Release the arm now, because no later control cycle could stop it.
 
     def _go_through(
         self, seconds: float, layouts: Iterable[Layout], goal_ends: bool, ended: Callable[[Ended], None]
@@ -253,12 +255,15 @@ class Session:
         return f"pictures of camera {slowest} are {old:.0f} ms old, the arm's last word is {word:.0f}"
 
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
-        """Run one episode, and count the result if the episode ended; return whether the time limit is reached."""
+        """Run one episode. Count its result if the episode ended by itself. Return whether the time limit of the run is
+        reached.
+        """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
         # At lower speed control steps take longer, so the task's time limit is longer, too.
         most = self._given.spec.max_seconds * self._devices.arm.profile.control_hz / line.pace
-        most -= MAX_SETTLE_SECONDS if goal_ends else 0.0  # as in a rollout, the limit includes the time to settle
+        # The time limit includes the time in which the scene settles, as in a simulated rollout.
+        most -= MAX_SETTLE_SECONDS if goal_ends else 0.0
         while True:
             self._cycle()
             now = clock.now()
@@ -295,7 +300,9 @@ class Session:
         return clock.now() - self._held_s > end
 
     def _settle(self) -> float | None:
-        """Keep the arm in place until the scene settles; return how long (s) it was held, None without a resume."""
+        """Keep the arm in place until the scene settles. Return the duration (s) of holds in this time, or None if a
+        hold was not resumed.
+        """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
         since, sat_out = clock.now(), 0.0
@@ -308,7 +315,7 @@ class Session:
         return sat_out
 
     def _stand(self) -> None:
-        """Bring the arm to rest by the checked stop, and release the arm."""
+        """Bring the arm to rest with the stop that the limits have checked, and release the arm."""
         line, until = self._line, self._devices.clock.now() + COMING_TO_REST
         while line.arm.sent is not None and not line.arm.sent.is_at_rest and self._devices.clock.now() < until:
             self._cycle()
@@ -356,7 +363,7 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Wait for the end of a hold; return the time since ``since``, s, or None without a resume.
+        """Wait for the end of a hold. Return the time since ``since``, s, or None if the person did not resume.
 
         The duration does not count towards the task's time limit.
         """
@@ -374,7 +381,8 @@ class Session:
             return False
         self._progress.message("r resumes, any other key stops")
         while line.watch.state is State.HOLDING:
-            time.sleep(CYCLE if isinstance(self._devices.clock, SimulatedClock) else 0.0)  # a real clock needs no sleep
+            # Only the simulated clock advances by sleeping.
+            time.sleep(CYCLE if isinstance(self._devices.clock, SimulatedClock) else 0.0)
             self._cycle()
             if self._pressed == RESUME:
                 line.resume("the keyboard")
@@ -408,7 +416,7 @@ class Session:
 def result(
     about: About, log: Path | None, watch: Watch, figures: LoopFigures, interrupted: Sequence[int]
 ) -> dict[str, Any]:
-    """Return the result of a run without episodes and commands, as plain data.
+    """Return the part of a run's result that does not depend on episodes or commands, as plain data.
 
     Args:
         about: description of the loop.

@@ -82,7 +82,8 @@ class SimulatedWorld:
         self._looked: Measurement | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Create a new scene. The arm accepts commands again, unless a fault persists.
+        """Create a new scene. An arm that had refused commands accepts them again, unless the injected fault is
+        permanent.
 
         Args:
             seed: seed of random values.
@@ -145,7 +146,7 @@ class SimulatedWorld:
         return self._env.scene_state()
 
     def look(self) -> tuple[bool, bool]:
-        """Return whether the goal is reached in a stable scene, and whether the scene is at rest.
+        """Return two flags: whether the goal is reached in a stable scene, and whether the scene is at rest.
 
         Call this method every ``GOAL_EVERY`` cycles. The scene is at rest if no object has moved since the last call.
         """
@@ -243,7 +244,9 @@ class SimulatedCameras:
         self._episode = episode
 
     def take(self, rows: Rows) -> list[CameraFrame]:
-        """Return the images of one instant; a fault changes images of the first camera, or of the first two cameras."""
+        """Return the images of one instant. An injected fault changes the images of the first camera, or exchanges
+        those of the first two cameras.
+        """
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)
         scene = self._scene
@@ -270,7 +273,9 @@ class SimulatedCameras:
         return [each for frame in found for each in self._faulty(frame)]
 
     def _exchanged(self, one: CameraFrame, other: CameraFrame) -> tuple[CameraFrame, CameraFrame]:
-        """Exchange the images of two cameras, and their serial numbers unless the fault is ``camera-mislabelled``."""
+        """Exchange the images of two cameras. Also exchange their serial numbers, unless the fault is
+        ``camera-mislabelled``.
+        """
         lie = "camera-mislabelled" in self.faults
         return tuple(
             replace(theirs, camera=own.camera, number=own.number, serial=own.serial if lie else theirs.serial)
@@ -302,7 +307,7 @@ class SimulatedCameras:
 
 
 class RenderedCameras:
-    """Cameras that render, at their frame rate, a simulated world in another process.
+    """Cameras that render a simulated world at their frame rate. The world is simulated in another process.
 
     Args:
         robot_name: name of the robot.

@@ -1,4 +1,6 @@
-"""Calibrate a camera with a ChArUco board: solve A X = Z B in closed form, then minimize corner errors."""
+"""Calibrate a camera with a ChArUco board: solve the robot-world and hand-eye equation ``A X = Z B`` in closed form,
+then minimize the errors of the corners.
+"""
 
 from __future__ import annotations
 
@@ -140,9 +142,11 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 
 
 def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
-    """Return X and Z of ``A_i X B_i = Z`` by Shah (2013): rotations by one SVD, then translations."""
+    """Return X and Z that solve ``A_i X B_i = Z`` for all i (Shah, 2013): rotations by one SVD, then translations by
+    least squares.
+    """
     K = sum((np.kron(b[:3, :3].T, a[:3, :3]) for a, b in zip(A, B, strict=True)), np.zeros((9, 9)))
-    # vec(A X B) = (B^T kron A) vec(X) = vec(Z)
+    # K is the sum of B^T kron A over all views, because vec(A X B) = (B^T kron A) vec(X) must equal vec(Z).
     U, values, Vt = np.linalg.svd(K)
     if len(A) - values[1] < 1e-3 * len(A):
         raise InputError("the hand was not rotated about two axes between the images", field="views")
@@ -152,7 +156,7 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
         u, _, vt = np.linalg.svd(np.sign(np.linalg.det(M)) * M)
         rotations.append(u @ vt)
     RX, RZ = rotations
-    # A_R (X_R b_t + x_t) + a_t = z_t
+    # Translations solve R_A (R_X t_B + t_X) + t_A = t_Z, where R is the rotation and t the translation of a pose.
     left = np.concatenate([np.hstack([a[:3, :3], -np.eye(3)]) for a in A])
     right = np.concatenate([-a[:3, 3] - a[:3, :3] @ RX @ b[:3, 3] for a, b in zip(A, B, strict=True)])
     t = np.linalg.lstsq(left, right, rcond=None)[0]

@@ -71,7 +71,10 @@ REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
 
 
 def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
-    """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels."""
+    """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels.
+
+    The background is the largest depth of a pixel in all images.
+    """
     ordered = np.sort(depths, axis=0)
     behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # ignore the largest depth, which may be an outlier
     before = APART + 5.0 * expected_error(behind)
@@ -116,7 +119,9 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """Return start poses: the initial guess, then the best rotations of the guess, shifted to the moved points."""
+        """Return start poses: the initial guess, then the best rotations of the guess, shifted to the points of the
+        moving robot.
+        """
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
             T = self._guess.T.copy()
@@ -125,7 +130,7 @@ class Coarse:
         return [self._guess, *sorted(turned, key=self.cost)[:MAX_STARTS]]
 
     def _to_middles(self, pose: Pose) -> Pose:
-        """Return the pose shifted so that the measured points and the meshes have the same mean."""
+        """Return the pose shifted so that the mean of the measured points equals the mean of the mesh points."""
         shifts = [
             surface.mean(axis=0) - (points @ pose.T[:3, :3].T + pose.T[:3, 3]).mean(axis=0)
             for points, (surface, _) in zip(self._points, self._model(pose), strict=True)
@@ -158,7 +163,10 @@ class Coarse:
         return float(np.mean(found))
 
     def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
-        """Return surface points and normals, (k, 3) each, of the meshes' moved parts in each view."""
+        """Return, for each view, points and normals, (k, 3) each, of the robot's surface in front of the background.
+
+        The background is the largest depth of a pixel in all views.
+        """
         camera = placed_at(self._small, pose)
         seen = [self._surface.see(camera, view.q) for view in self._views]
         behind = np.max([each.depth for each in seen], axis=0)
@@ -214,7 +222,8 @@ class Compared:
         sigma: (k,) expected standard deviations of the errors, m.
         measured: (k,) measured depth, m.
         links: (k,) indices of the links.
-        covered, near: number of measured pixels on the robot, and number of those whose points are near its surface.
+        covered: number of measured pixels on the robot. near: number of these pixels with a point near the robot's
+            surface.
     """
 
     points: Array
@@ -229,13 +238,15 @@ class Compared:
 
 
 def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, reach: float) -> Compared:
-    """Compare measured depths with the robot's meshes along rays, except near edges and at grazing angles."""
+    """Compare measured depths with the robot's meshes along the camera's rays; omit pixels near edges and at grazing
+    angles.
+    """
     placed = placed_at(camera, pose)
     seen = surface.see(placed, view.q)
     depth = np.where(view.depth > 0, pose.scale * view.depth + pose.bias, 0.0)
     facing = -(seen.normals * placed.rays).sum(axis=2) / np.linalg.norm(placed.rays, axis=2)
     usable = _inside(seen) & (view.depth > 0) & (facing > 0.3)
-    with np.errstate(invalid="ignore"):  # inf - inf at pixels without a surface
+    with np.errstate(invalid="ignore"):  # Pixels without a surface have infinite depth, and inf - inf is invalid.
         difference = depth - seen.depth
     close = usable & (np.abs(difference) < reach)
     rays, normals = placed.rays[close].astype(np.float64), seen.normals[close].astype(np.float64)
@@ -300,7 +311,7 @@ def refine(
         scale = max(1.0, 1.4826 * float(np.median(np.abs(r / s))))
         weights = tukey(r / s, scale) / s**2
         square = J.T @ (weights[:, None] * J)
-        # Errors of neighbouring pixels are correlated, so the prior counts like an image with fewer pixels.
+        # Errors of neighbouring pixels are correlated, so an image has less weight than its number of pixels suggests.
         square[6, 6] += 1.0 / SCALE_SIGMA**2
         square[7, 7] += 1.0 / BIAS_SIGMA**2
         pull = J.T @ (weights * r)

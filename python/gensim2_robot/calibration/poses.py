@@ -167,11 +167,11 @@ class _Walk:
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
     """Return the poses in which a logged arm was at rest, with up to ``pictures`` images of every camera.
 
-    The function reads the log twice, first the times and then the images, so that memory contains only the images that
-    are used.
+    The function reads the log twice: the first pass finds the times, and the second pass reads only the images that are
+    used.
 
     Raises:
-        InputError: the log is missing or damaged, the arm was never at rest, or there are too many poses for the
+        InputError: the log is missing or damaged, the arm was never at rest, or there are too many poses to keep in
             memory.
     """
     times, joints, speeds, taken = [], [], [], list[_Taken]()
@@ -229,7 +229,8 @@ def _stood(
     """Return the joint positions and images of each interval in which the arm was at rest."""
     order = np.argsort(times, kind="stable")
     times = times[order]
-    moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])  # number of moving (or NaN) states so far
+    # cumulative number of states in which the arm moves (or that are NaN)
+    moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])
     found: list[tuple[Array, dict[str, list[_Taken]]]] = []
     open_until = -np.inf
     for picture in sorted(taken, key=lambda each: each.captured):

@@ -111,8 +111,8 @@ def calibrate_log(
         log: folder of the log, whose camera poses are the initial guesses.
         out: calibration file, which is written only if the calibration of every camera converges.
         board: board in the images; None: use the robot's meshes.
-        carried: with a board: True calibrates cameras on the arm with a fixed board, False calibrates fixed cameras
-            with the board in the hand.
+        carried: only with a board. True: the cameras are on the arm and the board is fixed. False: the cameras are
+            fixed and the board is in the hand.
         seed: seed of random selections.
 
     Raises:

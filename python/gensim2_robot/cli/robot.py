@@ -69,8 +69,9 @@ def calibrate(
     """Calibrate the poses of the cameras.
 
     The command compares depth pictures of several arm poses with the robot's meshes; some poses are used only for
-    validation. Pictures come from a log, or from a simulated arm in a scene of TASK, whose initial camera poses have
-    the errors --degrees and --metres. If a camera does not converge, the command writes nothing and exits with code 1.
+    validation. Pictures come from a log, or from a simulated arm in a scene of TASK. For a simulated arm the command
+    adds errors of --degrees and --metres to the initial camera poses. If a camera does not converge, the command writes
+    nothing and exits with code 1.
 
     Args:
         log: Log of a run in which the arm was at rest in several poses.  [default: move a simulated arm]
@@ -169,7 +170,9 @@ def trial(
     asked, arguments = read_protocol(protocol), line_of(given)
     if not moves(arguments, move):
         raise InputError(
-            "a trial moves the arm", field="--move", remedy="use gensim2 robot dry-run to test without moving"
+            "a trial moves the arm, so it cannot be a dry run",
+            field="--move",
+            remedy="use gensim2 robot dry-run to test without moving",
         )
     where = out or Path("runs") / time.strftime("trials-%Y%m%d-%H%M%S")
     with contextlib.ExitStack() as stack:
@@ -321,7 +324,8 @@ def view(task: str, *, no_clouds: bool = False, **given: Any) -> None:
     if policy is None and not plan:
         names = tuple(CameraSource.parse(given["cameras"]).devices) or None
         decides = looking(given["robot"], names, not no_clouds)
-    real = given["real_time"] is not False  # a person is watching
+    # The page is for a person who watches, so the control loop runs in real time.
+    real = given["real_time"] is not False
     given = {**given, "task": task, "policy": decides, "view": True, "minutes": 1e4, "real_time": real}
     with ConsoleProgress() as progress:
         found = _run(progress, given, dry=True, episodes=ENDLESS, rules=PATIENT)

@@ -14,7 +14,7 @@ from gensim2.core.errors import InputError
 Pixels = Annotated[str, Option(metavar="WIDTHxHEIGHT")]
 Share = Annotated[float, click.FloatRange(0.01, 1.0)]
 
-#: Scene options among the shared options, in addition to :class:`LineOptions`.
+#: Names of the shared options that select a scene. Commands take these options and those of :class:`LineOptions`.
 SCENES = ("library", "seed", *(each for each in SCENE if each != "redraw"))
 
 
@@ -37,9 +37,9 @@ class LineOptions:
         noise: Depth noise of the simulated cameras; same values as --noise of gensim2 render.
         calibration: Calibration file of gensim2 robot calibrate.
         calibration_days: Maximum age of the calibration, in days.
-        real_time: Run each device in its own process with the machine's clock, or run all devices in one process with a
-            simulated clock that waits for each device, so that runs are reproducible.  [default: --simulated-clock if
-            arm and cameras are simulated]
+        real_time: With the machine's clock (--real-time) each device has its own process. With a simulated clock all
+            devices share one process, the clock waits for each device, and runs are reproducible.  [default:
+            --simulated-clock if arm and cameras are simulated]
     """
 
     arm: Annotated[str, Option(metavar="simulated|franka:HOST|panda:HOST|ur:HOST|xarm:HOST")] = "simulated"
@@ -125,7 +125,7 @@ def pixels_of(text: str) -> tuple[int, int]:
 
 
 def line_of(given: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of the control loop from the option values of a command.
+    """Convert the option values of a command into arguments of the control loop.
 
     A simulated arm with simulated cameras uses the simulated clock unless ``--real-time`` is given. With the machine's
     clock, another busy process could make the watchdog stop the arm.
@@ -141,7 +141,7 @@ def line_of(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def moves(given: dict[str, Any], move: bool) -> bool:
-    """Return whether the arm may move: a simulated arm always, a real arm after a person has confirmed it.
+    """Return whether the arm may move: a simulated arm always, a real arm after a person has confirmed the motion.
 
     Raises:
         InputError: the arm is unknown, or there is no terminal for the confirmation.

@@ -53,7 +53,7 @@ class _FrankaHand(StreamedArm):
         """Return positions (7,), velocities (7,), the external force (N) and the mode of a libfranka state.
 
         Raises:
-            DriverError: the motion ended with ``ended`` although the arm did not stop itself.
+            DriverError: the motion ended with the exception ``ended``, and not by a stop of the arm itself.
         """
         if ended is not None and not stopped:
             raise DriverError(f"the arm has ended the motion: {ended}") from ended
@@ -66,7 +66,7 @@ class FrankaArm(_FrankaHand):
     """A Panda or an FR3 under joint impedance control, which follows streamed positions.
 
     Each wheel of ``franky-control`` supports one version of the arm's server. The wheel on PyPI is for an FR3 with
-    system 5.9 or newer; a Panda needs the wheel for server version 5 from the project's releases.
+    system 5.9 or newer; a Panda needs the wheel for server version 5 from the releases page of ``franky``.
 
     Args:
         host: address of the arm.
@@ -102,10 +102,11 @@ class FrankaArm(_FrankaHand):
         ended: Exception | None = None
         if self._motion is not None:
             try:
-                self._robot.poll_motion()  # raises the motion's error, once
+                self._robot.poll_motion()  # raises the error of a failed motion in the first call after the failure
             except self._franky.ControlException as error:
                 ended = error
-        state = self._robot.state  # read afterwards, so that it contains the reflex
+        # The state is read after the error, so that it contains the arm's safety stop (reflex).
+        state = self._robot.state
         stopped = state.robot_mode in (self._franky.RobotMode.Reflex, self._franky.RobotMode.UserStopped)
         return self._measured(state, ended, stopped)
 
@@ -166,7 +167,8 @@ class PandaPyArm(_FrankaHand):
         except RuntimeError as error:  # any libfranka error
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
-        # Between motions the library reads the state itself, which must not happen during a stop.
+        # The lock prevents a read of the state during a stop: between motions the library reads the state in its own
+        # thread.
         self._reading = threading.Lock()
         self.start()
 
@@ -177,8 +179,9 @@ class PandaPyArm(_FrankaHand):
                 self._panda.raise_error()  # raises the motion's error, once
             except RuntimeError as error:
                 ended = error
-                self._panda.stop_controller()  # otherwise get_state repeats the last state
-            state = self._panda.get_state()  # read afterwards, so that it contains the reflex
+                self._panda.stop_controller()  # While a controller runs, get_state repeats the last state.
+            # The state is read after the stop, so that it contains the arm's safety stop (reflex).
+            state = self._panda.get_state()
         stopped = state.robot_mode in self._stopped
         return self._measured(state, ended, stopped)
 

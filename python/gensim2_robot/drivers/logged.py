@@ -19,7 +19,7 @@ PAUSE = 0.1
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a path is a log folder or, by its name, an MCAP file."""
+    """Return whether a path is a log folder, or has the name of an MCAP file."""
     return path.is_dir() or path.suffix == ".mcap"
 
 
@@ -67,7 +67,8 @@ class LoggedCameras:
         self._later = {name: at - first[path] for name, path in self._logs.items()}
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Return the images that are due, oldest first; for each camera only as many as fit into the buffer.
+        """Return the images that are due, oldest first; at most the newest images of each camera that fit into its
+        buffer.
 
         Raises:
             InputError: the log is damaged.

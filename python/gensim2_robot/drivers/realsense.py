@@ -1,7 +1,7 @@
 """Read RealSense cameras and their recordings with ``pyrealsense2`` (extra ``realsense``); not tested on a camera.
 
-The driver opens each sensor of a device, with the library's syncer. The same code works for cameras, recordings, and
-the library's software devices, which the tests use.
+The driver opens the sensors of a device one by one, and the library's ``syncer`` combines depth and colour images of
+the same time. The same code works for cameras, recordings, and the library's software devices, which the tests use.
 """
 
 from __future__ import annotations
@@ -94,7 +94,8 @@ class RealSenseCameras:
         rate: frame rate, Hz; None: the highest rate that a device offers for both depth and colour.
 
     Attributes:
-        cameras: cameras with the intrinsics of the devices, converted from pixel centres at 0 to centres at .5.
+        cameras: cameras with the intrinsics of the devices, converted from the library's convention (pixel centres at
+            integers) to ours (pixel centres at half integers).
         serials: serial number that each device reported, by camera name.
 
     Raises:
@@ -140,7 +141,7 @@ class _Film:
         self._rs, self._device = rs, device
         self._playback: Any = device.as_playback() if device.is_playback() else None
         self.serial: str = device.get_info(rs.camera_info.serial_number)
-        unit = rs.option.depth_units  # also supported by sensors of recordings
+        unit = rs.option.depth_units  # Sensors of recordings support this option, too.
         units = [sensor.get_option(unit) for sensor in device.query_sensors() if sensor.supports(unit)]
         if not units or abs(units[0] - MILLIMETRE) > 1e-6:
             raise DriverError(f"camera {camera.name}: the depth unit is {units} m, must be {MILLIMETRE}")
@@ -253,7 +254,7 @@ class _Film:
 
 
 def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield kind, stream profile and video profile of a sensor's streams with the given kinds and formats."""
+    """Yield profile, kind and video profile of each stream of a sensor whose format is ``kinds[kind]``."""
     for profile in sensor.get_stream_profiles():
         kind = profile.stream_type()
         if profile.format() == kinds.get(kind):
@@ -268,8 +269,8 @@ class SoftwareDevice:
     """A software device of the RealSense library, to which this program supplies the images.
 
     Args:
-        camera: camera with the image size and intrinsics of the device, with pixel centres at .5 (in the library, at
-            0).
+        camera: camera with the image size and intrinsics of the device. Pixel centres are at half integers; the library
+            puts them at integers.
         serial: serial number.
         rate: frame rate, Hz.
 
@@ -308,7 +309,7 @@ class SoftwareDevice:
         self.device.create_matcher(rs.matchers.dlr_c)  # matches images of the same frame number
 
     def recorder(self, file: Path) -> Any:
-        """Return a device that records this device's images into a ``.db3`` file while it is open."""
+        """Return a recorder that writes this device's images to a ``.db3`` file until the recorder is deleted."""
         return self._rs.recorder(str(file), self.device, True)
 
     def give(self, frame: CameraFrame) -> None:
@@ -355,7 +356,8 @@ class SoftwareCameras:
 
         Args:
             frames: images to pass.
-            within: maximum time to wait for the same number of images, s; the next call returns images that are later.
+            within: maximum time to wait for the same number of images, s. Images that come out later are returned by
+                the next call.
         """
         for frame in frames:
             self._devices[frame.camera].give(frame)

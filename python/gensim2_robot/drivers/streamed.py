@@ -45,10 +45,11 @@ class DriverError(GenSim2Error):
 class StreamedArm(ABC):
     """Base class of arms that accept a stream of joint positions at their own rate.
 
-    Targets arrive 100 times per second. The stream follows them on straight lines with a delay of one to three cycles,
-    so targets that are slightly late or arrive in a burst cause no stop and no jerk. If no next target arrives, the arm
-    slows down towards the last target without overshooting it, and is stopped soon after. The gripper has its own
-    thread, because the gripper's library may block. The library gets a command only when the command changes.
+    Targets arrive 100 times per second. The stream interpolates linearly between targets with a delay of one to three
+    cycles, so targets that are slightly late or arrive in a burst cause no stop and no jerk. If no next target arrives,
+    the arm slows down towards the last target without overshooting it, and is stopped soon after. The gripper has its
+    own thread, because the gripper's library may block. The gripper's library gets a command only when the command
+    changes.
 
     Args:
         rate: number of positions that the arm accepts per second.
@@ -84,12 +85,12 @@ class StreamedArm(ABC):
     def send(self, q: Array, gripper: float, t: float) -> None:
         """Accept targets for the time ``t`` (s): joints (m,), and a gripper command from -1 to 1."""
         if self._trouble is not None:
-            return  # reported in the states
+            return  # The arm's states report the failure.
         with self._lock:
             self._told, target = time.monotonic(), np.array(q, dtype=np.float64)
             if self._passed is None:
                 self._passed = target if self._stood is None else self._stood
-                self._share, self._played = 0.0, self._told + CYCLE  # playback is one cycle behind
+                self._share, self._played = 0.0, self._told + CYCLE  # Playback starts one cycle after the first target.
             self._goals.append(target)
             self._standing = False
         if gripper != self._told_grip:
@@ -104,7 +105,7 @@ class StreamedArm(ABC):
         self._within(HALTING, self._halt_wire)
 
     def _halt_wire(self) -> None:
-        with self._wire:  # wait until the current target is written
+        with self._wire:  # Wait until the thread has written the current target to the arm.
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
@@ -169,7 +170,7 @@ class StreamedArm(ABC):
             refuses = self._trouble is not None
             self._last = ArmState(now, q, v, force, "refusing" if refuses else mode, self._trouble or "")
             self._states.append(self._last)
-        elif self._last is not None:  # connection lost: the last state, with the reason
+        elif self._last is not None:  # The connection is lost: return the last state with the reason.
             self._states.append(replace(self._last, mode="refusing", reason=self._trouble or ""))
         with self._lock:
             if self._standing or self._passed is None:
@@ -215,7 +216,9 @@ class StreamedArm(ABC):
             self._attempt(lambda wanted=wanted: self._grip(wanted))
 
     def _attempt(self, what: Any) -> Any:
-        """Call the arm's library and return the result; None after a failure, which the next state reports."""
+        """Call the arm's library and return the result. After a failure return None; the next arm state reports the
+        failure.
+        """
         try:
             return what()
         except Exception as error:  # noqa: BLE001 - libraries raise any exception; the watchdog reacts to the state
@@ -229,12 +232,14 @@ class StreamedArm(ABC):
 
 
 def _pace(left: float) -> float:
-    """Return the playback speed of the stream (1 is real time) if ``left`` cycles of targets are not played yet."""
+    """Return the playback speed of the stream (1 is real time) when ``left`` cycles of targets remain to be played."""
     return FASTER if left > MOST else min(1.0, left / LEAST)
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return how many cycles of targets, fewer than ``left``, the stream plays in ``cycles`` cycles of real time."""
+    """Return the number of cycles of targets that the stream plays in ``cycles`` cycles of real time; always less than
+    ``left``.
+    """
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))
     rest = cycles - straight / pace
