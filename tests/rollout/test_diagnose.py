@@ -109,6 +109,16 @@ def test_what_became_of_a_joint(cause: Cause) -> None:
     assert episode.cause is cause
 
 
+def test_no_contact_states_the_distance_to_the_surface_of_the_object() -> None:
+    """The hand stops 2 cm above the floor of the tray, 7 cm from its nearest keypoint; then inside of a wall."""
+    tray = instant().keypoints["drawer"]["inside"] - [0.0, 0.0, 0.1]
+    episode = _open([instant(hand=AWAY), *[instant(hand=tray + [0.0, 0.0, 0.03])] * 30])
+    assert episode.cause is Cause.NO_CONTACT
+    assert episode.diagnosis["nearest"] == pytest.approx(0.02, abs=1e-6), "1 cm of floor below the hand"
+    inside = _open([instant(hand=AWAY), *[instant(hand=tray + [0.095, 0.0, 0.05])] * 30])
+    assert inside.diagnosis["nearest"] == 0.0
+
+
 def test_a_controller_that_is_never_done() -> None:
     course = glide(REACH, GRIP)
     controller = ScriptedController(1000, (("open", 0),), [StepRecord("open", [], False, False)])

@@ -34,7 +34,7 @@ MOVES = 0.005
 
 @dataclass(frozen=True)
 class KeypointFacts:
-    """Geometry at a keypoint, averaged over instances in the default placement at the mean initial openness.
+    """Geometry at a keypoint, averaged over instances before randomization.
 
     Attributes:
         position: (3,) metres in the world.
@@ -101,10 +101,18 @@ class Affordance:
         named = self.joint_type is not None and self.keypoints and any(word in self.measured for word in PLACES)
         return self.measured if named else None
 
-    @cached_property
-    def facts(self) -> dict[str, KeypointFacts]:
-        """Geometry at each keypoint by name; empty for a rigid object."""
-        return {name: _facts(self.samples, name, name in self.lever_arms) for name in self.keypoints if self.samples}
+    def facts(self, openness: float, at: tuple[float, float] | None = None) -> dict[str, KeypointFacts]:
+        """Return the geometry at each keypoint by name; empty for a rigid object.
+
+        Args:
+            openness: openness of the joint.
+            at: x and y of the object in the world, m; None: its default placement.
+        """
+        return {
+            name: _facts(self.samples, name, name in self.lever_arms, openness, at)
+            for name in self.keypoints
+            if self.samples
+        }
 
     @cached_property
     def interior(self) -> Triple | None:
@@ -174,28 +182,35 @@ def _lever_arm(instance: ArticulatedObject, keypoint: str) -> float:
     return instance.lever_arm(keypoint) if instance.joint.type == "revolute" else 0.0
 
 
-def _poses(instance: ArticulatedObject, openness: float) -> dict[str, Array]:
-    """Return the pose (4, 4) of each link in the world, in the default placement."""
+def _poses(instance: ArticulatedObject, openness: float, at: tuple[float, float] | None = None) -> dict[str, Array]:
+    """Return the pose (4, 4) of each link in the world, at the place ``at`` or in the default placement."""
     T_world_root = np.eye(4)
     T_world_root[:3, :3], T_world_root[:3, 3] = instance.placement.rotation, instance.placement.position
+    if at is not None:
+        T_world_root[:2, 3] = at
     child = instance.joint.child_link
     return {
         link: T_world_root @ (instance.link_pose(openness) if link == child else np.eye(4)) for link in instance.hulls
     }
 
 
-def _facts(instances: Sequence[ArticulatedObject], name: str, moves: bool) -> KeypointFacts:
-    """Return the geometry at a keypoint."""
+def _facts(
+    instances: Sequence[ArticulatedObject],
+    name: str,
+    moves: bool,
+    openness: float,
+    at: tuple[float, float] | None,
+) -> KeypointFacts:
+    """Return the geometry at a keypoint for this openness and place (m)."""
     found = []
     for each in instances:
         point = each.keypoints[name]
-        start, step = each.default_openness, 0.1
-        before, after = max(0.0, start - step), min(1.0, start + step)
+        before, after = max(0.0, openness - 0.1), min(1.0, openness + 0.1)
         here, low, high = (
             (T[:3, :3] @ point.position + T[:3, 3])
-            for T in (_poses(each, openness)[point.link] for openness in (start, before, after))
+            for T in (_poses(each, value, at)[point.link] for value in (openness, before, after))
         )
-        T = _poses(each, start)[point.link]
+        T = _poses(each, openness, at)[point.link]
         hulls = [hull @ T[:3, :3].T + T[:3, 3] for hull in each.hulls[point.link]]
         apart = [float(np.linalg.norm(np.maximum(0.0, np.maximum(h.min(0) - here, here - h.max(0))))) for h in hulls]
         part = np.ptp(hulls[int(np.argmin(apart))], axis=0) if hulls else np.zeros(3)

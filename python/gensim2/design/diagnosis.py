@@ -13,7 +13,7 @@ KEPT = 6
 #: Sentence that describes each measured value in an episode's diagnosis; {} stands for the value.
 NUMBERS = {
     "distance": "by {:.0f} mm",
-    "nearest": "the hand came within {:.0f} mm of its nearest keypoint",
+    "nearest": "the point between the fingertips came within {:.0f} mm of its surface",
     "slip": "the hand went on {:.0f} mm after it had stopped",
 }
 SHARES = {

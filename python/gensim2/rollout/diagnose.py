@@ -14,6 +14,7 @@ from gensim2.planning.step_plan import INVALID, NO_GRASP
 from gensim2.planning.strategies import MAKES_ROOM
 from gensim2.rollout.controller import ACTUATION, Event
 from gensim2.rollout.measured_faults import (
+    Surfaces,
     distance_apart,
     drift,
     fault_of_criterion,
@@ -67,6 +68,7 @@ def diagnose(
     history: Sequence[StepRecord],
     events: Sequence[Event],
     outcome: Outcome,
+    surfaces: Surfaces,
 ) -> Fault:
     """Return the cause of a failure, with measured values as plain data.
 
@@ -76,6 +78,7 @@ def diagnose(
         history: records of the steps.
         events: events reported by the controller.
         outcome: how the failed episode ended.
+        surfaces: surfaces of the objects at the end.
     """
     if not outcome.stable:
         return Cause.UNSTABLE, {}
@@ -87,7 +90,7 @@ def diagnose(
             return Cause.TIME_OVER, {"control_steps": steps}
         if not outcome.settled:
             return Cause.STILL_MOVING, _speeds(trace[-1])
-    episode = _Facts(task, trace, turns, {record.name: record for record in history}, events, outcome)
+    episode = _Facts(task, trace, turns, {record.name: record for record in history}, events, outcome, surfaces)
     for index, step in enumerate(task.steps):
         fault = episode.fault_of(index, step)
         if fault is not None:
@@ -104,6 +107,7 @@ class _Facts:
     records: dict[str, StepRecord]
     events: Sequence[Event]
     outcome: Outcome
+    surfaces: Surfaces
 
     def fault_of(self, index: int, step: Step) -> Fault | None:
         """Return the fault of a step; None if it was done."""
@@ -129,7 +133,7 @@ class _Facts:
             return fault
         if own and step.done:
             measured = self.trace[own[0].first : own[-1].last + 1]
-            if (fault := fault_of_criterion(step, measured, self._at_actuation(step))) is not None:
+            if (fault := fault_of_criterion(step, measured, self._at_actuation(step), self.surfaces)) is not None:
                 return fault
         return (Cause.TIME_OVER if self.outcome.cut else Cause.STOPPED_SHORT), {}
 
@@ -177,7 +181,7 @@ class _Facts:
         let_go = released(measured)
         if let_go is not None and all_hold(step.done, let_go):
             return None
-        return fault_of_criterion(step, measured, None)
+        return fault_of_criterion(step, measured, None, self.surfaces)
 
     def _at_actuation(self, step: Step) -> Measurement | None:
         found = [e.at_step for e in self.events if e.step == step.name and e.what == ACTUATION]

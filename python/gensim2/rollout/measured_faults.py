@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,12 @@ DRIFTED = 0.005
 """Distance (m) above which an object counts as moved before the actuation pose."""
 
 
+Surfaces = Mapping[str, Sequence[Array]]
+"""Convex hulls, each (N, 3) vertices (m) in the world at the end of the episode, by object."""
+
+
 def fault_of_criterion(
-    step: Step, measured: Sequence[Measurement], at_actuation: Measurement | None
+    step: Step, measured: Sequence[Measurement], at_actuation: Measurement | None, surfaces: Surfaces
 ) -> tuple[Cause, dict[str, Any]] | None:
     """Return the fault because of which a step's criteria are not met; None if the measurements show no fault.
 
@@ -53,6 +57,8 @@ def fault_of_criterion(
         step: step to diagnose.
         measured: measurements while the step was executed.
         at_actuation: measurement at the step's actuation pose; None if unknown.
+        surfaces: surfaces of the objects. A fault says how near the hand came to the surface of an object that it did
+            not move.
     """
     if step.tool == HAND and (moved := drift(measured, at_actuation, step.object)) is not None:
         return Cause.OBJECT_DRIFTED, {"distance": moved}
@@ -64,19 +70,18 @@ def fault_of_criterion(
             continue
         if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
             sign = 1.0 if isinstance(criterion, ArticulatedOpen) else -1.0
-            return _of_joint(criterion.object, sign, measured)
+            return _of_joint(criterion.object, sign, measured, surfaces)
         if isinstance(criterion, DistanceArticulatedRigid):
             return Cause.PLACED_BESIDE, {
                 "distance": distance_apart(measured[-1], criterion.articulated, criterion.rigid)
             }
         if isinstance(criterion, ArticulatedBetween):
-            return _of_joint(
-                criterion.object, math.copysign(1.0, criterion.low - start.openness[criterion.object]), measured
-            )
+            sign = math.copysign(1.0, criterion.low - start.openness[criterion.object])
+            return _of_joint(criterion.object, sign, measured, surfaces)
         if isinstance(criterion, RigidOnRigid):
             return Cause.PLACED_BESIDE, {"distance": _apart(measured[-1], criterion.rigid, criterion.support)}
         if isinstance(criterion, RigidMoved):
-            return _of_push(criterion.rigid, measured)
+            return _of_push(criterion.rigid, measured, surfaces)
         name = criterion.articulated if isinstance(criterion, DistanceGripperArticulated) else criterion.rigid
         if name in measured[0].poses and (moved := change(measured[0], measured[-1], name).distance) > LEFT_BEHIND:
             return Cause.OBJECT_DRIFTED, {"distance": moved}
@@ -134,21 +139,23 @@ def _apart(measured: Measurement, first: str, second: str) -> float:
     return float(np.linalg.norm((measured.poses[first] - measured.poses[second])[:2]))
 
 
-def _of_push(name: str, measured: Sequence[Measurement]) -> tuple[Cause, dict[str, Any]]:
+def _of_push(name: str, measured: Sequence[Measurement], surfaces: Surfaces) -> tuple[Cause, dict[str, Any]]:
     """Return the fault of a step that should have moved a rigid object."""
     way = float(np.linalg.norm((measured[-1].poses[name] - measured[0].poses[name])[:2]))
     if way < DRIFTED:
-        return Cause.NO_CONTACT, {"distance": way, "nearest": min(_distances(measured, name))}
+        return Cause.NO_CONTACT, {"distance": way, "nearest": _to_surface(measured, surfaces[name])}
     return Cause.STOPPED_SHORT, {"distance": way}
 
 
-def _of_joint(name: str, sign: float, measured: Sequence[Measurement]) -> tuple[Cause, dict[str, Any]]:
+def _of_joint(
+    name: str, sign: float, measured: Sequence[Measurement], surfaces: Surfaces
+) -> tuple[Cause, dict[str, Any]]:
     course = [sign * (instant.openness[name] - measured[0].openness[name]) for instant in measured]
     numbers = {"travelled": course[-1], "furthest": max(course), "openness": measured[-1].openness[name]}
     if course[-1] < -LEAST_TRAVEL:
         return Cause.WRONG_WAY, numbers
     if max(course) < LEAST_TRAVEL:
-        return Cause.NO_CONTACT, numbers | {"nearest": min(_distances(measured, name))}
+        return Cause.NO_CONTACT, numbers | {"nearest": _to_surface(measured, surfaces[name])}
     slip = _slip(name, course, measured)
     if slip > SLIPPED:
         return Cause.CONTACT_SLIPPED, numbers | {"slip": slip}
@@ -173,6 +180,24 @@ def _distances(measured: Sequence[Measurement], name: str) -> list[float]:
         float(np.linalg.norm(np.stack(list(instant.keypoints[name].values())) - _hand(instant), axis=1).min())
         for instant in measured
     ]
+
+
+def _to_surface(measured: Sequence[Measurement], hulls: Sequence[Array]) -> float:
+    """Return the smallest distance (m) between the hand and an object's surface; 0 if the hand was inside a hull."""
+    import trimesh
+    from scipy.spatial import ConvexHull
+
+    # Neighbouring samples of a slow hand are nearly equal, so a few hundred suffice.
+    hands = np.stack([_hand(instant) for instant in measured[:: 1 + len(measured) // 400]])
+    nearest = math.inf
+    for hull in hulls:
+        shape = ConvexHull(hull)
+        if (hands @ shape.equations[:, :3].T + shape.equations[:, 3] <= 0.0).all(axis=1).any():
+            return 0.0
+        for triangle in hull[shape.simplices]:
+            points = trimesh.triangles.closest_point(np.broadcast_to(triangle, (len(hands), 3, 3)), hands)
+            nearest = min(nearest, float(np.linalg.norm(points - hands, axis=1).min()))
+    return nearest
 
 
 def _hand(measured: Measurement) -> Array:

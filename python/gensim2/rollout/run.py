@@ -134,6 +134,7 @@ def run(
     initial_state = world.initial_state
     objects = _object_records(initial_state, trace[0], trace[-1])
     recording = motion.recording()
+    surfaces = {} if goal else _surfaces(world)
     lacking: StrictMisses = {StrictMiss.NOT_HELD: {}}
     by_itself: NoOpResult | None = None
     if ended and goal and stable and settled and not truncated:
@@ -153,7 +154,7 @@ def run(
     cause: Cause | None = None
     numbers: dict[str, Any] = {miss.value: found for miss, found in lacking.items()}
     if not held:
-        cause, numbers = diagnose(world.task, trace, turns, history, events, outcome)
+        cause, numbers = diagnose(world.task, trace, turns, history, events, outcome, surfaces)
     episode = Episode(
         seed=seed,
         objects=objects,
@@ -178,6 +179,20 @@ def run(
 def controller_seed(seed: int) -> int:
     """Return the seed of the controller's random numbers, which does not reveal the scene's seed."""
     return int(rng(seed, "controller").integers(2**32))
+
+
+def _surfaces(world: World) -> dict[str, list[npt.NDArray[np.float64]]]:
+    """Return the convex hulls (N, 3) of each object in the world, m."""
+    scene = world.scene_state()
+    return {
+        name: [
+            hull @ T[:3, :3].T + T[:3, 3]
+            for body in thing.bodies
+            for T in (scene.T_world_base @ body.T_base_body,)
+            for hull in body.hulls
+        ]
+        for name, thing in scene.objects.items()
+    }
 
 
 class _Motion:

@@ -158,7 +158,28 @@ def test_a_whole_task_has_several_objects_tools_and_all_criteria(server: ModelSe
     assert first.steps["place_apple"]["designed_place_apple"]["gripper"] == "release"
     asked = [asked.prompt for asked in server.asked if asked.stage == "constraints"]
     assert len(asked) == 3
-    assert any('"pull the drawer out halfway" (task `TidyDesk`, step `open_drawer`)' in prompt for prompt in asked)
+    by_step = {prompt.split("step `")[1].split("`")[0]: prompt for prompt in asked}
+    assert '"pull the drawer out halfway" (task `TidyDesk`, step `open_drawer`)' in by_step["open_drawer"]
+    # The positions are those of the task's own place and openness, also after the steps before.
+    assert "on the table at (0.05, -0.28) m" in by_step["open_drawer"]
+    assert "before this step the openness is about 0.50" in by_step["open_drawer"]
+    assert "- `open_drawer`: openness of the drawer between 0.4 and 0.8" in by_step["place_apple"]
+    assert "before this step the openness is about 0.60" in by_step["place_apple"]
+    assert 'openness 1 means "open the drawer"' in by_step["place_apple"]
+    assert "shifts it by up to 3 cm along x and y, and turns it by up to 11 degrees" in by_step["place_apple"]
+    fronts = [_position(by_step[step], "articulated_object_head") for step in ("open_drawer", "place_apple")]
+    assert fronts[0][1] == pytest.approx(-0.28, abs=0.05)
+    assert fronts[1][0] < fronts[0][0] - 0.005, "the drawer is farther open"
+    (about,) = (asked.prompt for asked in server.asked if asked.stage == "reflection")
+    assert "articulated_between" in about
+    assert "No criterion measures distances" not in about
+    assert "only one can be loaded" not in about
+
+
+def _position(prompt: str, keypoint: str) -> tuple[float, ...]:
+    """Return the position of a keypoint of the step's object in a prompt, m."""
+    found = re.findall(rf"- `{keypoint}`: .* at \(([-\d., ]+)\) m", prompt)
+    return tuple(map(float, found[0].split(", ")))
 
 
 WRONG_WHOLE: list[tuple[str, Callable[[dict[str, Any]], object], str]] = [

@@ -245,7 +245,7 @@ class LLMDesigner:
         self.talk.log.settle(record, task.name, "used")
         classes = [thing.asset_class for thing in task.objects.values()]
         about = proposal.reflection_on(
-            self.prompts, catalog.about(*classes), free.as_answer(task), task.name, long=True
+            self.prompts, catalog.about(*classes), free.as_answer(task), task.name, long=True, free=True
         )
         if not self._approved(record, task.name, task.description, about, refused):
             return None

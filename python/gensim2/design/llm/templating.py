@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -27,10 +28,11 @@ if TYPE_CHECKING:
 
 import math
 
-from gensim2.design.affordance import Affordance
+from gensim2.design.affordance import Affordance, KeypointFacts
 from gensim2.objects.words import End, words
 from gensim2.tasks.library import task_names
-from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.spec import ObjectSpec, TaskSpec
+from gensim2.tasks.wording import place_in_words
 
 
 def motion(thing: Affordance) -> str:
@@ -59,9 +61,9 @@ def place(thing: Affordance) -> str:
     return f"an object can be put at {quoted(thing.keypoints[thing.place])}{room}"
 
 
-def at(thing: Affordance, name: str) -> str:
+def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> str:
     """Describe a keypoint's position, the part at it and its motion, for a list of keypoints."""
-    facts = thing.facts.get(name)
+    facts = geometry.get(name)
     if facts is None:
         return ""
     x, y, z = facts.position
@@ -76,6 +78,15 @@ def at(thing: Affordance, name: str) -> str:
     if facts.opening is not None:
         said += ", moves along ({:.2f}, {:.2f}, {:.2f}) as the joint opens".format(*facts.opening)
     return said
+
+
+def shift(spec: ObjectSpec) -> str:
+    """Describe how far each episode shifts and turns an object, such as ``"3 cm along x and y, and turns it by up to
+    11 degrees"``.
+    """
+    drawn = spec.randomization
+    farthest = max(abs(value) for value in (*drawn.x, *drawn.y))
+    return f"{100 * farthest:.0f} cm along x and y, and turns it by up to {math.degrees(abs(drawn.yaw)):.0f} degrees"
 
 
 def size(thing: Affordance) -> str:
@@ -129,7 +140,15 @@ class Prompts:
         )
         self._environment.filters["quoted"] = quoted
         self._environment.filters.update(
-            yaml=as_yaml, json=as_json, motion=motion, size=size, reached=reached, place=place, at=at
+            yaml=as_yaml,
+            json=as_json,
+            motion=motion,
+            size=size,
+            reached=reached,
+            place=place,
+            at=at,
+            shift=shift,
+            placement=place_in_words,
         )
         self._folder = folder
 

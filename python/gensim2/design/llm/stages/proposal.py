@@ -176,10 +176,21 @@ def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) 
 
 
 def reflection_on(
-    prompts: Prompts, catalog: Catalog, task: Mapping[str, Any], name: str, *, long: bool
+    prompts: Prompts, catalog: Catalog, task: Mapping[str, Any], name: str, *, long: bool, free: bool = False
 ) -> Ask[tuple[bool, str]]:
-    """Return the question whether a task is good; ``task`` is the task as the model wrote it."""
-    text = prompts.text("reflection", **catalog.for_prompts(), task=dict(task), bad=prompts.bank["bad"], long=long)
+    """Return the question whether a task is good.
+
+    Args:
+        prompts: prompt templates.
+        catalog: robot, objects and known tasks.
+        task: the task as the model wrote it.
+        name: name of the task.
+        long: whether the task has several steps.
+        free: whether the task may use all criteria and several objects. The bank's bad tasks are then left out, because
+            some of them are bad only by the stricter rules.
+    """
+    values = catalog.for_prompts()
+    text = prompts.text("reflection", **values, task=dict(task), bad=prompts.bank["bad"], long=long, free=free)
     return Ask("reflection", name, "", text, REFLECTION_SCHEMA, read_reflection)
 
 

@@ -16,6 +16,7 @@ from gensim2.design.llm.templating import Prompts
 from gensim2.design.pictures import LazyPicture
 from gensim2.planning.strategies import PLANNER_FIELDS
 from gensim2.robots import RobotProfile
+from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.wording import criteria_in_words
 
@@ -67,17 +68,43 @@ class StepToSolve:
         """Affordance of the grasped object, or None."""
         return None if self.step.tool == HAND else self.things[self.step.tool]
 
+    @property
+    def openness(self) -> float | None:
+        """Openness of the step's object before the step, after all steps before it succeeded; None for a rigid one."""
+        spec, thing = self.task.objects[self.step.object], self.things[self.step.object]
+        found = spec.randomization.openness_mean
+        found = thing.default_openness if found is None else found
+        for criterion in (each for step in self._before for each in step.done):
+            if self.step.object not in criterion.objects:
+                continue
+            if isinstance(criterion, ArticulatedOpen):
+                found = (1.0 + criterion.threshold) / 2
+            elif isinstance(criterion, ArticulatedClosed):
+                found = criterion.threshold / 2
+            elif isinstance(criterion, ArticulatedBetween):
+                found = (criterion.low + criterion.high) / 2
+        return found
+
+    @property
+    def _before(self) -> tuple[Step, ...]:
+        return self.task.steps[: self.task.steps.index(self.step)]
+
     def for_prompts(self) -> dict[str, Any]:
         """Return the values shared by all solver prompts."""
         done = criteria_in_words(self.step.done)
         sentence = self.sentence or (self.task.description if self.task.is_single_step else f"{self.step.name}: {done}")
+        thing, spec = self.things[self.step.object], self.task.objects[self.step.object]
         return {
+            "spec": spec,
+            "openness": self.openness,
+            "facts": {} if self.openness is None else thing.facts(self.openness, spec.place.at),
+            "before": [(each.name, criteria_in_words(each.done)) for each in self._before],
             "sentence": sentence,
             "goal": done,
             "description": self.task.description,
             "task_name": self.task.name,
             "step_name": self.step.name,
-            "thing": self.things[self.step.object],
+            "thing": thing,
             "held": self.held,
             "settings": self.settings,
             "tool_keypoints": self.settings.tool_keypoints,
