@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pytest
 from scripted import AWAY, OPEN_DRAWER, PUT_BALL_AWAY, ScriptedController, ScriptedWorld, glide, instant
 
@@ -110,12 +111,12 @@ def test_what_became_of_a_joint(cause: Cause) -> None:
 
 
 def test_no_contact_states_the_distance_to_the_surface_of_the_object() -> None:
-    """The hand stops 2 cm above the floor of the tray, 7 cm from its nearest keypoint; then inside of a wall."""
+    """The hand stops 2 cm above the floor of the tray, 7 cm below its nearest keypoint; then inside a wall."""
     tray = instant().keypoints["drawer"]["inside"] - [0.0, 0.0, 0.1]
-    episode = _open([instant(hand=AWAY), *[instant(hand=tray + [0.0, 0.0, 0.03])] * 30])
+    episode = _open([instant(hand=AWAY), *[instant(hand=np.add(tray, [0.0, 0.0, 0.03]))] * 30])
     assert episode.cause is Cause.NO_CONTACT
-    assert episode.diagnosis["nearest"] == pytest.approx(0.02, abs=1e-6), "1 cm of floor below the hand"
-    inside = _open([instant(hand=AWAY), *[instant(hand=tray + [0.095, 0.0, 0.05])] * 30])
+    assert episode.diagnosis["nearest"] == pytest.approx(0.02, abs=1e-6)
+    inside = _open([instant(hand=AWAY), *[instant(hand=np.add(tray, [0.095, 0.0, 0.05]))] * 30])
     assert inside.diagnosis["nearest"] == 0.0
 
 
