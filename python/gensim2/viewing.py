@@ -40,8 +40,8 @@ class Shown:
         title: title line.
         scene: scene of the episode.
         recording: states and actions of the episode.
-        plans: the planner's plans, one for each step, if the planner controlled the robot; each plan starts from the
-            scene that the earlier steps should lead to.
+        plans: one plan for each step, if the planner controlled the robot. Each plan starts from the predicted result
+            of the earlier plans.
     """
 
     title: str
@@ -81,8 +81,8 @@ def view(
         spec: observation spec of the point cloud; None: the default of policies.
         host: address to listen on.
         port: port of the page; if the port is in use, the next free port.
-        scene: options of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; ``assets`` is also the current
-            folder of a data set's objects.
+        scene: options of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; for a data set, ``assets`` is
+            the folder in which its objects are now.
 
     Returns:
         The ``viser.ViserServer``; its ``stop()`` ends the page.
@@ -105,7 +105,7 @@ def view(
 
 
 def _location(assets: object) -> Path | str | None:
-    """Return the location of an open library; any other value is returned unchanged."""
+    """Return the location of an object library; return any other value unchanged."""
     return cast(Path | str | None, getattr(assets, "location", assets))
 
 

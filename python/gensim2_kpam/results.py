@@ -98,7 +98,7 @@ class Collision(TypedDict):
 
 
 class TightPair(TypedDict):
-    """Two bodies that may not touch but are closer than the margin at the start or at a keyframe."""
+    """Two bodies that must not touch but are closer than the margin at the start or at a keyframe."""
 
     bodies: tuple[str, str]
     at: str
@@ -129,7 +129,7 @@ class Guess(TypedDict):
 
 
 class TriedPose(TypedDict):
-    """Result of planning a motion with one actuation pose."""
+    """Status and costs of an attempt to plan a motion with one actuation pose."""
 
     q: Array
     """Joint values (n,), rad or m."""
@@ -140,7 +140,7 @@ class TriedPose(TypedDict):
 
 
 class CpuTimes(TypedDict):
-    """CPU times of planning in its thread, ms."""
+    """CPU times (ms) of the parts of planning, measured in the planning thread."""
 
     setup: float
     """Time for building the scene and checking the start."""
@@ -160,7 +160,7 @@ class CheckedPair(TypedDict):
 
 
 class ActuationPose(TypedDict):
-    """Joint values that meet the constraints of a problem, with their cost."""
+    """Solution of a problem's constraints: joint values and their cost."""
 
     q: Array
     """Joint values (n,), rad or m."""
@@ -168,7 +168,9 @@ class ActuationPose(TypedDict):
 
 
 class Clearances(TypedDict):
-    """Minimum signed distances along a motion, m, by kind of pair; None if no such pair is closer than a metre."""
+    """Minimum signed distances (m) between pairs of bodies along a motion, for each kind of pair. None: no pair of this
+    kind is closer than 1 m.
+    """
 
     self: float | None
     table: float | None
@@ -191,7 +193,7 @@ class GraspQuality(TypedDict):
 
 
 class Refined(TypedDict):
-    """A waypoint path after shortening."""
+    """Waypoint path that ``refine`` has shortened."""
 
     waypoints: Array
     """Joint values (N, n) at the waypoints, rad or m."""

@@ -141,7 +141,8 @@ class _Whole:
             self._file.seek(self._length)
             self._put(block)
         self._length += len(block)
-        if os.fstat(self._file.fileno()).st_nlink == 0:  # an unlinked file is lost when closed
+        # Someone removed the file's name: its content is lost when the file is closed.
+        if os.fstat(self._file.fileno()).st_nlink == 0:
             raise FileNotFoundError(errno.ENOENT, "the file was removed")
         return len(block)
 
@@ -285,7 +286,7 @@ class Log:
             try:
                 self._queue.put(None, timeout=0.1)
                 break
-            except queue.Full:  # the writer is late or has ended
+            except queue.Full:  # The writing thread is too slow or has ended.
                 continue
         self._thread.join()
         self._reserve.close()
@@ -305,7 +306,8 @@ class Log:
     def _write(self, topic: str, time: float, data: bytes) -> None:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(topic, ENCODING, 0)
-        stamp = int(1e9 * time) if 0.0 <= time < MAX_SECONDS else 0  # a clock that jumps may give any value
+        # A faulty clock may give any value; MCAP cannot store negative or huge times.
+        stamp = int(1e9 * time) if 0.0 <= time < MAX_SECONDS else 0
         self._writer.add_message(self._channels[topic], stamp, data, stamp)
         if self._file.trouble is not None:
             self.trouble = self._file.trouble
@@ -342,7 +344,7 @@ class Log:
 
 
 def prune_runs(folder: Path, days: float = DAYS) -> list[Path]:
-    """Remove log files of earlier runs, in subfolders ``robot-*``, that are older than ``days``; return their paths."""
+    """Remove log files older than ``days`` from the folders ``robot-*`` of earlier runs, and return their paths."""
     removed = []
     oldest = _time_of_day() - 86400.0 * days
     for path in sorted(folder.glob("robot-*/log_*.mcap")):

@@ -1,7 +1,7 @@
 """Define the schemas of log messages.
 
-:class:`~gensim2_robot.log.Log` writes messages and ``log_reader`` reads them. Data from devices and policies may
-contain NaN; cameras and settings may not.
+:class:`~gensim2_robot.log.Log` writes messages and ``log_reader`` reads them. Measurements of devices and actions of
+policies may contain NaN; descriptions of cameras and settings may not.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
-                count = min(count * size, len(data) + 1)  # capped, because a later size may be 0
+                # The product is capped, because a later dimension of size 0 would hide an overflow.
+                count = min(count * size, len(data) + 1)
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message in memory
             at += arrays[name].nbytes
@@ -67,14 +68,16 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
 
 
 def _whole(digits: str) -> int:
-    """Raise an error for integers of more than 64 bits, which floats and arrays cannot represent."""
+    """Convert digits to an integer. Raise an error for more than 64 bits, which floats and arrays cannot represent."""
     if len(digits) > 20 or not -(2**63) <= (value := int(digits)) < 2**64:
         raise ValueError("an integer has more than 64 bits")
     return value
 
 
 def _array(kind: str, dimensions: int) -> AfterValidator:
-    """Return a function that checks that a value is a non-empty array of a kind (``dtype.kind`` or a dtype's name)."""
+    """Return a validator for non-empty arrays of one data type (``dtype.kind`` or a dtype's name) and number of
+    dimensions.
+    """
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:
@@ -94,7 +97,9 @@ Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
 
 
 class LogMessage(BaseModel):
-    """Base class of messages. An array named ``posed/left`` is the entry ``left`` of the field ``posed``."""
+    """Base class of messages. Arrays of a mapping are stored under the field's name, ``/`` and the key: ``posed/left``
+    is ``posed["left"]``.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -132,7 +137,7 @@ class About(LogMessage):
         if sum(camera.width * camera.height for camera in self.cameras) > MAX_CAMERA_PIXELS:
             raise ValueError(f"its cameras have more than {MAX_CAMERA_PIXELS} pixels in total")
         if self.pixels is not None and not self.pixels >= 1:
-            raise ValueError("pixels must be positive")
+            raise ValueError("width and height must be positive")
         try:
             self.spec()
         except InputError as error:
@@ -198,7 +203,7 @@ class QuestionMessage(LogMessage):
     @model_validator(mode="after")
     def _poses_each_picture(self) -> QuestionMessage:
         if self.posed.keys() != self.frames.keys():
-            raise ValueError("frames and posed must name the same cameras")
+            raise ValueError("the fields 'frames' and 'posed' must name the same cameras")
         return self
 
 

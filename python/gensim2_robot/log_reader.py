@@ -167,18 +167,20 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
             if opcode == Opcode.DATA_END:
                 with read_by_library(path, _REMEDY, "is damaged"):
                     end = DataEnd.read(ReadDataStream(io.BytesIO(content)))
-                if end.data_section_crc not in (0, checksum):  # 0: older logs have none
+                if end.data_section_crc not in (0, checksum):  # Older logs have no checksum and store 0.
                     raise _damaged(path, "its checksum is another")
                 ended = True
             checksum = zlib.crc32(content, zlib.crc32(struct.pack("<BQ", opcode, len(content)), checksum))
-            if not ended:  # the summary repeats channels and is only for seeking
+            if not ended:  # The summary section, which repeats channels for seeking, is not read.
                 yield from read(opcode, content)
         if closed and not ended:
             raise _damaged(path, "it has no end of data")
 
 
 def _records(stream: BinaryIO, at: int, end: int, path: Path, *, whole: bool) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of each record from ``at`` to ``end``; ``whole`` forbids a truncated record."""
+    """Yield opcode and content of each record from ``at`` to ``end``; with ``whole``, a truncated record raises an
+    error.
+    """
     while at < end:
         head = stream.read(min(9, end - at))
         opcode, length = struct.unpack("<BQ", head) if len(head) == 9 else (0, end)
@@ -319,7 +321,7 @@ class _Replayed:
                 self._compare(question, message.seen)
 
     def result(self, cut: list[str]) -> LogReplay:
-        """Return the result; ``cut`` are the names of the files without an end record."""
+        """Return the result of the replay; ``cut`` lists the files without an end record."""
         different = tuple(self._different)
         return LogReplay(self._questions, self._compared, self._clouds, different, self._missing, tuple(cut))
 

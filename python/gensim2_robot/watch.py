@@ -1,6 +1,6 @@
 """Watchdog of the arm, as a state machine: idle, armed, running, holding, stopped.
 
-It is a software stop, not safety-rated: docs/guides/robot.md.
+The watchdog is a software stop and not safety-rated (see docs/guides/robot.md).
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class WatchRules:
         apart: maximum time between the captures of the newest images of two cameras.
         no_action: time limit for an answer of the controller while the arm moves.
         thinking: time limit for an answer of the controller while the arm stands still.
-        late_answers: number of consecutive answers with only late actions that hold the arm.
+        late_answers: number of consecutive answers without any action in time, after which the arm is held.
         state_age: maximum age of the last state that the arm has sent.
         behind: maximum distance (rad or m) of the arm from the nearest command of the last ``window``. Above the
             contact force ``pressed`` only the force limit applies.
         pressed: contact force above which the arm may be held back by an obstacle, N.
         window: time span of the past commands with which the arm is compared.
         overrun: maximum tolerated delay of the start of a period.
-        overruns: number of consecutive delays larger than ``overrun`` that stop the arm.
+        overruns: number of consecutive delays larger than ``overrun``, after which the arm is stopped.
     """
 
     frame_age: float = 0.150
@@ -74,8 +74,8 @@ class StateChange:
         time: time of the change, s.
         state: new state.
         reason: reason for the change, as text.
-        at_once: whether the arm must stop by its own controller, because commands of a checked stop would be too late
-            or refused.
+        at_once: whether the arm's own controller must stop the arm, because our stop commands would be too late or
+            would be refused.
     """
 
     time: float
@@ -116,7 +116,7 @@ class Watch:
         self._overruns = 0
 
     def arm(self, now: float) -> None:
-        """Enter the state armed: all devices are ready, and the arm does not move yet."""
+        """Enter the state ``armed``: all devices are ready, and the arm does not move yet."""
         self._require(State.IDLE)
         self._change(now, State.ARMED, "ready")
 
@@ -130,7 +130,7 @@ class Watch:
         self._change(now, State.IDLE, "episode over")
 
     def hold(self, now: float, reason: str) -> None:
-        """Bring the arm to rest and keep it there, unless it is stopped already."""
+        """Enter the state ``holding``, in which the arm comes to rest and stays there. A stopped arm stays stopped."""
         if self.state in (State.ARMED, State.RUNNING):
             self._change(now, State.HOLDING, reason)
 
@@ -213,7 +213,9 @@ class Watch:
         self._asked = None
 
     def came(self, late: bool, now: float) -> None:
-        """Record that actions arrived; ``late`` if all came too late, which is normal once at the start of a motion."""
+        """Record that actions arrived. ``late`` means that all of them came too late; this is normal once at the start
+        of a motion.
+        """
         self._late_answers = self._late_answers + 1 if late else 0
         if self._late_answers >= self.rules.late_answers:
             self.hold(now, f"no action from the controller in time, {self._late_answers} answers in a row")
@@ -271,5 +273,7 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Return the number of image rows with enough measurements that noise never produces the same row twice."""
+    """Return the number of image rows that contain many measurements. Noise practically never produces such a row
+    twice.
+    """
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

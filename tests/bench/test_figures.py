@@ -153,7 +153,7 @@ def test_a_row_says_where_it_comes_from_and_how_each_instance_did(tmp_path: Path
     assert sum(each.episodes for each in row.instances.values()) == row.episodes == 8
     assert sum(each.held for each in row.instances.values()) == row.held == 6
     wrong = {name: each.model_copy(update={"held": 0}) for name, each in row.instances.items()}
-    with pytest.raises(ValueError, match="held of the instances do not add up to the row"):
+    with pytest.raises(ValueError, match="the values of 'held' in 'instances' do not sum"):
         type(row).model_validate({**row.model_dump(), "instances": {k: v.model_dump() for k, v in wrong.items()}})
     page = page_by_instance([row, *figures_of("OpenBox")[:2]])
     assert "OpenDrawer: default physics, generated objects" in page

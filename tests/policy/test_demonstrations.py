@@ -475,7 +475,7 @@ def test_the_command_line(folder: Path, tmp_path: Path, capfd: pytest.CaptureFix
         ("--out", str(tmp_path / "a"), "--task", "OpenBox"): "no data set has a task 'OpenBox'",
         ("--out", str(tmp_path / "a"), "--config", str(keypose)): "gensim2 learn --policy keypose",
         ("--out", str(tmp_path / "a"), "--from", str(folder)): "config.json",
-        ("--out", str(tmp_path / "a"), "--config", str(folder / "dataset.json")): "have no such field",
+        ("--out", str(tmp_path / "a"), "--config", str(folder / "dataset.json")): "have no field of this name",
     }
     for extra, said in refused.items():
         assert run(["train", "--data", str(folder), *extra]) == 2

@@ -61,7 +61,7 @@ class Stopwatch:
         Args:
             warm_up: number of passes at the beginning that are left out.
         """
-        times = np.array(self._passes[warm_up:])  # (passes, stages, wall and CPU)
+        times = np.array(self._passes[warm_up:])  # array with the axes: pass, stage, and (wall time, CPU time)
 
         def by_stage(share: float, clock: int) -> dict[str, float]:
             found = 1e3 * np.percentile(times[..., clock], share, axis=0)
@@ -107,7 +107,8 @@ def measure_latencies(
     settings: dict[str, Any] | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure the latency of decisions with batch size 1 in a simulated scene, for ``keypose`` without the planner.
+    """Measure the latency of decisions with batch size 1 in a simulated scene. For the head ``keypose`` the time of the
+    planner is not included.
 
     Args:
         heads, encoders: names of heads and encoders; all combinations are measured.

@@ -77,7 +77,9 @@ class LearnRecord(RunSettings):
             yield from differing("demonstrations", self.demonstrations_of, now.demonstrations_of)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the starting policy's current folder, taken from ``now``."""
+        """Return this record, with the folder of the starting policy replaced by the folder in ``now``, the record of
+        the resuming command.
+        """
         return self.model_copy(update={"start": now.start})
 
     @property
@@ -97,7 +99,8 @@ class LearnRecord(RunSettings):
 
 
 class LearnFolder(ResumableFolder[LearnRecord]):
-    """Folder of a ``gensim2 learn`` run. Its lock file differs from that of a training run in the same folder.
+    """Folder of a ``gensim2 learn`` run. The run has its own lock file, because it starts a training run that locks the
+    same folder.
 
     Raises:
         InputError: the folder has a run with other arguments or another policy, or has a run and ``resume`` is false.

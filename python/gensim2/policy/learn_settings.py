@@ -60,8 +60,8 @@ def learn_configs(
         file: file that contains the settings, for error messages.
 
     Raises:
-        InputError: a field is unknown or invalid, ``learn`` sets the field itself, or only another kind of policy has
-            the field; the message names file and field.
+        InputError: a field is unknown or invalid, belongs to another kind of policy, or must not be given because
+            ``learn`` sets it; the message names file and field.
     """
     for name, remedy in ELSEWHERE.items():
         if name in settings:

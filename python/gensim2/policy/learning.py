@@ -55,7 +55,7 @@ class Learned:
     Attributes:
         folder: folder of the checkpoint.
         demonstrations: number of training plans or episodes by task.
-        data_cpu_s: CPU time of the data, s.
+        data_cpu_s: CPU time that collecting the data took, s.
         trained: result of the training.
         measured: evaluation of the policy and of its control experiments.
     """
@@ -152,8 +152,9 @@ def learn(
             ``"keypose"``. The time for data is divided in proportion to the numbers of objects.
         verify: whether to simulate the plans and leave out scenes in which they fail, for ``"keypose"``.
         start: folder of a keypose policy of several tasks that ``learn`` trained, or ``"builtin"``. The new policy
-            starts from its weights and plans, learns ``tasks`` in addition, and is evaluated on all tasks. The builtin
-            policy comes without plans, so scenes of its tasks are planned again; this time counts towards ``minutes``.
+            starts from the weights of this policy, trains on its plans and on new plans of ``tasks``, and is evaluated
+            on all tasks. The builtin policy comes without plans, so scenes of its tasks are planned again; this time
+            counts towards ``minutes``.
         demonstrations: folder of another run of ``learn`` with the same tasks, objects and seed. Its demonstrations are
             copied, and more are collected if ``minutes`` permits.
         noise: camera noise in training data and evaluation; each episode has random errors of camera pose, depth and
@@ -171,7 +172,7 @@ def learn(
         device: device of the training, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
-        InputError: an argument is invalid, or ``out`` contains something else.
+        InputError: an argument is invalid, or ``out`` contains files of another run or of another program.
         NotRunError: some scenes or episodes could not be run.
     """
     check_counts(scenes=scenes, episodes=episodes, control_episodes=control_episodes)

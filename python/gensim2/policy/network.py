@@ -84,7 +84,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         cloud = (batch[CLOUD] - self.cloud_mean) / self.cloud_scale
         own = (batch[PROPRIO] - self.proprio_mean) / self.proprio_scale
         frames = self.config.history
-        flat = cloud.flatten(0, 1)  # (B T, N, C)
+        flat = cloud.flatten(0, 1)  # shape (B * T, N, C)
         features = None
         points = batch[CLOUD][:, -1, :, :3]
         seen_points = points
@@ -100,7 +100,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
             features = every.unflatten(0, (-1, frames))[:, -1]
         else:
             pooled = self.encoder(flat)  # (B T, K, F)
-        seen = self.project(pooled).unflatten(0, (-1, frames)).flatten(1, 2)  # (B, T K, D)
+        seen = self.project(pooled).unflatten(0, (-1, frames)).flatten(1, 2)  # shape (B, T * K, D)
         state = self.proprio(own)
         tokens = [seen, state]
         sentence = None if self.text is None else self.text(batch[TEXT])
@@ -130,7 +130,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
-        """Return one index from each of P equal ranges of the points: the middle, or with a generator a random one."""
+        """Divide the points into P equal ranges of indices and return one index from each: a random index if there is a
+        generator, otherwise the middle one.
+        """
         count = points.shape[1]
         looked_at = min(self.config.seen_points, count)
         within = torch.full((len(points), looked_at), 0.5, device=points.device)
@@ -140,9 +142,10 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return rows.long().clamp(max=count - 1)
 
     def _first_look(self, points: torch.Tensor) -> torch.Tensor:
-        """Return indices (B, K) of points (B, N, 3): the first ``seen_points``, and ``spread_points`` spread points.
+        """Return indices (B, K) of points (B, N, 3): the first ``seen_points`` points, and ``spread_points`` points
+        that are far from each other.
 
-        The spread points are found by farthest point sampling.
+        Farthest point sampling selects the second group.
         """
         count = points.shape[1]
         rows = torch.arange(min(self.config.seen_points, count), device=points.device).expand(len(points), -1)

@@ -61,12 +61,13 @@ def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
     for one in given:
         mine, others = (taken(one.spec, one.library, each) for each in (one.instances, word))
         for name, thing in one.spec.objects.items():
-            if one.library.kind(thing.asset_class) == "articulated":  # a class of rigid objects has one instance
+            # A class of rigid objects has only one instance, so there is nothing to select.
+            if one.library.kind(thing.asset_class) == "articulated":
                 found += [f"{thing.asset_class}/{each}" for each in others[name] if each in mine[name]]
     return list(dict.fromkeys(found))
 
 
 def words(given: Sequence[TaskInput], tasks: str | Sequence[str]) -> dict[str, str]:
-    """Return, by task name, the name or folder that the user gave for each task."""
+    """Return a mapping from the name of each task to the user's argument for it, which is a name or a folder."""
     named = (tasks,) if isinstance(tasks, str) else tuple(tasks)
     return dict(zip((one.spec.name for one in given), named, strict=True))

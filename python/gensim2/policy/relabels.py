@@ -1,9 +1,9 @@
-"""Create DAgger labels: states visited by the policy, each with the planner's actions from this state.
+"""Create DAgger labels: each label is a state that the policy visited, with the actions of the planner from this state.
 
 At the start of an episode the planner chooses a strategy and a hand pose at the contact. Until the object moves, the
 step is planned again every ``EVERY`` control steps, from the arm's current state. A plan with the same strategy and
-contact pose as the first plan becomes a label. The last part of the approach and later states have no labels, because a
-new plan would move away and approach again, unlike a demonstration.
+contact pose as the first plan becomes a label. States in the last part of the approach, and all later states, get no
+label: a new plan from such a state would move away from the object and approach again, unlike a demonstration.
 """
 
 from __future__ import annotations
@@ -71,14 +71,16 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """Roll the policy out in one scene, in a worker process, and return labels for the visited states.
 
     Returns:
-        Arrays of S labels by batch column: ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2); S may be 0.
+        Arrays by column of a training batch: the columns of ``frames.SEEN`` with the shape (S, T, ...), and ``action``
+        (S, H, m + 2). S is the number of labels, which may be 0.
 
     Raises:
         InputError: the checkpoint cannot be used.
     """
     env, profile, step = simulator(scene), robot(scene.robot), scene.task.steps[0]
     controller = PolicyController(checkpoint)
-    spec = controller.observation_spec  # before an episode this is the spec that the policy was trained on
+    # Before its first action, the controller's spec is the one that the policy was trained on.
+    spec = controller.observation_spec
     config, ways = controller.config, parsed(strategies)
     env.reset(seed)
     planner = StepPlanner(profile)
@@ -162,7 +164,9 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
 
 
 def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Return whether the hand has reached or passed the approach pose, where a new plan would first move away."""
+    """Return whether the hand has reached or passed the approach pose. From there a new plan would first move away from
+    the object.
+    """
     actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:
         return False
@@ -228,7 +232,8 @@ class RelabelledSource:
 
     Args:
         demonstrations: the demonstrations.
-        relabels: labels of each task and round; their instructions must occur in the demonstrations.
+        relabels: labels, one element for each task and DAgger round; their instructions must occur in the
+            demonstrations.
     """
 
     def __init__(self, demonstrations: Demonstrations, relabels: Sequence[Relabels]) -> None:
@@ -251,7 +256,7 @@ class RelabelledSource:
         for name in (*SEEN, ACTION):
             drawn = np.stack([self._relabels[task].arrays[name][row] for task, row in pairs])
             found[name] = torch.cat([found[name], torch.from_numpy(drawn)])
-        for name in (KEY_POSITIONS, KEY_ROTATIONS):  # new plans have no key poses
+        for name in (KEY_POSITIONS, KEY_ROTATIONS):  # Labels have no key poses.
             if name in found:
                 found[name] = torch.cat([found[name], torch.full((few, *found[name].shape[1:]), torch.nan)])
         sentences = [self.sentences.index(self._relabels[task].language) for task in which]

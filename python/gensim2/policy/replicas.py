@@ -12,7 +12,7 @@ from multiprocessing.process import BaseProcess
 from types import TracebackType
 
 import torch
-import torch.multiprocessing  # lets processes share the memory of tensors
+import torch.multiprocessing  # This import lets processes share the memory of tensors.
 
 from gensim2.core.errors import InputError
 from gensim2.core.processes.fork_server import ignore_interrupts
@@ -29,9 +29,9 @@ PATIENCE_S = 10.0
 class Replicas:
     """Replicas of a network in separate processes.
 
-    In each step the replicas get the network's weights, and the mean of all gradients is stored in the network for its
-    optimizer. Weights and gradients pass through the host's shared memory, which takes milliseconds for a few million
-    weights. Each replica has its own copy of the data, and keeps no state between steps.
+    In each step the replicas get the network's weights and compute gradients. The mean of their gradients is stored in
+    the network, where the optimizer finds it. Weights and gradients pass through the host's shared memory, which takes
+    milliseconds for a few million weights. Each replica has its own copy of the data, and keeps no state between steps.
 
     Args:
         source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.
@@ -109,7 +109,9 @@ class Replicas:
         return loss / count
 
     def _receive(self, number: int) -> tuple[float, float]:
-        """Return the loss and the CPU time of a replica's step; zeros if the replica reports that it has started."""
+        """Return the loss and the CPU time of a replica's step. The first message of a replica only reports its start;
+        for this message return zeros.
+        """
         process, pipe, _ = self._replicas[number]
         try:
             said: tuple[float, float] | str = pipe.recv()
@@ -159,16 +161,18 @@ def _replica(
 ) -> None:
     """Compute the gradients of each step whose number arrives in the pipe, until the pipe closes or sends None."""
     ignore_interrupts()
-    for each in (signal.SIGTERM, signal.SIGHUP):  # sent to the whole group; the trainer ends its replicas
+    # These signals reach all processes of the group. A replica ignores them, because the trainer ends its replicas.
+    for each in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(each, signal.SIG_IGN)
     if training.threads:
         torch.set_num_threads(training.threads)
     try:
-        network = copy.deepcopy(model).to(device).train()  # a copy, because processes share the memory of arguments
+        # The argument's memory is shared with the trainer, so the replica works on a copy.
+        network = copy.deepcopy(model).to(device).train()
         take = GradientStep(network, source, config, training, table.to(device), share, number)
         taught = _taught(network)
         pipe.send((0.0, 0.0))
-        with contextlib.suppress(EOFError):  # the trainer was killed
+        with contextlib.suppress(EOFError):  # The pipe ends if the trainer was killed.
             while (step := pipe.recv()) is not None:
                 begin, values = time.process_time(), _values(network)
                 for value, part in zip(values, _parts(weights, values), strict=True):

@@ -17,7 +17,7 @@ Unknown = Literal["refuse", "embed"]
 
 
 def embeds(word: str) -> bool:
-    """Return whether the option value ``word`` requests that unknown instructions are encoded.
+    """Return whether an option value selects encoding of unknown instructions, instead of an error.
 
     Raises:
         InputError: ``word`` is not one of :data:`Unknown`.
@@ -56,7 +56,8 @@ def sentence_row(
         text_model: folder or Hugging Face name of the text encoder's weights, unless gensim2 uses them by default.
 
     Raises:
-        CheckpointError: the instruction is unknown and ``embed`` is false, or only the checkpoint names the encoder.
+        CheckpointError: the instruction is unknown and ``embed`` is false, or the weights of the text encoder are named
+            by the checkpoint alone, which is not trusted.
         InputError: the weights of the text encoder cannot be loaded.
     """
     looks_at_none = policy.config.text == "none" and policy.action.kind != "keypose"

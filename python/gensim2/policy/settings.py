@@ -21,7 +21,7 @@ def setting(
     """Return a dataclass field with its help text and its allowed values.
 
     Args:
-        default: default value, whose type is the type of the field; None stands for an optional integer.
+        default: default value. The field has the type of this value; with None it is an optional integer.
         text: help text of the field and of its command-line option.
         choices: allowed strings.
         low, high: inclusive bounds of a number.
@@ -56,7 +56,7 @@ class Settings:
         for name in values:
             if name not in known:
                 remedy = near(name, sorted(known))
-                raise InputError(f"{cls.of_what} have no such field", file=file, field=str(name), remedy=remedy)
+                raise InputError(f"{cls.of_what} have no field of this name", file=file, field=str(name), remedy=remedy)
         try:
             return cls(**values)
         except InputError as error:

@@ -1,4 +1,6 @@
-"""Create demonstrations and train one policy of a ``gensim2 learn`` run, within the CPU time of the policy."""
+"""Create demonstrations and train one policy of a ``gensim2 learn`` run, within the CPU time that the run has for this
+policy.
+"""
 
 from __future__ import annotations
 
@@ -125,7 +127,8 @@ def teach_by_plans(
                 verify=record.verify,
                 progress=progress,
             )
-            if made.demonstrations == 0:  # examples of "done" alone are useless
+            # Without demonstrations there are only examples of the class "done", which are useless.
+            if made.demonstrations == 0:
                 message = f"none of its {made.scenes} scenes could be planned; physics refuted {made.refuted}"
                 remedy = "leave --generated out" if name.endswith(BESIDE) else "leave it out"
                 raise InputError(message, field=f"tasks.{name}", remedy=remedy)
@@ -174,7 +177,8 @@ def teach_by_episodes(
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
         # The record has the CPU time and the number of episodes of earlier iterations and runs.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        # A copied data set, or the data set of an interrupted run, must not shrink.
+        # The number of episodes must not become smaller than the number in a copied data set, or in the data set of an
+        # interrupted run.
         record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)
@@ -214,7 +218,7 @@ def _begun_with(data: Path) -> int:
 
 
 class _CollectionProgress(NullProgress):
-    """Reports the collected episodes as steps of the running stage of a progress display."""
+    """Shows the number of collected episodes in the current stage of a progress display."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._counted = progress, 0

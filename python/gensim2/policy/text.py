@@ -50,7 +50,8 @@ def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Sh
 
     Args:
         sentences: S, number of instructions.
-        found: shape of a table from a file, which gives the length of pretrained embeddings.
+        found: shape of the table in a checkpoint file. It is needed only for pretrained text encoders, whose embedding
+            length is not in the config.
     """
     if config.text == "small":
         return Shape("I64", (sentences, WORDS, PIECES))

@@ -185,7 +185,9 @@ def _train(
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
         drawn, moved = rng(training.seed, "policy/fit"), None
-        if training.arm_noise > 0:  # motions back to the path are longer than motions of demonstrations
+        # The network normalizes actions. With noise, motions back to the path are longer than those of demonstrations,
+        # so noisy batches are measured.
+        if training.arm_noise > 0:
             moved = torch.Generator(table.device).manual_seed(training.seed)
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
     else:
@@ -263,7 +265,8 @@ def take_steps(
         folder: folder for the state and the loss curves.
         identity: all settings and data that determine the result of the run.
         progress: listener.
-        more_cpu_s: function that returns the CPU time (s) that other processes have spent since the call.
+        more_cpu_s: function that returns the CPU time (s) that other processes have spent since the start of this
+            function.
 
     Raises:
         InputError: the loss is not finite, or computing the gradients failed; the state is written first.
@@ -279,7 +282,7 @@ def take_steps(
         while state.step < training.steps:
             try:
                 loss = gradients(state.step)
-            except InputError:  # a replica was lost
+            except InputError:  # A replica has ended unexpectedly; save the state before the error is raised.
                 state.save(folder, identity)
                 raise
             norm = torch.nn.utils.clip_grad_norm_(parameters, training.clip)
@@ -301,14 +304,16 @@ def take_steps(
                 curves.add(
                     step=state.step, loss=state.loss, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s
                 )
-            stopping = stop()  # read once; a signal that arrives during saving ends the next step
+            # The flag is read once per step. A signal that arrives while the state is saved takes effect after the next
+            # step.
+            stopping = stop()
             if stopping or state.step % training.save_every == 0 or state.step == training.steps:
                 state.save(folder, identity)
             if stopping:
                 break
     if state.loss is not None:
         return state.loss
-    points = read_curves(folder)  # for older states, which do not contain the losses
+    points = read_curves(folder)  # States of older versions do not contain the losses.
     if not points:
         raise InputError("has no loss", file=folder / CURVES, remedy="delete the folder and train again")
     return float(points[-1]["loss"])

@@ -39,7 +39,9 @@ class _Record(RunSettings):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield each setting that differs from ``now``; settings that an earlier version did not record are ignored."""
+        """Yield each setting whose value differs between this identity and ``now``. Settings that an earlier version
+        did not record are ignored.
+        """
         if self.identity == now.identity:
             return
         theirs = json.loads(json.dumps(now.settings))
@@ -54,8 +56,8 @@ class Identity:
     """Settings and data that determine the result of a training run.
 
     Attributes:
-        parts: plain data by name. Each setting of ``"policy"`` and ``"training"`` is stored; of all other parts only a
-            SHA-256 is stored.
+        parts: plain data by name. The parts ``"policy"`` and ``"training"`` are stored setting by setting; every other
+            part is stored as its SHA-256.
     """
 
     parts: Mapping[str, Any]
@@ -97,8 +99,8 @@ class TrainState:
         optimizer: AdamW over the network's parameters.
         step: number of steps taken.
         cpu_s: CPU time of these steps, s.
-        losses: losses since the last point of the curves.
-        loss: mean loss at the last point of the curves; None if there is no point, or in states of earlier versions.
+        losses: losses since the last logged point of the loss curve.
+        loss: mean loss at the last logged point; None if there is no point, or in states of earlier versions.
     """
 
     network: nn.Module

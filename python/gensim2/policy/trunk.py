@@ -1,4 +1,6 @@
-"""Pre-LN transformer over a readout token, the instruction's token, and tokens of each frame's cloud and state."""
+"""Pre-LN transformer. Its input tokens are a readout token, one token of the instruction, and the tokens of each frame
+(point cloud and robot state).
+"""
 
 from __future__ import annotations
 
@@ -75,7 +77,9 @@ class Trunk(nn.Module):  # type: ignore[misc]
         self.norm = nn.LayerNorm(width)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Return output tokens (B, S, D), the readout first, for input tokens (B, S - 1, D)."""
+        """Return output tokens (B, S, D) for input tokens (B, S - 1, D). The first output token is the readout token,
+        which the function adds.
+        """
         tokens = torch.cat([self.readout.expand(len(tokens), -1, -1), tokens], 1) + self.places
         for block in self.blocks:
             tokens = block(tokens)

@@ -37,10 +37,11 @@ def fixed_base(
     Args:
         urdf: URDF file, with mesh paths relative to the file.
         base: link that becomes the root.
-        standing: joint value (rad or m) at which each joint is fixed, by name.
+        standing: names of the joints to fix, with the joint values (rad or m) at which they are fixed.
         turns: limit of continuous joints, rad.
         palm: link that carries the fingers.
-        hand: name of the new hand link, which has no geometry, between the palm and its parent, at the palm's origin.
+        hand: name of the new hand link. It has no geometry, lies at the palm's origin, and becomes the parent of the
+            palm.
         pitch: pitch of the hand in the palm's frame, rad.
         tool: name of the new tool link, added without geometry on the hand's z axis.
         tool_at: position of the tool link along the hand's z axis, m.
@@ -68,7 +69,8 @@ def fixed_base(
 def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
     """Return the text of an SRDF, extended by pairs of links that never touch.
 
-    A link inserted between two neighbours separates them, so the SRDF has to disable their collisions explicitly.
+    Neighbouring links may touch by default. If another link is inserted between them, they are no longer neighbours, so
+    the SRDF has to disable their collisions explicitly.
     """
     root = read_xml(srdf)
     for one, other in pairs:
@@ -124,7 +126,8 @@ def _place(joint: ET.Element, pose: RigidTransform) -> None:
     origin = joint.find("origin")
     origin = ET.SubElement(joint, "origin") if origin is None else origin
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # In gimbal lock any yaw is valid.
+        # SciPy warns of gimbal lock, in which any yaw is valid; the result can be used.
+        warnings.simplefilter("ignore", UserWarning)
         turn = pose.rotation.as_euler("xyz")
     origin.set("xyz", " ".join(map(repr, pose.translation.tolist())))
     origin.set("rpy", " ".join(map(repr, turn.tolist())))

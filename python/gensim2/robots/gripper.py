@@ -36,14 +36,15 @@ class Mimic:
 
 
 class Gripper(Protocol):
-    """Two pads that open and close on a single command from -1 (closed) to 1 (open).
+    """Two pads whose distance is set by one command, from -1 (closed) to 1 (open).
 
     Attributes:
         joints: names of all g movable joints below the hand, in active joint order.
         driven: names of the motorized joints; the command determines their target.
         fingers: names of the joints whose drives press the pads together; they are driven or follow a driven joint.
         mimics: joints that follow a driven joint, by name.
-        passive: names of joints that no motor drives; they rest at 0. Their ``mimic`` in the URDF has multiplier 0.
+        passive: names of joints that no motor drives and that rest at 0. In the URDF they have a ``mimic`` element with
+            multiplier 0.
         pads: names of the links that touch a grasped object.
         travel_seconds: time for opening or closing the fingers.
         friction: static and dynamic friction coefficient of the pads' surface.
@@ -70,7 +71,9 @@ class Gripper(Protocol):
     def widest(self) -> float: ...
 
     def target(self, command: Row) -> Row:
-        """Return the targets (rad or m) of a driven joint for commands of any shape, clipped to -1 and 1."""
+        """Return the targets (rad or m) of a driven joint for an array of commands of any shape; commands are clipped
+        to the range from -1 to 1.
+        """
 
     @property
     def range(self) -> tuple[float, float]:
@@ -95,16 +98,18 @@ class Gripper(Protocol):
         """Return the distance of the pads (m) at the joints (g,)."""
 
     def at_opening(self, opening: float) -> Array:
-        """Return the joints (g,) with the pads ``opening`` (m) apart."""
+        """Return the joint values (g,) at which the distance of the pads is ``opening``, m."""
 
     def at_command(self, command: float) -> Array:
         """Return the joints (g,) at a command, without an object between the pads."""
 
     def planned(self, opening: float) -> float:
-        """Return the value of the driven joints at ``opening`` (m), which the solver calls ``finger_width``."""
+        """Return the value of the driven joints at the pad distance ``opening``, m. In the solver this joint value is
+        named ``finger_width``.
+        """
 
     def travel(self, command: float, other: float) -> float:
-        """Return the distance in metres that a finger moves between two commands; negative for opening."""
+        """Return the distance (m) that a finger moves from ``command`` to ``other``; negative if the gripper opens."""
 
     def grasping(self, model: kpam.Robot, tool_keypoints: Mapping[str, Array]) -> kpam.ParallelGripper:
         """Return this gripper's description for the grasp search of ``gensim2_kpam``."""
@@ -190,7 +195,7 @@ class SlidingGripper:
         return (2.0 * finger - self.open - self.closed) / (self.open - self.closed)
 
     def _driven_at(self, finger: float) -> float:
-        """Return the value of a driven joint when the fingers are at ``finger`` (m)."""
+        """Return the value of a driven joint for a finger position (m)."""
         mimic = self.mimics.get(self.fingers[0])
         return finger if mimic is None else (finger - mimic.offset) / mimic.multiplier
 

@@ -35,7 +35,7 @@ def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict
 
     Args:
         tip: distance of the fingertips from the hand's origin along z, m.
-        side: distance of the right finger of the open gripper from the middle between the fingers, m.
+        side: distance between the right finger and the middle of the open gripper, m.
         base: distance of the finger bases from the hand's origin along z, m; None: 3 cm less than ``tip``.
 
     Example:
@@ -59,7 +59,7 @@ class Footprint:
 
     Attributes:
         base_half, hand_half: half side lengths of the areas occupied by the base and by the hand at rest.
-        hand_drop: height of the zone below the tool in the rest pose that objects may not enter.
+        hand_drop: height of the zone below the resting tool that must stay free of objects.
     """
 
     base_half: float
@@ -69,7 +69,9 @@ class Footprint:
 
 @dataclass(frozen=True)
 class JointDrive:
-    """PD drive of a joint: stiffness, damping and force limit, in N m/rad, N m s/rad and N m, or N/m, N s/m and N."""
+    """PD drive of a joint, with stiffness, damping and force limit.  Units: N m/rad, N m s/rad and N m for a revolute
+    joint; N/m, N s/m and N for a prismatic joint.
+    """
 
     stiffness: float
     damping: float
@@ -86,7 +88,7 @@ class Simulation:
     """Simulation parameters of a robot. PD drives represent the robot's motors.
 
     Attributes:
-        agent: name of the ManiSkill agent, which recorded states contain. If ManiSkill has no agent of this name,
+        agent: name of the ManiSkill agent; recorded states contain this name. If ManiSkill has no agent of this name,
             :mod:`gensim2.sim.agents` creates the agent from the profile.
         arm: one drive for all arm joints, or a tuple with one drive for each joint.
         gripper: drive of the driven gripper joints.
@@ -169,15 +171,15 @@ class RobotProfile:
         base_position: (3,) position of the base in the world, m.
         tool_keypoints: position (3,) m in the hand frame, for ``tool_head``, ``tool_tail`` and ``tool_side``;
             see :func:`finger_keypoints`.
-        reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
+        reach: maximum horizontal distance (m) from the base at which the hand can touch the table while it points down.
         footprint: area occupied on the table at rest.
         simulation: simulation parameters.
         base_quaternion: (4,) orientation of the base in the world, (w, x, y, z).
         control_hz: control rate, Hz.
         cameras: cameras mounted on the robot's links, in addition to the fixed cameras.
         tool_keypoint_descriptions: description of each tool keypoint, for people and for prompts to language models.
-        solver: options of every planning problem: limits that the URDF lacks, joint weights, and bounds of the hand's
-            origin at the actuation pose.
+        solver: options of every planning problem, for example limits that are not in the URDF, joint weights, and the
+            box in which the hand's origin must lie at the actuation pose.
     """
 
     name: str
@@ -233,7 +235,7 @@ class RobotProfile:
 
     @property
     def arm_size(self) -> int:
-        """Number m of arm joints, the first m active joints."""
+        """Number m of arm joints. They are the first m of the active joints."""
         return len(self.arm_joints)
 
     @property
@@ -284,7 +286,7 @@ class RobotProfile:
         return tuple(names.index(name) for name in self.gripper.joints)
 
     def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
-        """Return the arm's joint limits from the solver options; a missing limit has the given value.
+        """Return the arm's joint limits from the solver options, with the arguments as defaults for missing limits.
 
         Args:
             acceleration, jerk: limits for a robot whose solver options have none, (m,) or one number for all joints.
@@ -335,8 +337,8 @@ class RobotProfile:
 
         Args:
             positions: (N, m) desired arm joints at the end of each control step.
-            ends: (N,) for each row, the index of the row in which the current motion ends; targets do not pass this
-                row's position.
+            ends: (N,) for each control step, the index of the step in which its motion ends. A target never lies beyond
+                the position at this end.
 
         Returns:
             (N, m) targets of each control step.

@@ -96,7 +96,8 @@ def robot_names() -> tuple[str, ...]:
 
 
 class RobotPlace(str):
-    """File or module of a robot that this process has loaded; unpickling it permits another process to load it.
+    """File or module of a robot that this process has loaded. A process that unpickles this object may load the robot,
+    too.
 
     A plain ``str``, for example one read from a file, does not permit loading.
     """
@@ -104,7 +105,7 @@ class RobotPlace(str):
     __slots__ = ()
 
     def __reduce__(self) -> tuple[Callable[[str], RobotPlace], tuple[str]]:
-        """Allow the unpickling process to load the robot, which happens on first use."""
+        """Allow the process that unpickles the object to load the robot. The robot is loaded when it is first used."""
         return _granted, (str(self),)
 
 
@@ -146,7 +147,7 @@ def load_robot(place: str | Path) -> str:
 
 
 def robot_key(name: object) -> str:
-    """Return the key with which every process of a run finds a known robot; do not load the robot.
+    """Return the key with which every process of a run finds a known robot. The function does not load the robot.
 
     Raises:
         InputError: this process knows no such robot.
@@ -216,7 +217,8 @@ def _made(make: Maker, where: str) -> RobotProfile:
             f"{make.__name__}() must return a RobotProfile, but returned {profile!r:.80}", file=where, field="robot"
         )
 
-    def refused(error: BaseException) -> InputError:  # covers the profile's files, which are read here
+    # The profile's files are read in this block, so their errors are reported in the same form.
+    def refused(error: BaseException) -> InputError:
         known = type(error).__module__.startswith("gensim2_kpam")
         said = str(error) if known else f"files() raises {_told(error, Path(where))}"
         return InputError(said, file=where, field=f"{profile.name}.files")
@@ -268,7 +270,8 @@ def _from_file(file: Path, function: str) -> Maker:
             remedy="put the file at the same path on every machine of the run, or use module:function",
         )
     names = _names_in.get(file)
-    if not names or (function and function not in names):  # the file may have been edited since it was loaded
+    # The names can be missing now if the file was edited after it was loaded.
+    if not names or (function and function not in names):
         names = _loaded(file)
     found = [name for name in names if not function or name == function]
     if len(found) != 1:

@@ -53,9 +53,9 @@ class ChainController:
     A step is planned on the scene at its start. The step is planned again, from the robot's current state and velocity,
     if its object moves before the hand touches it, or if the fingers close on nothing. If a grasped object is lost, the
     step that grasped the object is repeated. If a motion ends and the step is not done, the same strategy is tried once
-    more, then the next strategy. If no strategy can be planned, a strategy with ``makes_room`` moves an obstacle. A
-    step is planned at most ``MAX_ROUNDS`` times. After the last step a hand near the objects returns to the rest pose
-    (:mod:`gensim2.rollout.retreat`).
+    more, then the next strategy. If no strategy can be planned, the controller uses a strategy with the field
+    ``makes_room``, which moves an obstacle away. A step is planned at most ``MAX_ROUNDS`` times. After the last step
+    the hand returns to the rest pose if it is near the objects (:mod:`gensim2.rollout.retreat`).
 
     Args:
         strategies: strategies by name, as plain data or parsed.
@@ -240,8 +240,8 @@ class ChainController:
     def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
         """Return the action with a gripper command that presses with the planned force at the current pad distance.
 
-        A finger's drive acts as a spring. If the object is narrower than planned, or if the pads sink into the object,
-        as in some simulators, the planned command would press less.
+        A finger's drive acts as a spring. If the object is narrower than planned, the planned command would press less
+        than planned. The same happens in simulators in which the pads sink into the object.
         """
         held = self._held
         if held is None or held.force is None:
@@ -287,7 +287,7 @@ class ChainController:
         return None
 
     def _must_wait(self, observation: PrivilegedObservation) -> bool:
-        """Return whether to wait because the object still moves or the arm must come to rest before planning.
+        """Return whether planning must wait, because the object still moves or the arm is not at rest.
 
         The waiting time is limited.
         """
@@ -374,7 +374,8 @@ class ChainController:
     def _is_there_already(self, measured: Measurement) -> bool:
         """If a lost object already lies where the goal requires, skip to the step after its placement.
 
-        The hand may be unable to reach the object there, for example a cup that was dropped into the box.
+        For example, a cup that was dropped already lies in the box. The hand may be unable to reach it there, and need
+        not.
         """
         if self._trigger != Cause.GRASP_LOST:
             return False
@@ -396,7 +397,9 @@ class ChainController:
         return [name for name in step.strategies if self._strategies[name].makes_room is None]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
-        """Return the plan for the current step that was made together with the grasp of the held object, or None."""
+        """Return the plan for the current step that the grasp search computed when it chose the grasp of the held
+        object; None if there is no such plan.
+        """
         grasp = self._held_by
         if grasp is None or self._held is None or grasp.step != self._step.name:
             return None

@@ -138,7 +138,9 @@ class ChainTurn:
     acted: Measurement | None = None
 
     def is_done(self, measured: Measurement) -> bool:
-        """Return whether the step is done. A criterion about the gripper may have been met at the grasp or release."""
+        """Return whether the step is done. A criterion about the gripper also counts if it was met earlier, when the
+        gripper grasped or released the object.
+        """
         return all(
             criterion.holds(measured)
             or (self.acted is not None and isinstance(criterion, OF_GRIPPER) and criterion.holds(self.acted))

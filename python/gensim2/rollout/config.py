@@ -36,7 +36,7 @@ class RunArguments(RolloutArguments, ExecutionArguments, total=False):
 
 
 class EvaluationArguments(SceneArguments, ExecutionArguments, total=False):
-    """Options of commands that run a controller of any kind; they concern scenes and worker processes."""
+    """Options for scenes and worker processes, shared by all commands that run a controller."""
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,8 @@ def inner_box(hulls: tuple[Array, ...], measured_point: Array, up: Array) -> Inn
     """Return the free space inside a link; None if there is no free space at the measured point.
 
     Args:
-        hulls: vertices (N, 3) of the link's convex hulls in the link frame, m; results are cached by identity.
+        hulls: vertices (N, 3) of the link's convex hulls in the link frame, m. The result is cached for this tuple
+            object.
         measured_point: (3,) measured point in the link frame, m.
         up: (3,) vertical direction in the link frame; the nearest axis is used.
     """
@@ -95,7 +96,9 @@ def _inner_box(key: HullsKey, measured_point: tuple[float, ...], axis: int, upwa
 
 
 def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
-    """Return a mask of the cells whose centre lies within half a cell size of a hull, which also covers thin walls."""
+    """Return a mask of the cells whose centre lies in a hull or within half a cell size of a hull. The tolerance
+    ensures that walls thinner than a cell are included.
+    """
     solid = np.zeros(shape, bool)
     for hull in hulls:
         planes = np.unique(ConvexHull(hull, qhull_options="QJ").equations.round(9), axis=0)
@@ -111,8 +114,8 @@ def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray
 def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> InnerBox:
     """Extend each side of a box of cells to the wall behind the side, so that flat objects on the floor are inside.
 
-    A wall is searched within two cells, because cells near a hull do not count as free, and uneven layers are cut off.
-    A side without a wall is not moved.
+    The function searches for a wall up to two cells away: cells near a hull do not count as free, and uneven outer
+    layers were removed, so the box ends before the wall. A side without a wall is not moved.
     """
     corners = [box.low.copy(), box.high.copy()]
     spread = np.linspace(0.1, 0.9, 9)
@@ -120,7 +123,8 @@ def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> In
         for corner, sign in zip(corners, (-1.0, 1.0), strict=True):
             shares = np.stack(np.meshgrid(*[spread] * 3, indexing="ij"), axis=-1)
             points = box.low + shares.take(0, axis).reshape(-1, 3) * (box.high - box.low)
-            points[:, axis] = corner[axis] - sign * cell / 2  # centres of the outermost cells
+            # Points at the centres of the cells in the outermost layer of this side.
+            points[:, axis] = corner[axis] - sign * cell / 2
             enter, _ = crossings(hulls, points, sign * np.eye(3)[axis])
             to_wall = float(np.median(np.where(enter >= 0.0, enter, np.inf).min(axis=1))) - cell / 2
             if 0.0 < to_wall <= 2 * cell:
@@ -129,7 +133,9 @@ def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> In
 
 
 def _behind(solid: npt.NDArray[np.bool_], axis: int, forwards: bool) -> npt.NDArray[np.bool_]:
-    """Return a mask of cells with a solid cell at a lower index along the axis; higher with ``forwards=False``."""
+    """Return a mask of the cells that have a solid cell at a lower index along the axis (with ``forwards=False``: at a
+    higher index).
+    """
     turned = solid if forwards else np.flip(solid, axis)
     found = np.maximum.accumulate(turned, axis)
     return found if forwards else np.flip(found, axis)
@@ -141,7 +147,9 @@ def _walled(solid: npt.NDArray[np.bool_], up: int) -> npt.NDArray[np.bool_]:
 
 
 def _box(room: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_]]:
-    """Return the first and last cell of the box around a free space, without outer layers that are mostly not free."""
+    """Return the first and the last cell of the bounding box of a free space. Outer layers of the box in which most
+    cells are not free are removed.
+    """
     cells = np.argwhere(room)
     first, last = cells.min(axis=0), cells.max(axis=0)
     while (last > first).all():

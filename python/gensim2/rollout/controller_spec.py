@@ -95,10 +95,11 @@ class ControllerSpec:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of name, arguments, source and dependencies; a resumed run must have the hash of the interrupted run.
+        """SHA-256 of the controller's name, arguments, source and dependencies. A run can be resumed only with a
+        controller that has the same hash.
 
-        Dependencies are the files that the class's static method ``depends_on`` returns for the arguments. Source files
-        and checkpoints may be moved, so their folders do not count.
+        Dependencies are the files that the class's static method ``depends_on`` returns for the arguments. The hash
+        does not include folders, so source files and checkpoints may be moved.
         """
         where, name = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
@@ -166,7 +167,9 @@ def _module(where: str, target: str) -> ModuleType:
 
 
 def _of_file(path: Path) -> ModuleType:
-    """Import a file as a module, again only if the file has changed; the file may import modules from its folder."""
+    """Import a file as a module. An unchanged file is imported only once. The file may import modules from its
+    folder.
+    """
     path = path.resolve()
     if not path.is_file():
         raise ControllerError("there is no such file", file=path, remedy=_REMEDY)

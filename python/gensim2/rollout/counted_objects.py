@@ -22,7 +22,8 @@ def can_be_counted(given: TaskInput) -> bool:
 
 
 def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
-    """Return a task whose scenes use ``count`` generated objects of each articulated class, all unlisted.
+    """Return a task whose scenes use ``count`` generated objects of each articulated class. These objects are not in
+    the library's list of instances.
 
     Raises:
         InputError: the objects are from a folder, or the task has no articulated object.
@@ -35,10 +36,10 @@ def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
 
 
 def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[TaskInput]:
-    """Apply :func:`with_objects` to every task with such objects; other tasks are returned unchanged.
+    """Apply :func:`with_objects` to every task with an articulated object; other tasks are returned unchanged.
 
     Raises:
-        InputError: no task has such objects.
+        InputError: no task has an articulated object.
     """
     if not any(map(can_be_counted, given)):
         message = "none of these tasks has generated articulated objects, which alone can be counted"
@@ -47,7 +48,9 @@ def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[
 
 
 def number_of_objects(given: TaskInput) -> int:
-    """Return the number of different objects in a task's scenes; articulated objects only, if there are any."""
+    """Return the number of different objects in a task's scenes. If the task has articulated objects, only these are
+    counted.
+    """
     chosen = given.scene.instances
     classes = _articulated(given) or {name: thing.asset_class for name, thing in given.spec.objects.items()}
     drawn = dict(chosen) if isinstance(chosen, frozenset) else dict.fromkeys(classes, chosen)
@@ -60,12 +63,14 @@ def number_of_objects(given: TaskInput) -> int:
 
 
 def is_counted(instances: str) -> bool:
-    """Return whether :func:`with_objects` has created the selection ``instances``."""
+    """Return whether the value ``instances`` of a task was made by :func:`with_objects`."""
     return _COUNTED in instances
 
 
 def hashes(given: TaskInput) -> list[str]:
-    """Return hashes of some generated objects, to detect changes of the generator; empty for listed objects."""
+    """Return hashes of a few generated objects of each class, with which a resumed run detects changes of the
+    generator. Without generated objects the list is empty.
+    """
     chosen = given.scene.instances
     if not is_counted(given.instances) or not isinstance(chosen, frozenset):
         return []
@@ -83,6 +88,6 @@ def _articulated(given: TaskInput) -> dict[str, str]:
 def _drawn(given: TaskInput, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
     new = set(given.library.choose(asset_class, "new"))
     ids = tuple(each for each in given.library.sample(asset_class, count + len(new), seed) if each not in new)
-    # The sampled ids are sorted, so the first ``count`` of them would all be small numbers.
+    # The ids are numbers in ascending order. A random permutation avoids that only small numbers are used.
     order = rng(seed, f"objects/{asset_class}").permutation(len(ids))[:count]
     return tuple(ids[number] for number in sorted(order))

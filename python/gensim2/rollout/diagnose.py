@@ -1,7 +1,8 @@
 """Determine why an episode failed: the first fault that was not corrected, with measured values.
 
-Steps are checked in order, and the first step that was not done is blamed. Its fault is the deviation that the
-controller last reported; without a deviation, a fault of the step's last plan; otherwise, a fault in its measurements.
+Steps are checked in order, and the first step that was not done is blamed. The cause is searched in this order: the
+last deviation that the controller reported in this step, a fault of the step's last plan, and a fault in the
+measurements of the step.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def diagnose(
 
     Args:
         trace: measurements before the first control step and after each one.
-        turns: range of measurements of each executed step.
+        turns: for each executed step, the range of measurements in ``trace`` during the step.
         history: records of the steps.
         events: events reported by the controller.
         outcome: how the failed episode ended.
@@ -118,8 +119,8 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # A grasp without criterion counts as done; later steps show whether it succeeded. A criterion that was met
-            # only while the hand held the object does not count.
+            # A grasping step without a criterion always counts as done, so the measurements of later steps are used to
+            # check the grasp. A criterion that was met only while the hand held the object does not count.
             gave_up = self._given_up(step) if not went_on else None
             return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
@@ -153,12 +154,16 @@ class _Facts:
         return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
 
     def _given_up(self, step: Step) -> Fault | None:
-        """Return the step's last deviation, if the hand reached no actuation pose afterwards."""
+        """Return the step's last deviation as its fault; None if the hand reached an actuation pose after the
+        deviation.
+        """
         last = next((event for event in reversed(self.events) if event.step == step.name), None)
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
 
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """Return the fault of a step that should have grasped an object but left it behind or lost it."""
+        """Return the fault of a step that should have grasped an object but did not lift it, or lost it later; None if
+        there is none.
+        """
         wanted = {later.tool for later in self.task.steps[index + 1 :]}
         wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid | RigidLifted)}
         if step.object not in wanted or not own or own[-1].last == own[-1].first:

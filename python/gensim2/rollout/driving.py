@@ -1,4 +1,4 @@
-"""Provide a minimal control loop, and run controllers on robots that cannot wait."""
+"""Provide a minimal control loop, and run controllers on robots that keep moving while the controller computes."""
 
 from __future__ import annotations
 
@@ -92,8 +92,8 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
                 return step
             body.step(action)
             if not body.waits:
-                # The loop catches up at most half a control step of delay, so that the next commands do not follow too
-                # fast.
+                # After a delay the loop shortens the following control steps. At most half a control step is made up in
+                # this manner, so that commands do not follow each other too fast.
                 period = 1.0 / body.profile.control_hz
                 due = max(due, time.monotonic() - 0.5 * period) + period
                 time.sleep(max(0.0, due - time.monotonic()))

@@ -99,8 +99,8 @@ def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY)
 
     Args:
         path: path of the log.
-        remedy: remedy in the error message for an unreadable line.
-        unreadable: remedy in the error message for an unreadable file.
+        remedy: instruction to the user in the error message if a line is invalid.
+        unreadable: instruction to the user in the error message if the file cannot be opened or read.
 
     Raises:
         InputError: the file or a line cannot be read.

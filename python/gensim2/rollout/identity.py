@@ -71,7 +71,9 @@ def digest(value: Any) -> str:
 
 
 def listing(library: Library, classes: Iterable[str]) -> str:
-    """Return a hash of a library's list of objects, because a changed list changes the episodes."""
+    """Return a hash of a library's list of objects. Episodes depend on this list, so a resumed run compares the
+    hash.
+    """
     return digest({name: list(library.instances(name)) for name in classes})
 
 

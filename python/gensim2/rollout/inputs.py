@@ -105,10 +105,10 @@ def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:
 
 
 def instances_word(**given: Unpack[RunArguments]) -> str:
-    """Return the ``instances`` argument of a run.
+    """Return the ``instances`` argument of a run, which must be one string and not a mapping.
 
     Raises:
-        InputError: the argument is not a single word.
+        InputError: the argument is not a string.
     """
     word = given.get("instances", "all")
     if not isinstance(word, str):
@@ -119,7 +119,8 @@ def instances_word(**given: Unpack[RunArguments]) -> str:
 def read_task_inputs(
     tasks: Sequence[str], *, seed: int, origin: str | None = None, **given: Unpack[RunArguments]
 ) -> tuple[list[TaskInput], dict[str, str]]:
-    """Read and check the tasks whose objects are available; also return why each other task cannot be run.
+    """Read and check the tasks whose objects are available. Also return a mapping from the names of the remaining tasks
+    to the reason why they cannot be run.
 
     Args:
         tasks, origin: as for :func:`of_these_objects`.
@@ -256,7 +257,9 @@ def of_these_objects(
 
 
 def what_it_lacks(library: Library, spec: TaskSpec) -> str | None:
-    """Return a message that names the classes of a task's objects that a library lacks; None if it lacks none."""
+    """Return a message with those object classes of a task that are not in a library; None if the library has all
+    classes.
+    """
     lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]
     return f"{library.location} has no {', '.join(lacking)}" if lacking else None
 

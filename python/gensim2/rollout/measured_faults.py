@@ -51,7 +51,7 @@ Surfaces = Mapping[str, Sequence[Array]]
 def fault_of_criterion(
     step: Step, measured: Sequence[Measurement], at_actuation: Measurement | None, surfaces: Surfaces
 ) -> tuple[Cause, dict[str, Any]] | None:
-    """Return the fault because of which a step's criteria are not met; None if the measurements show no fault.
+    """Return the fault that explains why a step's criteria are not met; None if the measurements show no fault.
 
     Args:
         step: step to diagnose.
@@ -112,7 +112,9 @@ def was_lifted(measured: Sequence[Measurement], name: str) -> bool:
 
 
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
-    """Return the distance (m) that a grasped object slipped in the hand; None if it did not slip or was released."""
+    """Return the distance (m) that a grasped object slipped in the hand. Return None if the object did not slip, or if
+    the hand released it on purpose.
+    """
     distances = _distances(measured, name)
     let_go = released(measured)
     for distance, instant in zip(distances, measured, strict=True):
@@ -163,7 +165,9 @@ def _of_joint(
 
 
 def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -> float:
-    """Return the distance (m) that the hand moved along the object's path after the object had stopped."""
+    """Return the distance (m) that the hand still moved in the direction of the object's motion after the object had
+    stopped.
+    """
     stopped = next(i for i, travelled in enumerate(course) if travelled > max(course) - 0.1 * LEAST_TRAVEL)
     began = next(i for i, travelled in enumerate(course) if travelled > 0.5 * course[stopped])
     hand = np.stack([_hand(instant) for instant in measured])

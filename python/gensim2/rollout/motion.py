@@ -40,7 +40,7 @@ class Change:
         openness: signed change of the joint's openness; 0 for a rigid object.
         distance: displacement of a rigid object, m; 0 for an articulated object, whose root is fixed.
         turn: rotation angle about any axis, rad.
-        tilt: angle between the object's upright axis before and after, rad.
+        tilt: angle between the directions of the object's vertical axis before and after, rad.
     """
 
     openness: float = 0.0
@@ -49,7 +49,7 @@ class Change:
     tilt: float = 0.0
 
     def exceeds(self, openness: float, distance: float) -> bool:
-        """Return whether the change is larger than a limit; always True for NaN."""
+        """Return whether the change of openness or the displacement exceeds its limit; always True for NaN."""
         return not (abs(self.openness) <= openness and self.distance <= distance)
 
 
@@ -108,8 +108,9 @@ def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] 
     """Return whether the last command was kept long enough to evaluate the episode.
 
     Args:
-        held: time for which the last command was kept, in the unit that ``unit`` returns.
-        at_rest: whether the scene is at rest; None: not measured, so that only the minimum time counts.
+        held: time since the last new command, in the unit that ``unit`` returns.
+        at_rest: whether the scene is at rest. None: not measured; then the function only checks that the minimum time
+            has passed.
         unit: function that converts seconds, for example to control steps (:meth:`RobotProfile.steps`).
     """
     return held >= unit(MAX_SETTLE_SECONDS) or (held >= unit(SETTLE_SECONDS) and at_rest is not False)

@@ -1,4 +1,6 @@
-"""Run the no-op baseline, a scene without a moving arm; a goal that is reached without the robot is no success."""
+"""Run the no-op baseline: simulate the scene of an episode without a moving arm. If the goal becomes true there, the
+episode is not a success of the robot.
+"""
 
 from __future__ import annotations
 
@@ -72,10 +74,11 @@ class NoOpResult:
 def no_op_baseline(
     world: World, seed: int, *, options: Mapping[str, Any] | None = None, steps: int | None = None
 ) -> NoOpResult:
-    """Simulate the scene of a seed without a moving arm, for ``steps`` control steps and the time to settle.
+    """Simulate the scene of a seed without a moving arm, for ``steps`` control steps plus the time in which a scene
+    settles.
 
     The scene is built without the arm, because an arm at rest touches nothing, and simulation is ten times faster
-    without it. The run ends early if no object moves in the first ``UNMOVED_SECONDS``, because nothing would move them
+    without it. The simulation ends early if no object moves in the first ``UNMOVED_SECONDS``: then no object will move
     later.
 
     Args:

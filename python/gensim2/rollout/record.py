@@ -148,7 +148,9 @@ class StepRecord:
 
     @property
     def replans(self) -> int:
-        """Return the number of plans made after the start of the step; strategies tried at its start do not count."""
+        """Return the number of plans made after the start of the step. Plans that compare strategies at the start of
+        the step do not count.
+        """
         return sum(plan.trigger != START for plan in self.plans)
 
 

@@ -57,7 +57,9 @@ class Recording:
 
     @property
     def meant(self) -> npt.NDArray[np.float32]:
-        """Return the actions (T, m + 1) without added noise; steps without a reference repeat the previous one."""
+        """Return the actions (T, m + 1) that the planner intended, without added noise. In a step without such an
+        action, the last intended action is repeated.
+        """
         if "action" not in self.reference:
             return self.actions
         given = self.reference["action"]
@@ -151,7 +153,8 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
         if meant.action is not None:
             found.setdefault("action", np.full((len(given), size + 1), np.nan, np.float32))[step] = meant.action
     found["joint_positions"][steps] = joints[:, :size]
-    known = np.isfinite(joints).all(axis=1)  # NaN where the controller gives only an action
+    # Rows are NaN in steps for which the controller gives an action but no intended joints.
+    known = np.isfinite(joints).all(axis=1)
     if known.any():
         found["tool_pose"][np.array(steps)[known]] = tool_pose(profile, joints[known])
     return found

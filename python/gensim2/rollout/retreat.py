@@ -69,7 +69,8 @@ def planned_retreat(
         world: planning world of the episode.
         scene: current scene.
         names: objects that the hand has acted on.
-        near: whether a keypoint of the hand is near these objects; if False, contact with them is checked.
+        near: whether a keypoint of the hand is near these objects. If it is not, the function checks whether another
+            part of the hand touches them.
 
     Returns:
         The motion; None if the hand is not near the objects, or no motion is found.
@@ -89,7 +90,7 @@ def planned_retreat(
     home = solver.plan_to(last, goal, velocity_scale=SPEED, acceleration_scale=SPEED).trajectory
     if home is not None:
         rows += list(home.sample_every(1.0 / profile.control_hz)[1:])
-    elif not rows:  # an open door may occupy the space of the rest pose
+    elif not rows:  # No motion to the rest pose exists if, for example, an open door occupies its space.
         rows = _straight_out(solver, q, profile)
     if not rows:
         return None
@@ -101,7 +102,8 @@ def planned_retreat(
 
 
 def _straight_out(solver: kpam.Scene, q: Array, profile: RobotProfile) -> list[Array]:
-    """Return the joints (n,) at each control step of a straight motion that brings the hand closer to no body.
+    """Return the joints (n,) at each control step of a straight motion along which the hand does not come closer to any
+    body.
 
     The hand moves against the fingers' direction, up, or both. The result is empty if all these directions are blocked.
     """
@@ -121,7 +123,7 @@ def _followed(solver: kpam.Scene, q: Array, T_base_hand: Array, way: Array, coun
     before, distance = q, float(solver.distance(q, CLEAR))
     for share in np.linspace(0.0, 1.0, count + 1)[1:]:
         pose = T_base_hand.copy()
-        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way  # this time scaling starts and ends at rest
+        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way  # The polynomial 3 s^2 - 2 s^3 starts and ends at rest.
         found = solver.ik(pose, before, max_solutions=1)
         if not len(found) or np.abs(found[0] - before).max() > MAX_STRIDE:
             return []

@@ -80,8 +80,8 @@ def run(
         options: options of the reset.
         record: whether to store states and observations of every step.
         stop: ``"controller"``: the episode fails if the controller has not ended it at the step limit. ``"goal"``: the
-            episode also ends when the goal is reached for ``GOAL_SECONDS`` and still after settling, or at the step
-            limit minus the time to settle, and is evaluated as usual.
+            episode also ends once the goal has been reached for ``GOAL_SECONDS`` and is still reached after the scene
+            has settled. At the step limit (minus the time to settle) the episode ends and is evaluated as usual.
         still: function that returns the no-op baseline, for callers that cache it; default: ``no_op_baseline``.
         every: number of control steps between evaluations of the steps' criteria, for the ``paper`` verdict.
 
@@ -116,8 +116,8 @@ def run(
                     done, held_for, rested = all_hold(world.task.success, motion.trace[-1]), 0, motion.steps
     except EmptyCloudError:
         if not motion.steps:
-            raise  # cameras that see nothing at the start are an input error
-        cut = False  # the objects have left the cameras' view
+            raise  # A scene in which the cameras see nothing at the start is an error of the input.
+        cut = False  # The objects have left the cameras' view, so the episode ends here, before its step limit.
     finally:
         asked.close()
     if motion.steps > rested:
@@ -246,7 +246,8 @@ class _Motion:
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
     def measure_about(self, step: int) -> tuple[Measurement, Measurement]:
-        """Keep the last command up to control step ``step``, and measure before and after the last step.
+        """Keep the last command until control step ``step``. Return the measurements before and after this last control
+        step.
 
         These steps are not part of the episode.
         """
@@ -307,7 +308,7 @@ class Attempt:
 
     Attributes:
         seed: seed of the solver.
-        first: by name of the step, the strategy that is tried first; the other steps keep the order of their
+        first: strategy that is tried first, by name of the step. Steps that are not listed keep the order of their
             strategies.
     """
 
@@ -325,7 +326,9 @@ class Attempt:
         return step.model_copy(update={"strategies": (first, *(name for name in step.strategies if name != first))})
 
     def controller(self, spec: ControllerSpec) -> ControllerSpec:
-        """Return the controller with this attempt's solver seed and number of start values."""
+        """Return the controller with the solver seed of this attempt, and with more start values for the solver in
+        later attempts.
+        """
         if self.seed == 0:
             return spec
         options: kpam.Options = {**PLAN_OPTIONS, "seed": self.seed, "num_seeds": NUM_SEEDS}

@@ -31,7 +31,8 @@ _REMEDY = "delete the file and resume; its candidates are planned again"
 
 
 class EpisodeRunner:
-    """Context manager that plans and runs episodes in worker processes; results do not depend on their number.
+    """Context manager that plans and runs episodes in worker processes. The number of processes does not change the
+    results.
 
     Args:
         scene: settings of the scenes of all tasks.
@@ -76,7 +77,9 @@ class EpisodeRunner:
 
     @property
     def cpu_s(self) -> float:
-        """CPU time since the start, s, of this process and of all jobs, without starting workers."""
+        """CPU time (s) of this process and of all jobs since the start. The start of the worker processes is not
+        included.
+        """
         return time.process_time() - self._begin + self._elsewhere
 
     def config(self, task: TaskSpec, instances: Drawn) -> EpisodeConfig:
@@ -154,7 +157,9 @@ class EpisodeRunner:
     def trials(
         self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]], log: EpisodeLog | None = None
     ) -> list[Episode]:
-        """Run an episode for each (strategies of each step, seed), as :meth:`episodes` does."""
+        """Run one episode for each job. A job is a pair: the strategies of each step, and a seed. Everything else is as
+        in :meth:`episodes`.
+        """
         return self.episodes(
             f"{config.task.name}: episodes", [(config, ways, seed) for ways, seed in jobs], worker.trial, log
         )

@@ -37,8 +37,8 @@ class SolvedStep:
     def to_dict(self) -> dict[str, Any]:
         """Return the step as plain data.
 
-        ``plan`` is null if the solver was not called. ``part`` is a shorter motion with a release, which is executed if
-        ``plan`` is incomplete.
+        ``plan`` is null if the solver was not called. If ``plan`` is incomplete, ``part`` is the motion that is
+        executed instead: the reachable part, at whose end the hand releases the object.
         """
         plan, part = self.found.plan, None
         if self.found.whole is not None:
@@ -77,7 +77,9 @@ class SolveResult:
         return len(self.steps) == self.count and all(step.found.status in FOUND for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data, with the first object and step as ``class``, ``instance`` and ``plan``."""
+        """Return the result as plain data. The fields ``class`` and ``instance`` describe the first object, and
+        ``plan`` is the plan of the first step.
+        """
         steps = [step.to_dict() for step in self.steps]
         first = next(iter(self.objects.values()))
         return {

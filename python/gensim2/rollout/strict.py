@@ -86,9 +86,11 @@ def is_about_the_gripper(task: TaskSpec) -> bool:
 
 
 def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]:
-    """Return, by name, penetrations (m) of rigid objects into other bodies that exceed ``DEEPEST``.
+    """Return the penetrations (m) deeper than ``DEEPEST`` of rigid objects into other bodies, by the names of object
+    and body.
 
-    The planner's collision library measures them for all simulation engines. Contacts with the robot do not count.
+    The planner's collision library measures the penetrations, whatever the simulation engine. Contacts with the robot
+    do not count.
     """
     import gensim2_kpam as kpam  # imported here: reading records does not need the solver
 
@@ -151,9 +153,10 @@ def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float
 
 
 def _outside(world: World) -> dict[str, str]:
-    """Return the rigid objects whose centre is outside the container that the goal names, with the container's name.
+    """Return a mapping from each rigid object whose centre is outside its container to the name of the container. The
+    goal determines the container.
 
-    A goal object without a container's measured point, such as a faucet, is not checked.
+    An object of the goal that is no container, such as a faucet, is ignored.
     """
     pairs = [
         (c.articulated, c.rigid)

@@ -79,13 +79,15 @@ def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
 
 
 def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[StepRecord]:
-    """Return a record with results for each started step; without a history, create the records."""
+    """Return a record with results for each started step. If the history is empty, the records are created from the
+    turns.
+    """
     own: dict[str, list[Turn]] = {}
     for turn in turns:
         own.setdefault(turn.step.name, []).append(turn)
     records = history or [StepRecord(name, [], False, False) for name in own]
     return [
-        # A step that was finished within a single action has no turn.
+        # A step that began and ended within a single action has no turn.
         replace(record, paper=any(t.paper for t in own[record.name]), done=own[record.name][-1].done)
         if record.name in own
         else record

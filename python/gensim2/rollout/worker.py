@@ -46,7 +46,8 @@ PRELOAD: Mapping[Engine, tuple[str, ...]] = {
 #: For closing real laptops the results equal those of the default options, in a thirtieth of the time.
 SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candidates": 6, "samples": 200}
 
-#: Screening result of a candidate in one scene: a score from 0 to 1, the reason for a score below 1, and figures for
+#: Screening result of a candidate in one scene: a score from 0 to 1, the reason for a score below 1, and measured
+#: values for
 #: :func:`gensim2.design.diagnosis.diagnoses`.
 Screened = tuple[float, str | None, dict[str, Any]]
 
@@ -74,8 +75,8 @@ def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStra
 
     Returns:
         For each candidate a score and a reason. The score is 1, without a reason, if every step has a complete plan.
-        Otherwise it is the fraction of steps with a complete plan; the next step counts half if its motion passes the
-        actuation pose.
+        Otherwise it is the fraction of steps with a complete plan. The first step without a complete plan counts as
+        half a step if its motion passes the actuation pose.
     """
     from gensim2.planning.steps import StepPlanner
 
@@ -137,7 +138,7 @@ def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode
 
 
 def trial(config: EpisodeConfig, ways: StepStrategies, seed: int) -> Episode:
-    """Run one episode of a candidate: the configured task with these strategies."""
+    """Run one episode of the configured task with the strategies of one candidate."""
     strategies = {name: data for own in ways.values() for name, data in own.items()}
     return _run(config, with_strategies(config.task, ways), strategies, seed, record=False)[0]
 
@@ -154,7 +155,7 @@ def record(
     """Run one episode as :func:`episode` does, and pass its states to a function in this process.
 
     Args:
-        keep: picklable function that gets record and recording, and stores them.
+        keep: picklable function that receives the episode's record and its recorded states, and stores them.
 
     Returns:
         The result of ``keep``.

@@ -64,7 +64,7 @@ class World(Body, Protocol):
 
     @property
     def reset_options(self) -> Mapping[str, Any]:
-        """Options with which a reset with the seed of the last reset reproduces the scene."""
+        """Reset options that reproduce the current scene, together with the seed of the last reset."""
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
@@ -76,7 +76,9 @@ class World(Body, Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """Return the measurements that criteria depend on; a missing arm counts as at its start."""
+        """Return the measurements that criteria depend on. In a scene without an arm, the arm's values are those at the
+        start.
+        """
         ...
 
     def scene_state(self) -> Scene:

@@ -62,8 +62,8 @@ def chosen_instances(
     Args:
         library: library of the objects.
         task: task, which may restrict the instances of its objects.
-        instances: selection of instances. A mapping from object names replaces the task's restriction; any other
-            selection applies within the restriction.
+        instances: selection of instances. A mapping from object names to ids overrides the task's restriction. Any
+            other value selects among the instances that the task allows.
     """
     given = dict(instances) if isinstance(instances, Mapping) else {}
     for name in given:

@@ -47,8 +47,9 @@ class SceneArguments(TypedDict, total=False):
         instances: objects to choose from, unless the task restricts them: ``all``, ``train``, ``test``, ``new``
             (generated objects that are not listed), an id, or ``random`` (one id, determined by the seed of a run). An
             environment also accepts a list, or a mapping from object names.
-        physics: ``"default"``, ``"original"``, a mixture of both, or a file of settings (docs/reference/simulation.md).
-        redraw: ``"placement"`` or ``"none"`` overrides this setting of ``physics``; None does not override it.
+        physics: ``"default"``, ``"original"``, a preset with changed settings such as ``"original+gripper=default"``,
+            or a file of settings (docs/reference/simulation.md).
+        redraw: ``"placement"`` or ``"none"``, which overrides the setting ``redraw`` of ``physics``; None: no override.
         robot: name of a known robot (:func:`gensim2.load_robot` registers your own).
         randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/reference/simulation.md).
         engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md). Default: ``"sapien"`` if SAPIEN is
@@ -74,7 +75,7 @@ class SceneOptions:
     Attributes:
         assets: folder of objects or ``"builtin"``.
         physics: name of the physics settings (:mod:`gensim2.scenes.physics`), never a file name.
-        robot: name of a known robot, which is not loaded.
+        robot: name of a robot that this process knows; a name never loads a robot.
         randomization: name of the randomization preset.
         engine: simulation engine.
 

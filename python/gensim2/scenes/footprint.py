@@ -77,7 +77,9 @@ def square(center: Array, half: float) -> Array:
 
 
 def keep_apart(first: Array, second: Array, gap: float) -> bool:
-    """Return whether two convex outlines are at least ``gap`` (m) apart, measured along the normals of their edges."""
+    """Return whether two convex outlines are at least ``gap`` (m) apart along the normal of one of their edges
+    (separating axis test).
+    """
     return gap_between(first, second) >= gap
 
 

@@ -31,7 +31,7 @@ _DIRECTIONS = {"away": (1.0, 0.0), "closer": (-1.0, 0.0), "left": (0.0, 1.0), "r
 
 
 class GoalError(InputError):
-    """A task's goal is reached in every initial scene, or in no state that the robot can bring about."""
+    """A task's goal is already reached in every initial scene, or the robot cannot reach it."""
 
 
 def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measurement:
@@ -89,7 +89,8 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
 
 
 def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: RobotProfile) -> None:
-    """Check that the goal is not reached in all initial states, because episodes would succeed without the robot.
+    """Check that the goal is false in at least one initial state. If it were true in all, episodes would succeed
+    without the robot.
 
     Args:
         states: initial states; evaluation stops at the first state in which the goal is not reached.
@@ -119,7 +120,9 @@ def _keypoints(thing: PlacedObject) -> dict[str, Array]:
 
 
 def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
-    """Check that no criterion is about the joint of a rigid object or the pose of an articulated object."""
+    """Check the kind of object that each criterion names: criteria about joints need articulated objects, criteria
+    about poses need rigid objects.
+    """
     for criterion in criteria:
         for types, kind, other in (
             (_OF_JOINTS, ArticulatedObject, "a rigid object, which has no joint"),
@@ -148,7 +151,8 @@ def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, fl
 
 
 def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robot: RobotProfile) -> float:
-    """Return how far (m) beyond the robot's reach the nearest place lies that meets a criterion; 0 within reach.
+    """Return the distance (m) between the robot's reach and the nearest place that meets a criterion; 0 if this place
+    is within reach.
 
     The horizontal reach is the reach of a hand that points down at the table. The vertical reach is assumed to be twice
     the horizontal reach.
@@ -159,8 +163,8 @@ def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robo
     along = np.array(_DIRECTIONS[criterion.direction])
     across = np.array([-along[1], along[0]])
     offset = thing.position[:2] - base[:2]
-    # A displacement counts if it has the required distance and deviates sideways by at most half of it. This is the
-    # point of this wedge that is closest to the base.
+    # A displacement counts if it has the required distance and deviates sideways by at most half of it. Such
+    # displacements form a wedge; the code computes its point that is closest to the robot's base.
     best = np.inf
     for way in np.linspace(criterion.distance, criterion.distance + 1.0, 101):
         strayed = float(np.clip(-offset @ across, -way / 2, way / 2))

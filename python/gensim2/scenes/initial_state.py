@@ -139,8 +139,8 @@ def sample_initial_state(
     the robot's reach, and rigid objects are clear of the robot's start. If the preset randomizes the robot's start, a
     new start is sampled until the robot overlaps no object. Placements given by options are not changed.
 
-    The values of the task's ranges and the additional values of a preset are sampled with separate random generators,
-    so that a preset does not change the values of the task's ranges.
+    Two separate random generators are used: one for the values of the task's ranges, one for the additional values of a
+    preset. A preset therefore does not change the values of the task's ranges.
 
     Args:
         task: task with the ranges.
@@ -162,14 +162,15 @@ def sample_initial_state(
     for name, spec in task.objects.items():
         draws[name] = draw_object(generator, spec.randomization, randomization, instances[name])
         chosen = options[name].get("instance")
-        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # no id
+        # ``chosen`` is a word such as ``train``, not an id.
+        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance, physics.hulls)
     factors, start = _vary(task, models, seed, robot, randomization)
     again = physics.redraw == "placement"
     room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
     starts = rng(seed, f"{task.name}/{randomization.name}/start") if again and randomization.varies else None
-    for count in range(1, MAX_DRAWS + 1):  # a single object keeps its first placement
+    for count in range(1, MAX_DRAWS + 1):  # With a single object, the first placement is kept.
         objects = _stand_all(task, models, draws, options, physics.poses, factors)
         if objects is not None and (room is None or room.holds(objects)):
             hulls = [thing.hulls_in_world() for thing in objects.values()]
@@ -310,7 +311,8 @@ class _Room:
 
     def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
-        if isinstance(thing.model, ArticulatedObject):  # its default pose and ranges keep it clear of the robot
+        # The default pose and the ranges of an articulated object keep it away from the robot.
+        if isinstance(thing.model, ArticulatedObject):
             return True
         if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):
             return False
@@ -362,10 +364,10 @@ ABOVE = 0.02
 
 
 def set_down(thing: PlacedObject, support: PlacedObject) -> PlacedObject | None:
-    """Lower an object over the measured point of its support until both touch.
+    """Lower an object over the measured point of its support until object and support touch.
 
     Args:
-        thing: object at rest on the table, at its final x and y.
+        thing: object in its resting pose on the table; its x and y do not change.
         support: object to stand on or in.
 
     Returns:

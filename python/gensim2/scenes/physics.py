@@ -43,8 +43,8 @@ class PhysicsSwitches:
     """Settings of a scene's physics: ``"default"``, or ``"original"`` for the value of the original GenSim2.
 
     Attributes:
-        joint_friction: default: Coulomb friction and damping of the object; original: a coefficient on the joint's load
-            for each class.
+        joint_friction: default: Coulomb friction and damping of the object; original: for each class a coefficient that
+            is multiplied by the load on the joint.
         densities: default: masses of the objects; original: a density of the hulls for each class.
         materials: friction and restitution of all bodies except the table.
         solver: default: settings and contact offsets for the engine; original: the PhysX settings of the original
@@ -222,7 +222,9 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
 
 
 def with_current_scene(record: Any) -> Any:
-    """Return a file's fields with the current name of the physics settings; add the engine to fields of old files."""
+    """Return the fields of a scene, as read from a file, in their current form: old names of physics settings are
+    replaced, and a missing engine is added.
+    """
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
         return {"engine": DEFAULT_ENGINE, **record, "physics": current(word, _RENAMED, "physics")}
     return record

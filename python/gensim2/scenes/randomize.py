@@ -65,7 +65,9 @@ AS_IT_IS = Factors()
 def draw_object(
     generator: np.random.Generator, ranges: Randomization, preset: Preset, instances: Sequence[str]
 ) -> Draw:
-    """Sample the random values of an object; always five numbers, so that later samples do not depend on the task."""
+    """Sample the random values of an object. The function always uses five random numbers, so that the samples of later
+    objects do not depend on the task.
+    """
     # One random number selects the instance, so that later samples do not depend on the number of instances.
     instance = instances[int(generator.random() * len(instances))]
     x, y, yaw = _placement(generator, ranges, preset)
@@ -89,7 +91,9 @@ def _placement(generator: np.random.Generator, ranges: Randomization, preset: Pr
 
 
 def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
-    """Sample log-uniform physical factors; three random numbers are used even for an object without a joint."""
+    """Sample log-uniform physical factors. The function always uses three random numbers, also for an object without a
+    joint, so that the samples of later objects do not depend on the task.
+    """
     mass, contact, joint = (
         float(np.exp(generator.uniform(np.log(low), np.log(high))))
         for low, high in ((LIGHTEST, HEAVIEST), (SLIPPERIEST, ROUGHEST), (LOOSEST, STIFFEST))

@@ -23,7 +23,7 @@ ObjectOptions = Mapping[str, Any]
 
 
 def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Mapping[str, ObjectOptions]:
-    """Return reset options by object; ManiSkill's own options are only checked.
+    """Return reset options by object. ManiSkill's own options are checked and not returned.
 
     Args:
         options: values of the options. Each option of this project is a mapping from object names to values, or only a
@@ -31,7 +31,8 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
         names: names of the objects.
 
     Raises:
-        InputError: an option or an object is unknown, or a value is invalid; the message names it.
+        InputError: an option or an object is unknown, or a value is invalid; the message names the option, object or
+            value.
     """
     if options is not None and not isinstance(options, Mapping):
         raise InputError(f"must be a mapping, is {options!r}", field="options")

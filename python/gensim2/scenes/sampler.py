@@ -23,7 +23,8 @@ class SceneSampler:
     """Samples the initial states of one task by seed, in the same way in every environment.
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or the spec's fields; or a complete configuration.
+        task: name of a library task, a :class:`TaskSpec`, the spec's fields as a mapping, or a
+            :class:`~gensim2.scenes.config.SceneConfig`, which includes all other arguments.
 
     Attributes:
         task: spec of the task.
@@ -75,13 +76,16 @@ class SceneSampler:
         return state
 
     def _drawn(self, first: InitialState) -> Iterator[InitialState]:
-        """Yield the first state and then, on demand, the states of other seeds."""
+        """Yield the given state, and then the initial states of the seeds in ``GOAL_SEEDS``, each computed only when it
+        is requested.
+        """
         yield first
         nothing = read_options(None, tuple(self.task.objects))
         for seed in GOAL_SEEDS:
             try:
                 state = self._draw(seed, nothing)
-            except PlacementError:  # does not concern the goal; the same error is raised again when this seed is used
+            # A failed placement says nothing about the goal. A reset with this seed raises the same error.
+            except PlacementError:
                 continue
             yield state
 

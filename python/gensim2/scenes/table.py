@@ -36,6 +36,6 @@ def visible_boxes() -> tuple[Box, ...]:
 
 
 def corners() -> npt.NDArray[np.float64]:
-    """Return the corners (8, 3) of the table top in its own frame, whose origin is the box centre."""
+    """Return the corners (8, 3), m, of the box of the table top, relative to the centre of the box."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
     return np.asarray(signs * np.array(HALF_SIZE), dtype=np.float64)

@@ -18,7 +18,7 @@ PATCH_RADIUS = 0.1
 
 
 def urdf_config(friction: float, pads: Sequence[str]) -> dict[str, Any]:
-    """Return the materials of the links ``pads`` in the format of ManiSkill's agents and loader."""
+    """Return the friction settings of the pad links in the format of ManiSkill's agents and loader."""
     pad = {"material": "gripper", "patch_radius": PATCH_RADIUS, "min_patch_radius": PATCH_RADIUS}
     return {
         "_materials": {"gripper": {"static_friction": friction, "dynamic_friction": friction, "restitution": 0.0}},

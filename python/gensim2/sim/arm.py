@@ -36,7 +36,8 @@ class Arm:
             _builder(profile, physics.name), scene, base_pose(profile), tendons=profile.simulation.tendons
         )
         for link in self.articulation.links:
-            link.disable_gravity = True  # as in ManiSkill, instead of gravity compensation
+            # Like ManiSkill, switch off gravity for the robot's links instead of compensating it.
+            link.disable_gravity = True
         joints = robot_joints(self.articulation, profile)
         self._arm = [joints[name] for name in profile.arm_joints]
         self._motors = [joints[name] for name in profile.gripper.driven]
@@ -123,5 +124,7 @@ def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
 
 @cache
 def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
-    """Parse a robot, once for each default material, because a builder stores the default material when it parses."""
+    """Parse a robot. The result is cached for each default material, because the parser stores the current default
+    material in the builder.
+    """
     return parsed(urdf, urdf_config(friction, pads))

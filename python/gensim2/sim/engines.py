@@ -59,14 +59,14 @@ class EngineScene(Protocol):
         """Return ManiSkill's state (13 + 2 n,) of the robot: root pose, root velocities, qpos, qvel."""
 
     def snapshot(self) -> tuple[Array, str]:
-        """Return the full physics state, and a hash of its scene.
+        """Return the full physics state, and a hash of the scene to which the state belongs.
 
         Raises:
             InputError: the engine cannot continue exactly from a stored state.
         """
 
     def restore(self, state: Array, scene: str) -> None:
-        """Set a physics state of the scene with the given hash.
+        """Set the physics state. ``scene`` is the hash of the scene in which the state was saved.
 
         Raises:
             InputError: the engine cannot restore states, or the hash belongs to another scene.

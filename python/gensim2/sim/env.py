@@ -65,7 +65,8 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
 def spare_imports_from_collection() -> None:
     """Exempt all existing Python objects, such as imported modules, from garbage collection, once in each process.
 
-    ManiSkill runs a full collection at every reset; this reduces the duration from 180 ms to 2 ms.
+    ManiSkill runs a full garbage collection at every reset. With the exemption a collection takes 2 ms instead of 180
+    ms.
     """
     gc.collect()
     gc.freeze()
@@ -88,8 +89,9 @@ class GenSim2Env(RaycastObservations):
         obs_mode: a mode of ManiSkill, or ``"raycast"`` for an :class:`~gensim2.perception.Observation`, which needs no
             renderer, as arrays by name (docs/guides/observations.md).
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
-        reward_mode: ``"sparse"`` (default): 1 if the goal is reached, else 0; ``"normalized_dense"``: 0 to 1, rising as
-            steps are completed (it stores completed steps, so evaluate it once in each control step); or ``"none"``.
+        reward_mode: ``"sparse"`` (default): 1 if the goal is reached, else 0; ``"normalized_dense"``: a value from 0 to
+            1 that rises with each completed step (evaluate it exactly once in each control step, because each
+            evaluation records completed steps); or ``"none"``.
         render_backend: ``"auto"`` renders only if observations or ``render_mode`` need it and a driver works.
         kwargs: arguments of :class:`~gensim2.scenes.config.SceneArguments` and of ManiSkill's ``BaseEnv``;
             ``robot_uids`` follows from ``robot``. A reset chooses one of ``instances``. An id may also be that of a
@@ -169,7 +171,8 @@ class GenSim2Env(RaycastObservations):
                 sim_backend="physx_cpu",
                 render_backend=rendering.backend(render_backend, "none" if self._seen else obs_mode, render_mode),
                 reconfiguration_freq=1,
-                obs_mode=obs_mode if self._seen is None else "none",  # no observation from ManiSkill
+                # With ray-cast observations, ManiSkill computes no observation.
+                obs_mode=obs_mode if self._seen is None else "none",
                 render_mode=render_mode,
                 reward_mode=reward_mode,
                 **rest,
@@ -193,7 +196,9 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """Spec of ``gym.make``, with the module in its id, so that recorders write an id that works in any process."""
+        """Spec of ``gym.make``. Its id is prefixed with this module's name, so that an id in a recorded file works in
+        any process.
+        """
         return self._spec
 
     @spec.setter
@@ -272,7 +277,7 @@ class GenSim2Env(RaycastObservations):
 
         Args:
             states: ManiSkill's ``env_states``.
-            step: index of the row.
+            step: index of the state in ``states``.
         """
         self.set_state_dict(
             {
@@ -285,7 +290,9 @@ class GenSim2Env(RaycastObservations):
         return read_scene(self._robot, self.parts)
 
     def evaluate(self) -> dict[str, Any]:
-        """Return ``success`` (1,), whether the goal is reached, and ``openness`` (1,) of each articulated object."""
+        """Return ``success`` (1,), which is true if the goal is reached, and the ``openness`` (1,) of each articulated
+        object.
+        """
         measured = self.measure()
         return {
             "success": torch.tensor([all_hold(self.task.success, measured)]),

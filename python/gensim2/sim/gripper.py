@@ -12,9 +12,9 @@ from gensim2.robots import JointDrive, RobotProfile
 class Transmission:
     """Drives for gripper joints without motors.
 
-    Each follower joint has a drive, whose target is set to its motor's position before every physics step. PhysX's
-    coupling by fixed tendons is unsuitable, because it would add positions in rad and m. Passive joints are springs
-    with target 0.
+    Each follower joint has a drive. Before every physics step its target is computed from the position of the driven
+    joint. PhysX's coupling by fixed tendons is unsuitable if one joint is revolute and the other prismatic, because it
+    adds joint positions without regard to units. Passive joints are springs with target 0.
 
     Args:
         robot: robot in the simulation.

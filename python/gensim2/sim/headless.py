@@ -1,8 +1,8 @@
 """Simulate only the physics of a task in one of the engines; only the selected engine is imported.
 
-With SAPIEN the scene has the same bodies in the same order as in :class:`~gensim2.sim.env.GenSim2Env`, and the states
-for the same actions are exactly equal, without ManiSkill's overhead in each step. Batched tensors, rewards and
-unrequested observations are left out.
+With SAPIEN the scene has the same bodies in the same order as in :class:`~gensim2.sim.env.GenSim2Env`, and the same
+actions lead to exactly the same states as there. ManiSkill's overhead in each step is avoided: there are no batched
+tensors, no rewards, and no observations unless requested.
 """
 
 from __future__ import annotations
@@ -74,8 +74,9 @@ class HeadlessEnv(SceneAccessMixin):
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields; or a complete
             :class:`~gensim2.scenes.config.SceneConfig`.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset chooses one of ``instances``; an id applies
-            to the first object whose class has several instances, a mapping from object names to any object.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset chooses one of ``instances``. An id selects
+            the instance of the first object whose class has several instances. A mapping from object names to ids
+            selects instances of any objects.
 
     Raises:
         InputError: an argument is invalid.
@@ -89,7 +90,8 @@ class HeadlessEnv(SceneAccessMixin):
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
         self.engine, self.physics = sampler.engine, physics_switches(sampler.physics)
         self.instance_ids = sampler.instances
-        self._drawn: tuple[int, InitialState] | None = None  # seed and state of a reset without options
+        # seed and initial state of the last reset without options, as a cache
+        self._drawn: tuple[int, InitialState] | None = None
         self.seed = 0
         self.elapsed_steps = 0
         self.reset_options: dict[str, Any] = {}
@@ -146,7 +148,8 @@ class HeadlessEnv(SceneAccessMixin):
         self._advance()
 
     def substep(self, action: npt.ArrayLike) -> None:
-        """Execute one physics step, which is a part of a control step, for devices that are read at the physics rate.
+        """Execute one physics step, which is a part of a control step. This method is for simulated devices that are
+        read at the physics rate.
 
         Args:
             action: as for :meth:`step`.
@@ -252,7 +255,8 @@ class HeadlessEnv(SceneAccessMixin):
         """Return the observation of this instant; the same state, spec and seed give the same bytes.
 
         Args:
-            spec: observation spec. Colour images (``rgb``) need a second scene with a renderer, 2 GB.
+            spec: observation spec. Colour images (``rgb``) need a second scene with a renderer, which takes 2 GB of
+                memory.
 
         Raises:
             EmptyCloudError: the point cloud is empty.
@@ -262,7 +266,7 @@ class HeadlessEnv(SceneAccessMixin):
         observer = self._observers.get(spec)
         if observer is None:
             observer = self._observers[spec] = self._observer(spec)
-        if spec.is_proprioceptive:  # no other state is needed
+        if spec.is_proprioceptive:  # An observation without a camera needs only the robot's state.
             return observer.joints(self.q, self.qvel, self.elapsed_steps, self._command)
         rows = {kind: {name: row[None] for name, row in group.items()} for kind, group in self.state().items()}
         return observer.observe(rows, self.elapsed_steps, self._command)

@@ -42,10 +42,12 @@ def load_object(
     name: str = "object",
     physics: Physics = DEFAULT,
 ) -> tuple[Articulation, tuple[str, ...]]:
-    """Build an articulated object with its root fixed at ``pose`` (in the world), without joint resistance.
+    """Build an articulated object with its root fixed at ``pose`` (in the world), without friction and damping of its
+    joint.
 
     Returns:
-        The articulation, and a warning for each hull that was cut during cooking.
+        The articulation, and a warning for each hull that PhysX has made smaller while it prepared the hull
+        ("cooking").
 
     Raises:
         InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's.
@@ -71,7 +73,7 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
     """Check that the physics engine built ``instance`` correctly.
 
     Returns:
-        A warning for each hull that was cut during cooking.
+        A warning for each hull that PhysX has made smaller while it prepared the hull ("cooking").
 
     Raises:
         InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's.
@@ -133,12 +135,16 @@ def _corners(shape: physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
 
 
 def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionShape) -> tuple[float, float]:
-    """Return the distances (m) by which a collision shape's bounding box is smaller, and is larger, than its hull's."""
+    """Compare the bounding boxes of a collision shape and of the hull from which PhysX made the shape. Return the
+    largest distances (m) by which the shape's box is smaller, and by which it is larger.
+    """
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
     return float(-beyond.min()), float(beyond.max())
 
 
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
-    """Return whether a shape with the deviations ``lost`` and ``grown`` (m) still represents its hull (N, 3)."""
+    """Return whether a collision shape still represents its hull (N, 3), if its bounding box is smaller by ``lost`` (m)
+    and larger by ``grown`` (m).
+    """
     return grown <= HULL_TOLERANCE and lost <= HULL_LOSS * float(np.ptp(hull, axis=0).max())

@@ -1,4 +1,6 @@
-"""Compute observations of an environment: ManiSkill's with added object poses, or this package's by ray casting."""
+"""Compute observations of an environment: either ManiSkill's observations with object poses added, or observations of
+this package, which are computed by ray casting.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ RAYCAST = "raycast"
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
-    """Mixin that adds ``obs_mode="raycast"`` to ManiSkill's modes; ``_seen`` is None in all other modes."""
+    """Mixin that adds ``obs_mode="raycast"`` to ManiSkill's modes. The attribute ``_seen`` has the observation spec in
+    this mode, and is None in all other modes.
+    """
 
     profile: RobotProfile
     task: TaskSpec
@@ -71,7 +75,9 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
         return self._observer.observe(rows, int(self.elapsed_steps[0]), self._command)
 
     def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
-        """Return ManiSkill's observation; for ``"raycast"``, the arrays of :meth:`observe` by name, (1, ...) each."""
+        """Return ManiSkill's observation. With ``obs_mode="raycast"`` return the arrays of :meth:`observe` as a mapping
+        by name, each with a batch axis of length 1.
+        """
         if self._seen is None:
             return super().get_obs(info, unflattened)
         return {name: torch.from_numpy(np.ascontiguousarray(array)[None]) for name, array in self.observe().items()}

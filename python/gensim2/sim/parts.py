@@ -23,7 +23,8 @@ Row = npt.NDArray[np.float32]
 
 
 class LazyMapping(Mapping[str, Array]):
-    """Mapping from names to arrays, which are computed on first access because most are never read.
+    """Mapping from names to arrays. All arrays are computed when one of them is first read, because most mappings are
+    never read.
 
     Args:
         work_out: function that computes all arrays from stored values, without reading the simulator.

@@ -85,7 +85,9 @@ class Physics:
         )
 
     def new_system(self, robot: RobotProfile) -> physx.PhysxCpuSystem:
-        """Return a PhysX system with these settings at the robot's physics rate, as ManiSkill creates it."""
+        """Return a PhysX system with these settings at the robot's physics rate, created in the same way as in
+        ManiSkill.
+        """
         scene = self.scene_config
         physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
         physx.set_body_config(
@@ -115,7 +117,7 @@ class Physics:
         profile: RobotProfile,
         classes: Collection[str] = (),
     ) -> None:
-        """Prepare a built scene that has rigid objects.
+        """Set the contact offsets and the finger drives of a built scene that has rigid objects.
 
         Args:
             system: PhysX system of the scene.
@@ -150,20 +152,23 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # The damping does not exceed the profile's: profiles with the original GenSim2's finger drives have none.
+            # The damping must not exceed the damping in the profile, which is zero for the finger drives of the
+            # original GenSim2.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":
             _drive_fingers(robot, profile, **self._constants.fingers)
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
-        """Make a URDF loader compute link masses from the density of the object's class, if the setting demands it."""
+        """Make a URDF loader compute link masses from the density of the object's class, if the setting ``densities``
+        is ``"original"``.
+        """
         if self.switches.densities == "default":
             return
         loader.set_density(self._constants.density(asset_class))
         build_link = loader._build_link
 
         def without_inertial(link: Any, builder: Any) -> None:
-            link.inertial = None  # without this entry PhysX computes mass and inertia from the hulls
+            link.inertial = None  # If this entry is None, PhysX computes mass and inertia from the hulls.
             build_link(link, builder)
 
         loader._build_link = without_inertial
@@ -175,7 +180,7 @@ class Physics:
         if self.switches.joint_friction == "original":
             coefficient = self._constants.joint_friction(instance.asset_class)
             return CoefficientFriction(articulation, factors.joint_friction * coefficient)
-        # The friction holds the joint against gravity, so it is proportional to the mass.
+        # Joint friction was set such that it holds the joint against gravity, so it grows with the mass.
         factor = factors.mass * factors.joint_friction
         joint = instance.joint
         return CoulombFriction(
@@ -233,7 +238,9 @@ class CoulombFriction:
 
 
 class CoefficientFriction:
-    """PhysX's articulation friction, a coefficient on the joint's load, without drive and damping."""
+    """PhysX's articulation friction, a coefficient that is multiplied by the load on the joint, without drive and
+    damping.
+    """
 
     def __init__(self, articulation: physx.PhysxArticulation, coefficient: float) -> None:
         for active in articulation.active_joints:

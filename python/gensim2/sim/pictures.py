@@ -43,11 +43,12 @@ class StatePictures:
             self._shown = dict(instances)
 
     def at(self, states: Mapping[str, Any], step: int) -> dict[str, Images]:
-        """Return images by camera and texture in ManiSkill's format: (H, W, 3) uint8, (H, W) int16 mm, (H, W) int16.
+        """Return images by camera and texture in ManiSkill's format: colour (H, W, 3) uint8, depth (H, W) int16 in mm,
+        segmentation (H, W) int16.
 
         Args:
             states: ManiSkill's ``env_states``.
-            step: index of the row.
+            step: index of the state in ``states``.
         """
         self._env.show(states, step)
         found = self._env._get_obs_sensor_data()

@@ -29,7 +29,8 @@ _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 
 
 def env_id(task: TaskSpec) -> str:
-    """Return an id for ``gym.make`` in any process in which gensim2 is installed.
+    """Return the id of a task's environment for ``gym.make``. The id works in any process in which gensim2 is
+    installed.
 
     Each task of the package has an id; any other task uses ``GenSim2-Task-v1`` with the spec as an argument.
 
@@ -61,7 +62,8 @@ def make_env(
         task: name of a library task, a spec, or its fields.
         engine: ``"sapien"`` creates a ManiSkill environment, ``"mujoco"`` a plain environment of NumPy arrays without a
             batch axis. Default: ``"sapien"`` if it is installed, else ``"mujoco"``.
-        numpy: whether a ManiSkill environment, too, returns NumPy arrays, floats and bools without a batch axis.
+        numpy: whether a ManiSkill environment returns NumPy arrays, floats and bools without a batch axis, instead of
+            tensors. Environments of MuJoCo always do.
         kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env` or
             :class:`~gensim2.sim.numpy_env.NumpyEnv`: ``assets``, ``instances``, ``physics``, ``robot``,
             ``randomization``, ``obs_mode``, ``reward_mode``, ....
@@ -139,7 +141,8 @@ def make_vec_env(
     )
     spec = envs.unwrapped.spec
     assert spec is not None, "gymnasium describes what it makes"
-    for name in ("max_episode_steps", "disable_env_checker"):  # gymnasium sets them for the single environments only
+    # gymnasium applies these arguments to the single environments only; the vector environment's spec needs them, too.
+    for name in ("max_episode_steps", "disable_env_checker"):
         if kwargs.get(name) is not None:
             setattr(spec, name, kwargs[name])
     return envs
@@ -168,7 +171,7 @@ def _unbatched_spec(id: str) -> EnvSpec:
 
 
 def register_all() -> None:
-    """Register every task of the package and ``GenSim2-Task-v1``; a repetition has no effect.
+    """Register every task of the package and ``GenSim2-Task-v1``. Further calls have no effect.
 
     Example:
         ```python
@@ -199,14 +202,15 @@ def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object])
 
 
 def recordable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Return environment arguments as plain data for a recorder."""
+    """Return the arguments of an environment as plain data, so that ManiSkill's recorder can write them to JSON."""
     from gensim2.perception import ObservationSpec
 
     plain = dict(kwargs)
     if isinstance(plain.get("task"), TaskSpec):
         plain["task"] = plain["task"].model_dump(mode="json")
     assets = plain.get("assets")
-    if assets is not None and not isinstance(assets, str):  # a pathlib.Path or an opened library
+    # ``assets`` is a pathlib.Path or an opened library, which JSON cannot store.
+    if assets is not None and not isinstance(assets, str):
         plain["assets"] = str(getattr(assets, "location", assets))
     if isinstance(plain.get("observation"), ObservationSpec):
         plain["observation"] = plain["observation"].to_dict()

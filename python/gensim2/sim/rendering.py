@@ -74,7 +74,8 @@ def video_camera() -> CameraConfig:
 
 
 def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
-    """Return the value of ManiSkill's ``render_backend``; for ``"auto"``, a working backend if rendering is needed.
+    """Return the value of ManiSkill's ``render_backend``. For ``"auto"`` return a working backend if rendering is
+    needed, and otherwise ``"none"``.
 
     Raises:
         InputError: observations need images, and there is no renderer.

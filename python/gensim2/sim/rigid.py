@@ -70,12 +70,13 @@ def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics
     if density is not None:
         return  # without explicit inertia PhysX computes mass and inertia from the hulls
     values, axes = np.linalg.eigh(rigid.inertia)
-    turn = Rotation.from_matrix(axes * np.linalg.det(axes)).as_quat(scalar_first=True)  # the axes must be right-handed
+    # The factor of 1 or -1 makes the axes right-handed.
+    turn = Rotation.from_matrix(axes * np.linalg.det(axes)).as_quat(scalar_first=True)
     builder.set_mass_and_inertia(rigid.mass, sapien.Pose(rigid.center_of_mass, turn), values)
 
 
 def resting_pose(rigid: RigidObject, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> sapien.Pose:
-    """Return the pose (object to world) at rest on the table above (x, y) m with the given yaw in rad."""
+    """Return the pose (object to world) of an object at rest on the table at (x, y), m, with the given yaw, rad."""
     return sapien.Pose(*placed(rigid.placement.position, rigid.placement.quaternion, x, y, yaw))
 
 
@@ -105,7 +106,7 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
 def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
     """Build the table: one static box with static friction 1.0, dynamic friction 0.2, restitution 0.01.
 
-    Legs and floor are only visible and have no collision shapes, so an object that leaves the table falls forever.
+    Legs and floor have no collision shapes, so an object that leaves the table never lands.
 
     Args:
         scene: ManiSkill's or SAPIEN's scene.

@@ -1,4 +1,4 @@
-"""Access the robot and the objects of a SAPIEN scene, built by ManiSkill or by the headless environment."""
+"""Access the robot and the objects of a SAPIEN scene. ManiSkill or the headless environment has built the scene."""
 
 from __future__ import annotations
 

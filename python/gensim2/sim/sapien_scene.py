@@ -120,7 +120,7 @@ def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics
 
 @dataclass
 class _Known:
-    """Cached data of an articulated object: the parsed URDF and the warnings from cooking."""
+    """Cached data of an articulated object: the parsed URDF, and the warnings about its collision hulls."""
 
     builder: ArticulationBuilder
     warnings: tuple[str, ...] | None = None

@@ -1,4 +1,4 @@
-"""Read :class:`~gensim2.planning.scene.Scene` and :class:`Measurement` from the simulator, in float64."""
+"""Read :class:`~gensim2.planning.scene.Scene` and :class:`Measurement` from the simulator as float64 values."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class RobotReader(ABC):
 
 
 class StandingRobot:
-    """Replacement for the robot's state in a scene without a robot: the start configuration with open fingers.
+    """Constant robot state for scenes that are built without a robot: the start configuration with open fingers.
 
     Args:
         start: (n,) all active joints at the start of the episode.
@@ -97,8 +97,11 @@ def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
 
 
 def read_scene(robot: RobotReader, parts: Parts) -> Scene:
-    """Return the planner's scene in the robot's base frame; the caller adds the grasped object."""
-    T_world_base = robot.profile.T_world_base  # the simulator's value is rounded to float32
+    """Return the planner's scene in the robot's base frame. The scene does not say which object is grasped; the caller
+    adds this.
+    """
+    # The profile's pose is used, because the simulator rounds the base pose to float32.
+    T_world_base = robot.profile.T_world_base
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     return Scene(
         q=robot.q,

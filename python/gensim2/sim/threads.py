@@ -13,7 +13,9 @@ from gensim2.core.errors import InputError
 
 
 class _Done(gym.Wrapper[Any, Any, Any, Any]):
-    """Placeholder for an environment; its ``reset`` and ``step`` return a result that was computed in a thread."""
+    """Stand-in for an environment. Its ``reset`` and ``step`` return a result that a thread has already computed, so
+    that gymnasium's own class can collect the results.
+    """
 
     def __init__(self, env: gym.Env[Any, Any], result: Any) -> None:
         super().__init__(env)
@@ -27,7 +29,8 @@ class _Done(gym.Wrapper[Any, Any, Any, Any]):
 
 
 class ThreadVectorEnv(SyncVectorEnv):
-    """Environments whose steps and resets run in threads; MuJoCo lets other threads run while it simulates.
+    """Vector environment whose single environments run in threads. MuJoCo releases the interpreter lock while it
+    simulates, so the threads run in parallel.
 
     Args:
         makers: for each environment, a function that creates it.
@@ -50,7 +53,9 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(self._threads.map(advance, range(self.num_envs))), super().step, actions)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Any:
-        """Reset all environments, or only the ones in ``options["reset_mask"]``; environment k gets ``seed + k``."""
+        """Reset all environments, or only the ones in ``options["reset_mask"]``. With an integer ``seed``, environment
+        k gets ``seed + k``.
+        """
         if options is not None and "reset_mask" in options:
             return super().reset(seed=seed, options=options)
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
@@ -62,7 +67,9 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(made), super().reset)
 
     def _with(self, results: list[Any], function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a method of the base class, which then gets results that were already computed."""
+        """Call a method of the base class in such a way that it receives the given results instead of calling the
+        environments.
+        """
         envs = self.envs
         self.envs = [_Done(env, result) for env, result in zip(envs, results, strict=True)]
         try:

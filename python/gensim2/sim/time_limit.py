@@ -1,4 +1,6 @@
-"""Truncate episodes after a number of control steps, with batched values for ManiSkill's tools."""
+"""Truncate episodes after a number of control steps. The returned values have the batch axis that ManiSkill's tools
+need.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from gymnasium.utils import RecordConstructorArgs
 
 
 class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Replacement for gymnasium's ``TimeLimit``, whose ``truncated`` is not a tensor as ManiSkill requires.
+    """Replacement for gymnasium's ``TimeLimit``. Gymnasium's wrapper returns a plain bool as ``truncated``, but
+    ManiSkill requires a tensor.
 
     Args:
         env: environment from ``gymnasium.make``; this wrapper takes over the limit of gymnasium's own wrapper.

@@ -44,12 +44,12 @@ class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return _unbatched(obs), float(reward), bool(terminated), bool(truncated), _unbatched(info)
 
     def render(self) -> Any:
-        """Return the picture, (H, W, 3) uint8, or None without a render mode that returns one."""
+        """Return the picture, (H, W, 3) uint8; None if the environment's render mode returns no picture."""
         return _unbatched(self.env.render())
 
 
 def _unbatched(value: Any) -> Any:
-    """Return the only row of a tensor or array, and other values unchanged."""
+    """Remove the batch axis: return the only row of a tensor or array. Return any other value unchanged."""
     if isinstance(value, Mapping):
         return {name: _unbatched(each) for name, each in value.items()}
     if isinstance(value, np.ndarray) or hasattr(value, "cpu"):

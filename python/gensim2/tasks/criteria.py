@@ -5,7 +5,7 @@ Five criteria come from the paper. As in the original GenSim2, they use horizont
 partly open, and the position of a rigid object, which is the origin of its frame, near the object's middle.
 
 Each criterion has three methods. ``objects`` returns the names of the objects that it measures. ``holds`` returns
-whether the criterion is met, which a NaN never does. ``progress`` returns a value from 0 to 1, where 1 means that the
+whether the criterion is met; with NaN it is never met. ``progress`` returns a value from 0 to 1, where 1 means that the
 criterion is met.
 """
 
@@ -118,8 +118,8 @@ class RigidLifted(_Criterion):
 
 
 class RigidMoved(_Criterion):
-    """The rigid object has moved more than ``distance`` (m) since the reset in a direction as seen from the robot, and
-    by less than half of this displacement sideways.
+    """The rigid object has moved more than ``distance`` (m) since the reset in the given direction as seen from the
+    robot. The displacement perpendicular to this direction is less than half of the displacement along it.
     """
 
     type: Literal["rigidbody_moved"] = "rigidbody_moved"
@@ -132,7 +132,9 @@ class RigidMoved(_Criterion):
         return bool(along > self.distance and abs(across) < along / 2)
 
     def _way(self, measured: Measurement) -> tuple[float, float]:
-        """Return the object's displacement (m) since the reset along and across the direction."""
+        """Return two components (m) of the object's horizontal displacement since the reset: along the criterion's
+        direction, and perpendicular to it.
+        """
         x, y = map(float, measured.poses[self.rigid][:2] - measured.start_positions[self.rigid][:2])
         return {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
 
@@ -174,7 +176,9 @@ class _Distance(_Criterion):
 
 
 class DistanceArticulatedRigid(_Distance):
-    """The measured keypoints of an articulated and a rigid object are within ``threshold`` (m) horizontally."""
+    """The horizontal distance between the measured keypoints of an articulated and a rigid object is less than
+    ``threshold`` (m).
+    """
 
     type: Literal["distance_articulated_rigidbody"] = "distance_articulated_rigidbody"
     articulated: str
@@ -186,7 +190,9 @@ class DistanceArticulatedRigid(_Distance):
 
 
 class DistanceGripperRigid(_Distance):
-    """A keypoint of the gripper is within ``threshold`` (m) of the rigid object's measured keypoint horizontally."""
+    """The horizontal distance between a keypoint of the gripper and the rigid object's measured keypoint is less than
+    ``threshold`` (m).
+    """
 
     type: Literal["distance_gripper_rigidbody"] = "distance_gripper_rigidbody"
     rigid: str
@@ -232,7 +238,7 @@ def all_hold(criteria: tuple[Criterion, ...], measured: Measurement) -> bool:
 
 
 def nearness(distance: float) -> float:
-    """Map a distance (m) to a reward: 1 for at most zero, 0.24 at ``SCALE``, and nearly 0 at 1 m."""
+    """Map a distance (m) to a reward: 1 if the distance is zero or negative, 0.24 at ``SCALE``, and nearly 0 at 1 m."""
     return _share(1.0 - math.tanh(max(0.0, distance) / SCALE))
 
 

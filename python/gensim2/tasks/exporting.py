@@ -24,7 +24,7 @@ def export(names: Sequence[str], out: Path) -> None:
         out: a new or empty folder, or a file whose name ends in ``.zip``.
 
     Raises:
-        InputError: a task does not exist, ``out`` exists and is not empty, or it cannot be written to.
+        InputError: a task does not exist, ``out`` exists and is not empty, or ``out`` cannot be written.
     """
     tasks = [(load_task(name), load_strategies(name)) for name in dict.fromkeys(names)]
     try:

@@ -39,12 +39,12 @@ class Condition(_Value):
     """Conditions of a measurement.
 
     Attributes:
-        objects: ``"generated"``, or ``"real"`` from a folder.
+        objects: ``"generated"`` for the built-in objects, or ``"real"`` for objects from a folder.
         physics: ``"default"`` (``"ours"`` in earlier files), ``"original"``, or a combination of parts of both.
         engine: simulation engine.
         robot: name of the robot.
         instances: instances used, as in ``--instances``.
-        randomization: ranges of the scene: ``"paper"``, ``"paper-half"`` or ``"wide"``.
+        randomization: preset for the random ranges of scenes: ``"paper"``, ``"paper-half"`` or ``"wide"``.
         attempts: maximum number of attempts in an episode, each from the same initial scene.
         open_loop: whether all motions were planned at the start of each episode.
         disturbance: ``"push"``, ``"drop"`` or None.
@@ -64,14 +64,14 @@ class Condition(_Value):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the conditions equal the paper's protocol: its ranges, all instances, closed loop, one attempt,
-        undisturbed.
+        """Whether the conditions are those of the paper's protocol: the paper's ranges of scenes, all instances, closed
+        loop, one attempt, no disturbance.
         """
         return not self.deviations
 
     @property
     def in_words(self) -> str:
-        """Physics, objects and deviations from the paper's protocol, in words."""
+        """The conditions in words: physics, objects, and every deviation from the paper's protocol."""
         whose = [OWNERS[self.physics]] if self.physics in OWNERS else []
         return ", ".join([*whose, f"{self.objects} objects", *self.deviations])
 
@@ -124,7 +124,7 @@ class Figure(_Value):
         seed: seed of the scenes.
         runs: number of runs, all with the same number of episodes.
         episodes: number of episodes in all runs.
-        paper, held, strict: number of episodes that pass each verdict.
+        paper, held, strict: number of episodes that pass the verdict of this name (docs/reference/episodes.md).
         deviation: standard deviation between runs of the ``paper`` success rate.
         partial: number of episodes in which only part of a motion was executed.
         causes: number of episodes that fail ``held``, by cause, most frequent first.
@@ -153,12 +153,14 @@ class Figure(_Value):
     @model_validator(mode="after")
     def _counts_go_together(self) -> Self:
         if not self.strict <= self.held <= self.episodes or self.paper > self.episodes:
-            raise ValueError("a verdict counts more episodes than were run, or strict counts more episodes than held")
+            raise ValueError(
+                "the number of episodes that pass a verdict exceeds 'episodes', or 'strict' exceeds 'held'"
+            )
         if self.held + sum(self.causes.values()) != self.episodes:
-            raise ValueError("held and causes do not sum to the number of episodes")
+            raise ValueError("'held' and the counts in 'causes' do not sum to 'episodes'")
         for name in ("episodes", "paper", "held", "strict") if self.instances else ():
             if sum(getattr(each, name) for each in self.instances.values()) != getattr(self, name):
-                raise ValueError(f"{name} of the instances do not add up to the row's")
+                raise ValueError(f"the values of '{name}' in 'instances' do not sum to the '{name}' of the row")
         return self
 
 
@@ -182,7 +184,9 @@ class Figures(_Value):
 
 
 def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
-    """Return the sort key of a row: by task; for each task, the row under the paper's protocol comes first."""
+    """Return the sort key of a row. Rows are sorted by task. Among the rows of a task, the row under the paper's
+    protocol comes first.
+    """
     return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
 
 

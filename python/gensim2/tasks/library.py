@@ -3,8 +3,8 @@
 ``library/`` in this package contains the paper's suite, ``designed/`` contains tasks that designers made with generated
 objects, and the user's folder (:func:`user_library`) contains tasks kept by the user's runs. In each,
 ``<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, and ``<Name>/strategies/<name>.yaml`` is a strategy for
-one of its steps. A folder of schema version 1 has a ``solver.yaml`` instead. A strategy missing in a task's folder is
-taken from ``strategies/``, which several tasks of the package share.
+one of its steps. A folder of schema version 1 has a ``solver.yaml`` instead. If the task's folder has no file for a
+strategy, the file is read from the folder ``strategies/`` beside the tasks of the package, which several tasks share.
 """
 
 from __future__ import annotations
@@ -48,7 +48,9 @@ _chosen: ContextVar[str | None] = ContextVar("library", default=None)
 
 @contextlib.contextmanager
 def using_library(folder: str) -> Iterator[None]:
-    """Use another user library inside a block: a folder, an archive, or ``none`` for no library."""
+    """Use the given user library within a block, instead of the default one: a folder, an archive, or ``none`` for no
+    library.
+    """
     token = _chosen.set(folder)
     try:
         yield
@@ -57,7 +59,8 @@ def using_library(folder: str) -> Iterator[None]:
 
 
 def user_library() -> Path | None:
-    """Return the user's library: from :func:`using_library`, ``$GENSIM2_LIBRARY``, or the user's data folder.
+    """Return the user's library: the value of :func:`using_library`, else ``$GENSIM2_LIBRARY``, else a folder in the
+    user's data folder.
 
     The folder need not exist. None means that the user disabled the library (``none``).
     """
@@ -69,10 +72,10 @@ def user_library() -> Path | None:
 
 
 def _user_shelf() -> Traversable | None:
-    """Return the user's library, a folder or an archive written by ``gensim2 tasks export``, or None.
+    """Return the user's library: a folder, or an archive that ``gensim2 tasks export`` wrote; None without a library.
 
     Raises:
-        InputError: the file is not such an archive.
+        InputError: the file is not an archive of tasks.
     """
     path = user_library()
     if path is None or path.suffix != ".zip" or not path.is_file():
@@ -121,7 +124,7 @@ def packaged_names() -> tuple[str, ...]:
 
 
 def origin_of(task: TaskSpec) -> str | None:
-    """Return the designer that proposed a task; None if unknown."""
+    """Return the origin of a task (``paper`` or the name of a designer); None if unknown."""
     return None if task.provenance is None else task.provenance.origin
 
 
@@ -237,7 +240,7 @@ def load_task_file(path: Path) -> TaskSpec:
 
 
 def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, StrategyData]:
-    """Load the strategies, by name, of a task that was read from the file or folder ``path``.
+    """Load the strategies of a task that was read from the file or folder ``path``. Return them by name.
 
     Raises:
         InputError: a strategy's file is missing or unreadable, or contains NaN or infinity.
@@ -261,7 +264,8 @@ def strategies_of(task: TaskSpec) -> tuple[str, ...]:
 
 
 def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable]:
-    """Return the file of each strategy of a task, by name: in the task's folder, or else a shared strategy.
+    """Return the file of each strategy of a task, by the strategy's name. The file is in the task's folder, or else in
+    the folder of shared strategies.
 
     Args:
         folder: folder of the task (:func:`task_folder` for a library task).
@@ -284,7 +288,7 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
 
 
 def _places(folder: Traversable, name: str) -> list[Traversable]:
-    """Return the possible paths of a strategy's file, first in the task's folder."""
+    """Return the possible paths of a strategy's file. The path in the task's folder comes first."""
     former = [folder / f"{name}.yaml"] if name == version_1.STRATEGY else []
     return [folder / STRATEGIES / f"{name}.yaml", *former, *(shelf / f"{name}.yaml" for shelf in _shared())]
 

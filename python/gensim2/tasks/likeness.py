@@ -18,7 +18,7 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 ALIKE = 85.0
 """Similarity of two sentences, 0 to 100, above which tasks with the same goal and object classes count as the same."""
 
-#: Synonyms in instructions; the key replaces the words in the value.
+#: Synonyms in instructions. Before sentences are compared, each word in a value is replaced by its key.
 SAYINGS = {
     "close": ("shut", "closed"),
     "open": ("opened",),
@@ -112,7 +112,8 @@ def normal_words(sentence: str) -> tuple[str, ...]:
 def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
     """Return the similarity of two sets of words, 0 to 100, regardless of order and repetition.
 
-    The similarity is the share of letters in the longest common subsequence of the sorted words.
+    The words are sorted and joined. The similarity is 100 times the ratio 2 M / T, where M is the length of the longest
+    common subsequence of letters and T the total length.
     """
     first, second = " ".join(sorted(set(one))), " ".join(sorted(set(other)))
     lengths = [0] * (len(second) + 1)
@@ -149,7 +150,7 @@ def _link(step: Step, called: dict[str, str]) -> tuple[Fact, ...]:
 
 
 def _fact(criterion: Criterion, called: dict[str, str]) -> Fact:
-    """Return the text fields of a criterion, without its numbers."""
+    """Return the text fields of a criterion without its numbers. Objects are replaced by the names in ``called``."""
     fields = criterion.model_dump()
     words = [f"{name}={called.get(value, value)}" for name, value in sorted(fields.items()) if isinstance(value, str)]
     return tuple(words)

@@ -124,7 +124,8 @@ class Memory:
         Args:
             task: task with a provenance that names its origin.
             strategies: all strategies that the steps of the task name, by name.
-            verification: result on scenes and objects unseen in the design; becomes part of the provenance.
+            verification: result of the verification, on scenes and objects that the design did not use. It is stored in
+                the task's provenance.
             run: folder of the run that made the task.
 
         Returns:

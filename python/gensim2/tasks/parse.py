@@ -47,7 +47,9 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
 
 
 def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[BaseModel] | None]:
-    """Return the parts of an error's location that exist in the file, and the model of the last field."""
+    """Return the parts of an error's location that are fields or indices in the file, and the pydantic class of the
+    last field.
+    """
     kind: Any = TaskSpec
     shown: list[int | str] = []
     model: type[BaseModel] | None = None
@@ -56,8 +58,11 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
         if len(kinds) > 1:
             models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
             if not models:
-                break  # for a union of plain types, the remaining parts of the location are the names of these types
-            # this part of the location is not a field, but the value of the field ``type``, which selects the model
+                # If a field may have one of several plain types, pydantic appends the names of these types to the
+                # location.
+                break
+            # This part of the location is not a field. It is the value of the field ``type``, by which pydantic selects
+            # the class.
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":

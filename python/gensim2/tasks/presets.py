@@ -21,7 +21,7 @@ class Preset:
     Attributes:
         name: value of ``--randomization``.
         scale: factor on the ranges of offsets, yaw and openness.
-        turns_either_way: whether the sign of the yaw is independent of the sign of the y offset.
+        turns_either_way: whether the yaw gets a random sign. If not, its sign depends on the sign of the y offset.
         varies: whether the objects' physics and the robot's start are also randomized.
     """
 

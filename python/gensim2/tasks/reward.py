@@ -37,10 +37,11 @@ class Stage:
 
 
 def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
-    """Return a task's stages: one for each step with criteria, and one for the goal unless the last step has it.
+    """Return a task's stages: one for each step with criteria, and one for the goal, unless the goal equals the
+    criteria of the last step.
 
-    A step without ``done`` belongs to the stage of the next step with ``done``; the gripper then moves to the first
-    step's object.
+    A step without the field ``done`` belongs to the stage of the next step that has this field. In such a stage, the
+    reward for reaching refers to the object of the first step.
     """
     found: list[Stage] = []
     first: str | None = None

@@ -1,8 +1,8 @@
 """Define the task specification: an immutable, validated value that can be converted to YAML and JSON.
 
-A task has named objects and one or more steps. A step is one actuation pose with its motions and its gripper command.
-The spec contains only the names of the strategies of its steps; the strategies are in files
-(``strategies/<name>.yaml``).
+A task has named objects and one or more steps. A step is one interaction with an object: a hand pose at the object (the
+actuation pose), the motions before and after it, and a gripper command. The spec contains only the names of the
+strategies of its steps; the strategies are in files (``strategies/<name>.yaml``).
 """
 
 from __future__ import annotations
@@ -94,12 +94,13 @@ class Randomization(_Value):
     """Ranges of the initial scene; lengths in metres (the table ends at 0.65), angles in radians.
 
     The sampled yaw lies between 0 and ``yaw`` if the sampled y offset is positive, and between 0 and ``-yaw``
-    otherwise. A positive ``yaw`` turns an object at the side towards the robot, a negative ``yaw`` turns it away from
-    the robot.
+    otherwise. With a positive ``yaw``, an object to the left or right of the middle is turned such that it faces the
+    robot; with a negative ``yaw`` it is turned away.
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
-        yaw: maximum rotation about the vertical, rad. The sampled yaw has the sign of y times the sign of ``yaw``.
+        yaw: maximum rotation about the vertical, rad. The sign of the sampled yaw is the sign of y times the sign of
+            ``yaw``.
         openness_mean: mean openness at the start; None: default of the instance.
         openness_spread: maximum deviation from the mean openness; the sampled openness is clipped to 0..1.
     """
@@ -115,9 +116,11 @@ class ObjectSpec(_Value):
     """An object of a task.
 
     Attributes:
-        asset_class: name of the object class; each rigid object is a class of its own (``golf_ball``).
-        instances: allowed instances of the class: values as in ``--instances``, or a mapping from ``real`` and
-            ``generated`` to such values. None: all instances. A run can restrict the instances further.
+        asset_class: name of the object class. A rigid object has its own class with one instance, for example
+            ``golf_ball``.
+        instances: allowed instances of the class: values as in ``--instances``. A mapping with the keys ``real`` and
+            ``generated`` gives separate values for real and generated objects. None: all instances. A run can restrict
+            the instances further.
         place: placement before randomization.
         randomization: ranges of placement and openness.
     """
@@ -133,15 +136,15 @@ class ObjectSpec(_Value):
 
 
 class Step(_Value):
-    """One actuation pose with its motions and its gripper command.
+    """One interaction with an object: an actuation pose, the motions before and after it, and a gripper command.
 
     Attributes:
         name: name, unique in the task.
         object: object to move, to grasp, or to approach with the tool.
         tool: ``"hand"``, or the grasped object, whose keypoints then replace the hand's.
         strategies: names of the step's strategies in order of preference; designers call their strategy ``designed``.
-        done: criteria that must all hold at some time during the step for the verdict ``paper``. Without criteria the
-            step counts as soon as it starts, like the paper's grasp and release.
+        done: criteria that must all hold at some time during the step for the verdict ``paper``. A step without
+            criteria counts as done as soon as it starts, as in the paper's grasp and release steps.
     """
 
     name: Name
@@ -168,7 +171,7 @@ class Verified(_Value):
 
     Attributes:
         episodes: number of episodes.
-        held: number of episodes that pass ``held``.
+        held: number of episodes that pass the verdict ``held``.
         interval: 95 % confidence interval of the success rate.
         seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
         instances: split of the objects; objects of ``"new"`` and ``"test"`` were not used in any search.
@@ -186,12 +189,12 @@ class Verified(_Value):
     def _figures_go_together(self) -> Self:
         low, high = self.interval
         if self.held > self.episodes or not low - 1e-6 <= self.share <= high + 1e-6:
-            raise ValueError("held, episodes and interval contradict each other")
+            raise ValueError("the fields 'held', 'episodes' and 'interval' contradict each other")
         return self
 
     @property
     def share(self) -> float:
-        """Success rate by the verdict ``held``."""
+        """Fraction of episodes that pass the verdict ``held``."""
         return self.held / self.episodes
 
 
@@ -220,7 +223,7 @@ class TaskSpec(_Value):
         objects: objects by name, in the order in which they are placed.
         steps: steps in order.
         goal: criteria that must all hold at the end; None: the ``done`` of the last step.
-        max_episode_steps: steps of 1 / ``STEPS_A_SECOND`` s after which an episode is truncated.
+        max_episode_steps: maximum duration of an episode, in steps of 1 / ``STEPS_A_SECOND`` s.
         provenance: origin and verification; None if unknown.
     """
 
@@ -273,7 +276,9 @@ class TaskSpec(_Value):
 
     @property
     def acted_on(self) -> frozenset[str]:
-        """Names of the objects that a step acts on or that are grasped during a step."""
+        """Names of the objects that are touched on purpose: the object of a step, or the object in the hand during a
+        step.
+        """
         return frozenset(name for step in self.steps for name in (step.object, step.tool) if name != HAND)
 
     @property

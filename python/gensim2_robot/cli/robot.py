@@ -387,5 +387,5 @@ def check(*, robot: str) -> dict[str, Any] | Ending:
 robot = click.Group(
     "robot",
     commands=[run, dry_run, view, trial, calibrate, fit_noise, replay, export, check],
-    help="Drive an arm through limits, a watch and a log. Read docs/guides/robot.md before you drive a real arm.",
+    help="Drive an arm within limits, with a watchdog and a log. Read docs/guides/robot.md before driving a real arm.",
 )

@@ -1,1 +1,3 @@
-"""Run trials on a real or simulated arm by a protocol, with seeded placements, and record the results."""
+"""Run trials on a real or simulated arm as a protocol file describes, with object placements drawn from a seed, and
+record the results.
+"""

@@ -40,8 +40,8 @@ class PlacementRange(BaseModel):
     Attributes:
         at: centre of the ranges, m: distance in front of the robot's base and to the left of the base.
         x, y: ranges (m) of the offset to the front and to the left; a single number r stands for -r to r.
-        yaw: maximum rotation, degrees. An object left of the centre is rotated towards the robot in one direction, an
-            object right of the centre in the other direction.
+        yaw: maximum rotation, degrees. The sign of the rotation depends on the side of the centre on which the object
+            stands, so that the object faces the robot.
         openness: range of the openness (0 to 1) of the object's joint; None without a joint.
     """
 
@@ -66,7 +66,8 @@ class Placed:
 
     Attributes:
         x, y: distance in front of the robot's base and to the left of the base, m.
-        offset: offset from the centre of the ranges: front (m), left (m), rotation about the vertical (rad).
+        offset: displacement from the centre of the ranges: to the front (m), to the left (m), and rotation about the
+            vertical axis (rad).
         openness: openness (0 to 1) of the object's joint; None without a joint.
     """
 
@@ -211,11 +212,11 @@ class Trial(BaseModel):
         placements: placement of each object by name.
         success: whether the trial succeeded.
         cause: cause of the failure; None after a success.
-        by: who judged the trial: a person, the simulator, or the watchdog, which ended it.
+        by: origin of the verdict: a person, the simulator, or the watchdog if it ended the trial.
         goal: whether the goal was reached in the simulator; None without a simulator.
         state, reason: state of the watchdog at the end.
         seconds: duration of the episode, s.
-        at: end time, with time zone.
+        at: time of the end, with time zone.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -320,7 +321,8 @@ def row_of(asked: TrialSettings, trials: Sequence[Trial]) -> dict[str, Any]:
 
 
 def write_table(out: Path) -> dict[str, Any]:
-    """Write a table of all trials in the subfolders of ``out``, also as JSON, and return the table as plain data.
+    """Write a table of all trials in the subfolders of ``out``, as text and as JSON, and return the table as plain
+    data.
 
     Raises:
         InputError: a folder is damaged.

@@ -90,7 +90,9 @@ class Terminal:
 
     @contextlib.contextmanager
     def _asking(self) -> Iterator[None]:
-        """Restore the terminal for a question, and let Ctrl-C act at once, because the arm is released meanwhile."""
+        """Restore the terminal for a question. The arm is released during a question, so Ctrl-C ends the program at
+        once.
+        """
         with self._progress.paused(), self._keys.let_go(), _interruptible():
             yield
 
@@ -163,7 +165,7 @@ def trial(
     if verdict == "simulator" and not config.is_simulated:
         raise InputError("a simulator cannot judge trials on a real arm", field="--verdict", remedy="person")
     if person is None and verdict == "person":
-        raise InputError("a person must be given, because the verdict is the person's", field="person")
+        raise InputError("the name of a person must be given, because a person judges the trials", field="person")
     given = read_task_input(protocol.task, seed=config.seed, **scene)
     protocol.require(given.spec)
     told = given.spec.model_copy(update={"description": protocol.sentence})

@@ -315,7 +315,7 @@ def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], s
     [
         ("steps: 5", [], "steps: is not a setting of gensim2 learn (say how long with --minutes)"),
         ("head: flow", [], "head: is not a setting of gensim2 learn (say it with --policy)"),
-        ("encodr: mlp", [], "encodr: policy settings have no such field"),
+        ("encodr: mlp", [], "encodr: policy settings have no field of this name"),
         ("encoder: state", [], "encoder: state applies to action-chunk policies only"),
         ("history: 2", [], "history: applies only to action chunks"),
         ("arm_noise: 0.1", [], "arm_noise: applies only to action chunks"),

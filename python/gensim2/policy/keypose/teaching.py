@@ -23,10 +23,10 @@ works; trying all grasps takes as long as planning sixty scenes.
 
 
 def pulls_last(given: TaskInput) -> TaskInput:
-    """Return the task with grasp searches moved behind the other strategies of each step.
+    """Return the task with the strategies of each step reordered: strategies that search for a grasp come last.
 
-    In similar scenes a grasp search can find very different grasps, for example at a knob and at an edge. A network
-    trained on both predicts a useless average.
+    In two similar scenes a search can find very different grasps, for example at a knob and at an edge. A network
+    trained on such examples predicts a useless average of the grasps.
     """
     known = parsed(given.strategies)
 

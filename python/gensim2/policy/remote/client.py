@@ -54,7 +54,7 @@ class RemoteController:
     Args:
         url: address of the server, ``ws://host:port`` or ``wss://``. The token is read from the environment variable
             ``GENSIM2_POLICY_TOKEN``.
-        robot: name of the robot that executes the actions; None accepts any robot of the server.
+        robot: name of the robot that executes the actions; None: accept any robot that the server names.
         deadline: time limit for an action, s.
 
     Attributes:
@@ -116,7 +116,7 @@ class RemoteController:
             self._connection = None
 
     def disown(self) -> None:
-        """Use a wrong token for the next connection, to inject a fault in tests of the watchdog."""
+        """Use a wrong token for the next connection. The watchdog of ``gensim2 robot`` is tested with this fault."""
         self.close()
         self._token = f"not {self._token}"
 

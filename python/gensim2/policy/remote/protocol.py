@@ -1,9 +1,9 @@
 """Define the messages between client and policy server, which are msgpack maps of plain values and arrays.
 
-The client sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Then each
-request gets one answer with the same number: ``reset`` gets ``ready``, ``act`` gets ``action``, and a failed request
-gets ``error``. :func:`decode` limits the bytes and values of a message, and :func:`read_message` checks the message
-against the schemas of the expected kinds.
+The client sends ``hello`` with the token and the version of its protocol, and the server answers ``welcome`` or
+``refused``. Then each request gets one answer with the same number: ``reset`` gets ``ready``, ``act`` gets ``action``,
+and a failed request gets ``error``. A message may have only a limited number of bytes and values (:func:`decode`), and
+:func:`read_message` checks the message against the schemas of the expected kinds.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
         sender: name of the sender for error messages.
 
     Raises:
-        RemoteError: the data are not a valid message, or exceed a limit on bytes or values.
+        RemoteError: the data are not a valid message, or have too many bytes or values.
     """
     if not isinstance(data, bytes):
         raise RemoteError(f"{sender} sent a text message, expected a binary message")

@@ -91,7 +91,7 @@ class PolicyServer:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
             raise MissingExtraError("websockets", "remote") from error
-        encode({})  # fails if msgpack is not installed
+        encode({})  # Raises MissingExtraError now if msgpack is not installed.
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
@@ -126,7 +126,8 @@ class PolicyServer:
     def serve(self) -> None:
         """Serve until :meth:`close` is called."""
         before = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_INTERVAL)  # threads of untrusted clients release the interpreter quickly
+        # With a short switch interval, threads that serve untrusted clients give the interpreter back quickly.
+        sys.setswitchinterval(SWITCH_INTERVAL)
         try:
             self._server.serve_forever()
         finally:
@@ -150,7 +151,8 @@ class PolicyServer:
             return
         self._peer.address, self._peer.is_known = address, False
         try:
-            # Sending needs a timeout, because the websockets library holds the lock for closing while it answers pings.
+            # Sending needs a timeout: while the websockets library answers a ping, it holds the lock that closing the
+            # connection needs.
             seconds, share = divmod(READING, 1.0)
             peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(seconds), int(1e6 * share)))
             self._speak(peer, address)
@@ -198,7 +200,9 @@ class PolicyServer:
             self._said(f"{who} gone")
 
     def _greet(self, message: dict[str, Any], who: str) -> str | None:
-        """Return why a client's first message is refused, or None. A client without the token gets no reason."""
+        """Return the reason to refuse a client because of its first message; None to accept it. A client with a wrong
+        token is not told the reason.
+        """
         token = message.get("token")
         if message["kind"] != "hello" or not isinstance(token, str):
             return "no token"

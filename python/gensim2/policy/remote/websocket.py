@@ -23,7 +23,8 @@ def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
         chunk: number of bytes that are read and parsed at a time.
-        most: maximum number of control frames from the peer; stored as ``max_control_frames``.
+        most: maximum number of control frames (pings, pongs) from the peer; attribute ``max_control_frames`` of the
+            class.
     """
     from websockets.frames import DATA_OPCODES, Frame
 
@@ -54,7 +55,7 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        if isinstance(error, EOFError):  # the library may still read a connection that it closed
+        if isinstance(error, EOFError):  # The library may read a connection that it has just closed, which is no error.
             return
         self._said(one_line(record.getMessage() if error is None else f"{record.getMessage()}: {error}"))
 

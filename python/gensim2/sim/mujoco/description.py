@@ -26,9 +26,9 @@ class CollisionShape:
     """A convex collision shape.
 
     Attributes:
-        kind: ``"box"`` (size: half sides), ``"sphere"`` (radius), ``"cylinder"`` or ``"capsule"`` (radius, half length)
-            or ``"mesh"``.
-        size: dimensions, m; empty for a mesh.
+        kind: ``"box"``, ``"sphere"``, ``"cylinder"``, ``"capsule"`` or ``"mesh"``.
+        size: dimensions, m: three half sides of a box; radius of a sphere; radius and half length of a cylinder or
+            capsule; empty for a mesh.
         vertices: (N, 3) vertices of a mesh, m.
         T: (4, 4) pose in the link frame.
     """

@@ -52,7 +52,7 @@ class Shape:
 
     Attributes:
         geom: name of the MuJoCo geom.
-        owner: the robot's agent, ``"table"`` or the name of an object.
+        owner: name of the robot's agent, ``"table"``, or the name of an object.
         link: name of the shape's link.
         is_static: whether the shape never moves.
         slides: whether a prismatic joint of an object moves the shape.
@@ -70,7 +70,9 @@ class Shape:
 
 
 def mixed_name(owner: str, part: str) -> str:
-    """Return the name of a link or joint in the MuJoCo model."""
+    """Return the unique name of a link or joint in the MuJoCo model, made from the name of its robot or object and its
+    own name.
+    """
     return f"{owner}/{part}"
 
 
@@ -81,7 +83,7 @@ def surface_friction(thing: PlacedObject) -> float:
 
 
 def steps_of(profile: RobotProfile) -> int:
-    """Return the number of MuJoCo steps in one step of the robot's ``physics_hz``."""
+    """Return the number of MuJoCo steps in one physics step of the robot (a period of ``physics_hz``)."""
     return max(1, -(-PHYSICS_HZ // profile.simulation.physics_hz))
 
 
@@ -111,7 +113,9 @@ class _Builder:
         option.impratio = IMPRATIO
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         spec.compiler.degree = False
-        spec.compiler.balanceinertia = True  # MuJoCo would refuse the inertias of the Fetch's fingers
+        # The inertias of the Fetch's fingers violate the triangle inequality; MuJoCo refuses them unless it may correct
+        # them.
+        spec.compiler.balanceinertia = True
         self._shapes: list[Shape] = []
         self._meshes = 0
         if robot:
@@ -143,7 +147,8 @@ class _Builder:
                 self._resist(joint, model, thing)
             elif link.parent is None or link.parent in still:
                 still.add(link.name)
-                body.mocap = link.parent is None  # a mocap body can be moved, and its pose is part of MuJoCo's state
+                # A root link is a mocap body: it can be moved, and its pose is part of MuJoCo's state.
+                body.mocap = link.parent is None
             is_static = link.name in still
             slides = not is_static and model.joint.type == "prismatic"
             shape = Shape(mixed_name(name, link.name), name, link.name, is_static, friction, slides=slides)
@@ -267,10 +272,13 @@ class _Builder:
             name2=leader,
             solref=SOLREF,
         )
-        equality.data[:2] = 0.0, 1.0  # offset and multiplier of the follower joint
+        # The follower's position is offset + multiplier * driven position; these are the offset and the multiplier.
+        equality.data[:2] = 0.0, 1.0
 
     def _add_pairs(self) -> None:
-        """Add the pairs of shapes that may touch, with the mean of both friction coefficients, as in PhysX."""
+        """Add the pairs of shapes that may touch. As in PhysX, the friction of a pair is the mean of the coefficients
+        of its two shapes.
+        """
         apart = never_touching(self._profile.srdf)
         links = {link.name: link for link in links_of(self._profile.urdf)}
         groups: dict[tuple[str, str], list[Shape]] = {}
@@ -285,12 +293,13 @@ class _Builder:
         if one.is_static and other.is_static:
             return False
         if one.owner == other.owner:
-            if one.owner != self._profile.agent:  # both links belong to the same object
+            # Links of the same object do not collide; for the robot, the SRDF decides.
+            if one.owner != self._profile.agent:
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart
-        # A sliding link has no contact with the table, because its rail guides it. With such a contact, MuJoCo's convex
-        # friction cone would turn every push into a normal force, and a drawer on the table would jam.
+        # A sliding link is guided by its rail, so its contact with the table is left out. In MuJoCo such a contact
+        # would turn every push into a normal force (the friction cone is convex), and a drawer on the table would jam.
         table = {one.owner, other.owner} & {"table"}
         return not (table and (one.slides or other.slides))
 

@@ -61,7 +61,7 @@ class Simulation:
 
 
 class MujocoFrame:
-    """Copy of a body's pose at the instant at which it was read."""
+    """Copy of a body's pose at one instant; the copy does not change when the simulation continues."""
 
     def __init__(self, data: mujoco.MjData, body: int) -> None:
         self._position, self._quaternion = data.xpos[body].copy(), data.xquat[body].copy()
@@ -141,7 +141,7 @@ class MujocoRigidPart(RigidPart):
         self._stand(*placed(pose[:3], pose[3:], dx, dy, dyaw))
 
     def _stand(self, position: Array, quaternion: Array) -> None:
-        """Set the pose, with zero velocity."""
+        """Set the pose of the body, and set its velocity to zero."""
         data = self._simulation.raw
         data.qpos[self._q : self._q + 3], data.qpos[self._q + 3 : self._q + 7] = position, quaternion
         data.qvel[self._v : self._v + 6] = 0.0
@@ -151,7 +151,7 @@ class MujocoRigidPart(RigidPart):
         return self._simulation.frame(self._body)
 
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-        found = np.zeros(6)  # angular velocity, then linear velocity of the centre of mass
+        found = np.zeros(6)  # The array gets the angular velocity, then the linear velocity of the centre of mass.
         simulation = self._simulation
         mujoco.mj_objectVelocity(simulation.model, simulation.data, mujoco.mjtObj.mjOBJ_BODY, self._body, found, 0)
         return found[3:], found[:3]

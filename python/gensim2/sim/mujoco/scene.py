@@ -107,8 +107,8 @@ class MujocoScene:
     def _robot_contacts(self) -> list[tuple[int, float, int]]:
         """Return the contacts in which a force acts on the robot.
 
-        Each entry has the contact's index, a sign (1 if the robot is the second shape, -1 if it is the first), and the
-        owner of the other shape.
+        Each entry has the contact's index, the sign that turns the contact force into the force on the robot (1 if the
+        robot is the second shape, -1 if it is the first), and the owner of the other shape.
         """
         self._require_robot()
         data = self.simulation.raw
@@ -130,7 +130,9 @@ class MujocoScene:
         return np.concatenate([root, self.robot.q, self.robot.qvel]).astype(np.float32)
 
     def _state(self) -> Array:
-        """Return the state from which MuJoCo continues exactly."""
+        """Return the full state of the simulation. A simulation that continues from this state gives the same results
+        bit for bit.
+        """
         model = self.simulation.model
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, self.simulation.raw, state, _STATE)
@@ -148,7 +150,7 @@ class MujocoScene:
         return self._state(), self._digest
 
     def restore(self, state: Array, scene: str) -> None:
-        """Continue from a state of the same scene.
+        """Set a state that :meth:`snapshot` returned, with the hash of its scene.
 
         Raises:
             InputError: the state has the wrong shape, or belongs to another scene.
