@@ -46,9 +46,9 @@ class Check:
 
     Attributes:
         name: name of the check.
-        status: ``"ok"``; ``"limited"`` if some functions are unavailable; ``"missing"`` if nothing works.
-        value: what was found, for example a version.
-        remedy: what the user should do; empty if nothing.
+        status: ``"ok"``; ``"limited"`` if some functions are unavailable; ``"missing"`` if the checked item is absent.
+        value: result of the check, for example a version.
+        remedy: instruction for the user; empty if no action is needed.
     """
 
     name: str
@@ -153,7 +153,7 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
         name: name of the check.
         which: name of the extra.
         packages: import names of its packages.
-        without: what still works without the extra.
+        without: message about the functions that work without the extra.
     """
     remedy = f"pip install 'gensim2[{which}]'; {without}"
     absent = [each for each in packages if importlib.util.find_spec(each) is None]

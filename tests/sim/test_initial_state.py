@@ -185,7 +185,9 @@ def test_a_caller_chooses_among_the_instances_that_a_task_takes() -> None:
     assert chosen_instances(library, task, {"second": "7"}) == {"first": everything, "second": ("7",), "ball": ("0",)}
     with pytest.raises(InputError, match="instances: there is no object 'third'"):
         chosen_instances(library, task, {"third": "7"})
-    with pytest.raises(InputError, match="instances: the task takes 4, 8 of drawer, but none of these is in new"):
+    with pytest.raises(
+        InputError, match="instances: the task accepts only 4, 8 of drawer, and new selects none of these"
+    ):
         chosen_instances(library, task, "new")
 
 

@@ -30,7 +30,7 @@ class Apart:
     search: str
 
     def verification(self, episodes: int, seed: int) -> list[Drawn]:
-        """Return the object instances of each verification episode: new ids, or the name of a split."""
+        """Return the ``instances`` value of each verification episode: ids of new objects, or the name of a split."""
         if self.kind != "new":
             return [self.kind] * episodes
         drawn = {name: self.library.sample(each, episodes, seed) for name, each in self.classes.items()}

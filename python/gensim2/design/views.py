@@ -50,7 +50,9 @@ _STARTING = Lock()
 
 
 def view_of(location: str, asset_class: str, instance: str) -> LazyPicture:
-    """Return a picture of an object at three joint positions, or from three sides, with labelled keypoints."""
+    """Return a picture of an object with labelled keypoints. An articulated object is shown at three joint positions, a
+    rigid object from three sides.
+    """
     return LazyPicture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
 
 
@@ -138,7 +140,9 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
 def _actuation(
     options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
 ) -> tuple[Any, Any]:
-    """Return joints (n,) and hand pose (4, 4) in the base frame at the actuation pose, or (None, None)."""
+    """Return the joint positions (n,) and the hand pose (4, 4), base frame, at the actuation pose. Return (None, None)
+    if no pose was found.
+    """
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
     for before in task.steps:  # if the tool is a grasped object, its grasp is planned first

@@ -182,8 +182,8 @@ def benchmark_both(
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
     """Return the tasks that grasp a rigid object, and the names of all other tasks.
 
-    If no task grasps a rigid object and the run exists already, return all tasks: the run was started without
-    disturbance, and comparing its record reports the difference.
+    If no task grasps a rigid object and the run exists already, return all tasks. Such a run was started without a
+    disturbance; the later comparison with the run's record then reports this difference.
 
     Raises:
         InputError: no task of a new run grasps a rigid object.

@@ -78,9 +78,9 @@ def evaluate(
         tasks: names of library tasks, or folders with task.yaml and strategies/.
         arguments: keyword arguments of the controller, as JSON data.
         data: rendered data set that the controller was trained on; its observation spec must agree.
-        stop: ``"goal"``: an episode ends when the controller returns None, when the goal has held for half a second and
-            still holds after settling, or at the step limit; the verdicts are computed then. ``"controller"``: an
-            episode fails if the controller does not return None before the step limit.
+        stop: ``"goal"``: an episode ends when the controller returns None, when the goal has been reached for half a
+            second and is still reached after the scene has settled, or at the step limit. The verdicts are computed at
+            this end. ``"controller"``: an episode fails if the controller does not return None before the step limit.
         runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
         videos: number of episodes of each task that are recorded as videos by ray casting, with the controller's point
             cloud next to the image.
@@ -186,7 +186,9 @@ def _keep_missing(
     episodes: Sequence[Episode],
     progress: Progress,
 ) -> None:
-    """Repeat the episodes to be filmed whose states were not stored, because an earlier call made no videos."""
+    """Repeat episodes that should be filmed but whose states were not stored. This happens if an earlier call with the
+    same folder made no videos.
+    """
     files = folder.task(given.spec.name).path
     kept = _recorded(files)
     config = runner.config(given.spec, given.instances)
@@ -206,7 +208,7 @@ def _keep_missing(
 
 
 def _recorded(folder: Path) -> dict[int, tuple[Path, str]]:
-    """Return file and digest of each stored episode of a task that has states, by index."""
+    """Return a mapping from the index of each episode with stored states to its file and the digest of the file."""
     from gensim2.data.store import TaskStore
 
     found = TaskStore(folder).found()

@@ -1,4 +1,6 @@
-"""Run the episodes behind a table of success rates in fixed scenes, and log each episode when it is finished."""
+"""Run the episodes from which a table of success rates is computed. Scenes are determined by seeds, and each finished
+episode is logged at once.
+"""
 
 from __future__ import annotations
 
@@ -101,9 +103,9 @@ def tabulate(
 
     Args:
         given: tasks to run, which share the object library and the options.
-        told: further arguments of the episodes, which are stored in the run's record.
+        told: further arguments of the episodes. They are stored in the run's record.
         identity: digests of all inputs that determine the results.
-        function: function of :mod:`gensim2.rollout.worker`.
+        function: function of :mod:`gensim2.rollout.worker` that runs one episode.
         arguments: function that returns the episode arguments for a task, its configuration and its folder.
         make: function that makes the command's result from the table.
         after: callback with each task's finished episodes.
@@ -184,8 +186,8 @@ def run_episodes(
 def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:
     """Write the result of a table into its run folder, and finish the run.
 
-    ``provenance`` is left out, so that the folder does not depend on date and command; so are the ``records`` of
-    episodes, which are in the folders of the tasks.
+    Two fields are not written: ``provenance``, so that the folder does not depend on date and command, and the
+    ``records`` of episodes, which are already in the folders of the tasks.
 
     Args:
         folder: run folder.

@@ -19,7 +19,7 @@ BASE_GAP = 1.0  # mm, maximum distance between the object's lowest point and the
 FREE_GAP = 10.0  # mm, minimum distance of a free-space keypoint from each link of the open object
 SURFACE_GAP = 10.0  # mm, maximum distance of a surface keypoint from its link
 MASS = (0.02, 80.0)  # kg, minimum and maximum mass
-PUSH = 40.0  # N, maximum force at the keypoint that overcomes the joint's friction
+PUSH = 40.0  # N, maximum force that may be needed at the keypoint to move the joint against its friction
 MAX_HULLS = 64  # maximum number of hulls of a link
 FREE = ("above", "inside", "base")  # a keypoint with one of these words in its name lies in free space
 
@@ -34,7 +34,9 @@ class Finding:
 
 
 def distance_to_link(instance: ArticulatedObject, name: str) -> float:
-    """Return the distance (m) of a keypoint from its link's hulls, by surface samples; 0 inside a hull."""
+    """Return the distance (m) of a keypoint from sampled points on its link's hulls; 0 if the keypoint is inside a
+    hull.
+    """
     keypoint = instance.keypoints[name]
     hulls = list(instance.hulls.get(keypoint.link, ()))
     if not hulls:
@@ -52,7 +54,9 @@ def world_rotation(instance: ArticulatedObject) -> Array:
 
 
 def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Return the checks that failed among those without simulation, and warnings from reading the object's files."""
+    """Run all checks that need no simulation. Return the failed checks, and the warnings from reading the object's
+    files.
+    """
     joint = instance.joint
     found = [Finding("note", warning, "none") for warning in instance.warnings]
 
@@ -102,7 +106,9 @@ def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
 
 
 def clearance_of(instance: ArticulatedObject, name: str) -> float:
-    """Return the distance (m) of a keypoint from the hulls of both links, with the joint open; negative inside."""
+    """Return the distance (m) of a keypoint from the hulls of the object's two links, with the joint open; negative if
+    the keypoint is inside a hull.
+    """
     keypoint, child = instance.keypoints[name], instance.joint.child_link
     T = instance.link_pose(1.0)
     point = transform(T, keypoint.position[None]) if keypoint.link == child else keypoint.position[None]

@@ -175,7 +175,8 @@ class _Maker:
         self._studio = self._studio or pictures.Studio(self._size)
         stream = io.BytesIO()
         draw(self._studio).save(stream, "WEBP", quality=82, method=4)
-        own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")  # exact, because "1" must not match "1-2"
+        # The pattern is exact, because files of the object 1 must not include files of the object 1-2.
+        own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")
         for outdated in file.parent.glob("*.webp"):
             if own.fullmatch(outdated.name):
                 outdated.unlink()
@@ -228,7 +229,7 @@ _Verdicts = tuple[str | None, Mapping[tuple[str, str], list[dict[str, Any]]]]
 
 
 def _verdicts(path: Path) -> _Verdicts:
-    """Return the library's name, if the file states it, and the findings by (class, id).
+    """Return the name of the library (if the file contains it), and the findings of each object, by class and id.
 
     Raises:
         InputError: the file is not from ``gensim2 assets validate --json``.

@@ -201,7 +201,9 @@ def camera_pose(center: Array, distance: float, azimuth: float, elevation: float
 
 
 def _clear_distance(points: Array, azimuth: float) -> float:
-    """Return the minimum distance of the camera from its target at which points (N, 3) around it are visible."""
+    """Return the minimum distance of the camera from its target at which all points (N, 3), relative to the target, are
+    visible.
+    """
     R, _ = camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
     ahead, left, up = R.T @ points.T
     return float((np.maximum(np.abs(left), np.abs(up)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())

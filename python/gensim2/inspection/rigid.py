@@ -16,7 +16,7 @@ REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # m and rad, maximum motion of an 
 BASE_HEIGHT = 0.001  # m, maximum distance of the lowest point from the table
 KEYPOINT_DISTANCE = 0.02  # m, maximum distance of a keypoint outside the bounding box
 TIME_STEP = 0.01
-SPARE = 0.004  # clearance (m) of open fingers around an object
+SPARE = 0.004  # minimum space (m) between an object and the open fingers around it
 
 
 def geometric_findings(rigid: RigidObject) -> list[Finding]:

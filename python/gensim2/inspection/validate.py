@@ -35,7 +35,8 @@ BUDGET: kpam.Options = {
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
-    """Return a finding for each openness at which the fingertips cannot reach the head keypoint above the table.
+    """Return a finding for each tested openness at which the fingertips cannot reach the head keypoint while the hand
+    stays above the table.
 
     The head is ``articulated_object_head``, or else the first keypoint. A finding states the remaining distance in mm,
     or that the hand would hit the table.
@@ -103,7 +104,7 @@ def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
 
 REST_SECONDS = 5.0
 REST_DRIFT = 0.02  # maximum change of openness at rest
-LOAD_FACTOR = 1.5  # the joint must move under this multiple of its gravity and friction load
+LOAD_FACTOR = 1.5  # The joint must move if it is pushed with this multiple of the load of gravity and friction.
 SWEEP_SECONDS = 6.0
 PUSH_ON_SECONDS = 0.5  # s, duration of the final push against the joint limit
 BODY_DRIFT = 1e-4  # m, maximum motion of the fixed body
@@ -186,7 +187,9 @@ def validate(
 
 
 def reaching(instance: ArticulatedObject) -> list[Finding]:
-    """Return the findings of :func:`reach_findings` for the default robot, whose model needs the extra ``sim``."""
+    """Return the findings of :func:`reach_findings` for the default robot. The model of this robot needs the extra
+    ``sim``.
+    """
     from gensim2.inspection.validate import reach_findings
     from gensim2.robots import robot
 
@@ -194,7 +197,9 @@ def reaching(instance: ArticulatedObject) -> list[Finding]:
 
 
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
-    """Return a summary of reports as JSON data: ``objects``, the number of ``sound`` objects, and counts by check."""
+    """Return a summary of reports as JSON data: the number of ``objects``, the number of ``sound`` objects, and the
+    number of findings of each check.
+    """
     checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
     return {
         "schema_version": 1,
@@ -260,7 +265,7 @@ class _Stage:
         self._resistance = DEFAULT.resist(self._object, instance)
 
     def whole(self) -> list[Finding]:
-        """Return the hulls that the physics engine dropped or changed."""
+        """Return a finding for each collision hull that the physics engine ignored or changed."""
         found = []
         for link in self._object.links:
             hulls, shapes = self.instance.hulls.get(link.name, ()), link.collision_shapes
@@ -305,7 +310,7 @@ class _Stage:
     def sweep(self, start: float, goal: float) -> float:
         """Push the joint from ``start`` towards ``goal`` with 1.5 times the load of gravity and friction.
 
-        Return the farthest openness that was reached, including a final push against the joint limit.
+        Return the openness that the joint reached. At the end the joint is also pushed against its limit.
         """
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)

@@ -32,7 +32,7 @@ class LinkGeometry:
 
     @property
     def collides(self) -> list[Array]:
-        """Return the convex parts for collision."""
+        """Return the convex collision parts."""
         return self.hulls if self.solid is None else self.solid
 
 
@@ -43,12 +43,12 @@ class Model:
     Attributes:
         body: fixed geometry, in the root frame.
         moving: geometry of the moving link, in its frame.
-        T_root_link: (4, 4) frame of the moving link in the root frame at joint value zero.
+        T_root_link: (4, 4) pose of the moving link in the root frame at joint value zero.
         axis: (3,) unit joint axis through the moving link's origin, in the moving link's frame.
         T_link_object: (4, 4) object frame in the moving link's frame.
         content_hash: hex digest of all inputs of the model.
         license: licence terms of the data.
-        warnings: irregularities and their repair.
+        warnings: irregularities in the files, and how they were repaired.
     """
 
     asset_class: str

@@ -20,13 +20,13 @@ class ClassRule:
     """Physical parameters shared by all instances of a class.
 
     Attributes:
-        density: kg per cubic metre of collision hull. The value is low because a hull stands for a thin shell with air
-            inside.
+        density: kg per cubic metre of collision hull. The value is low because a collision hull is solid, but the real
+            part is a thin shell.
         default_openness: mean of the randomized openness.
         stance: ``"upright"``, or ``"flat"`` for an object that lies on its back (its front faces up).
         turn: side that faces the robot. ``"front"``: the model's front, or its back if the contact keypoint lies there.
-            ``"swing"``: the side towards which the keypoint moves as the joint opens. ``"bar"``: a quarter turn, so
-            that the hand at rest straddles a bar along the model's x.
+            ``"swing"``: the side towards which the keypoint moves as the joint opens. ``"bar"``: the model is rotated
+            by 90 degrees, so that the fingers of the resting hand are on both sides of a bar along the model's x axis.
     """
 
     density: float
@@ -125,11 +125,12 @@ def joint_resistance(
     """Return joint friction and damping that hold the joint against gravity but let a push move it.
 
     Friction is slightly more than 1.3 times the largest gravity load on the joint over its range. At 1 rad/s or 1 m/s,
-    damping causes a tenth of this friction.
+    the damping force is a tenth of the friction.
 
     Args:
         joint_type: ``"revolute"`` or ``"prismatic"``.
-        axis, origin: (3,) of the joint in the moving link's frame at joint value zero.
+        axis, origin: direction (3,) and a point (3,), m, of the joint axis in the moving link's frame at joint value
+            zero.
         moving: inertial of the moving link, in the same frame.
         lower, upper: joint limits, rad or m.
         gravity: (3,) gravity in the same frame, m/s².

@@ -1,4 +1,4 @@
-"""Place an object in front of the robot, from the object's geometry."""
+"""Compute from an object's geometry how to place the object in front of the robot."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ Array = npt.NDArray[np.float64]
 SAMPLES = 13
 LYING = np.array(
     [[0.0, 0, -1], [0, -1, 0], [-1, 0, 0]]
-)  # the object lies on its back: the model's front faces up and its top faces the robot
+)  # Stance ``flat``: the object lies on its back, so the model's front faces up and its top faces the robot.
 
 
 def work_keypoint(keypoints: Mapping[str, Keypoint], moving_link: str) -> str:
@@ -88,9 +88,9 @@ def stance(model: Model, rule: ClassRule) -> Array:
 def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGION) -> Placement:
     """Return the default placement of a model in front of a robot.
 
-    The lowest point over the joint's range touches the table. The contact keypoint lies at the distance
-    ``comfortable``, or farther if a tall part would come near the hand at rest. Its average position lies straight in
-    front of the robot.
+    The object stands such that its lowest point, at any joint value, touches the table. The contact keypoint lies at
+    the distance ``comfortable`` from the base, or farther if a tall part would come near the resting hand. The average
+    position of this keypoint over the joint range lies straight in front of the robot.
 
     Args:
         model: the object.
@@ -112,7 +112,7 @@ def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGI
     everything = np.concatenate([*body, *swept])
     z = -float(everything[:, 2].min())
 
-    # Openness values from the usual start of an episode to both joint limits.
+    # Openness values over the joint range: from the usual start of an episode to one limit, and to the other limit.
     shares = np.linspace(0, 1, SAMPLES)
     first, last = max(rule.default_openness - 0.15, 0), min(rule.default_openness + 0.15, 1)
     usual = path[(shares >= first - 0.2) & (shares <= last + 0.2)]

@@ -1,7 +1,7 @@
 """Create convex solids with materials, from which generated objects are built.
 
-The frame is an object's model frame: x to the right seen from the front, y up, z out of the front; metres. A ``Solid``
-is a convex collision part, a visual mesh, or both.
+The frame is an object's model frame: x points to the right as seen from the front, y points up, and z points out of the
+front. Lengths are in metres. A ``Solid`` is a convex collision part, a visual mesh, or both.
 """
 
 from __future__ import annotations
@@ -198,7 +198,9 @@ def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> 
 
 
 def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Array]:
-    """Round the corners of a polyline by parabolas that start at most three times ``radius`` from the corner."""
+    """Round the corners of a polyline by parabolas. A parabola starts and ends at a distance of at most three times
+    ``radius`` from its corner.
+    """
     line = [points[0]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
         ends = []
@@ -219,7 +221,8 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
     u, _ = _frame(tangents[0])
     rings = []
     for point, tangent in zip(p, tangents, strict=True):
-        u = u - (u @ tangent) * tangent  # the cross-section moves along the path without twist
+        # Remove the tangential part, so that the cross-section moves along the path without twist.
+        u = u - (u @ tangent) * tangent
         u /= np.linalg.norm(u)
         v = np.cross(tangent, u)
         angle = 2 * np.pi * np.arange(sides) / sides
@@ -228,9 +231,11 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
 
 
 def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
-    """Return the surface through rings of (N, 3) points, each right-handed about the direction from first to last.
+    """Return the surface through successive rings of (N, 3) points. The points of a ring are in counterclockwise order,
+    seen from the side of the last ring.
 
-    ``closed`` adds a flat lid at both ends; otherwise the last ring joins the first, as in a torus or a hollow wall.
+    ``closed`` closes the surface by a flat face at both ends; otherwise the last ring joins the first, as in a torus or
+    a hollow wall.
     """
     n, k = len(rings[0]), len(rings)
     vertices = [*rings]
@@ -253,8 +258,8 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
 
     Args:
         a, b: (3,) ends of the axis, m.
-        profile: (radius in metres, position between ``a`` and ``b`` from 0 to 1) around the section of the wall,
-            counterclockwise in a plane with the radius to the right and the axis up.
+        profile: points of the closed profile: radius (m), and position along the axis (0 at ``a``, 1 at ``b``). The
+            points are counterclockwise in a drawing with the radius to the right and the axis up.
         look: material.
         sides: number of sides.
     """
@@ -335,7 +340,7 @@ def tube(
         j = (i + 1) % segments
         stave = np.array([r[k] for r in rings for k in (i, j)])
         parts.append(Solid(stave[convex_hull(stave).vertices], None))
-    lip = 0.25 * wall / float(np.linalg.norm(d))  # width of the bevel on both sides of the rim
+    lip = 0.25 * wall / float(np.linalg.norm(d))  # width of the bevel on each side of the rim, relative to the height
     profile = [
         (radius_a, 0.0),
         (radius_b, 1 - lip),

@@ -36,7 +36,7 @@ def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | N
     Args:
         kind: ``"prismatic"``, ``"revolute"`` or ``"continuous"``.
         axis: (3,) unit axis.
-        value: rad or m, of any shape.
+        value: joint values in rad or m, an array of any shape.
         origin: (3,) m, a point on the axis; None: the frame's own origin.
 
     Returns:
@@ -229,7 +229,7 @@ class ArticulatedObject:
         return joint.T_root_child_at(joint.lower + openness * (joint.upper - joint.lower))
 
     def lever_arm(self, keypoint: str) -> float:
-        """Return the distance in metres of a keypoint on the moving link from the joint axis."""
+        """Return the distance (m) between the joint axis and a keypoint on the moving link."""
         point = self.joint.T_root_child @ np.append(self.keypoints[keypoint].position, 1.0)
         return float(np.linalg.norm(np.cross(point[:3] - self.joint.origin, self.joint.axis)))
 
@@ -242,7 +242,7 @@ ONLY_ID = "0"
 
 @dataclass(frozen=True)
 class Grip:
-    """Grasp of the resting object by two parallel fingers, without regard to obstacles.
+    """Grasp of a resting object with two parallel fingers. Obstacles are not considered.
 
     Attributes:
         point: (3,) midpoint between the fingertips, metres in the object frame.

@@ -41,9 +41,9 @@ class Phrase:
         name: name in CamelCase, such as ``"PressStapler"``.
         sentence: instruction in lower case, such as ``"press the stapler"``.
         noun: name of the object, such as ``"stapler"``.
-        usefulness: how likely people are to ask for the task. 1: on any day (open, close, switch, press, lift). 0.5:
-            now and then, or as part of a chore. 0.1: hardly ever, because the joint moves by itself or because the task
-            only reverses another task.
+        usefulness: how likely people are to ask for the task. The value 1 means every day (open, close, switch, press,
+            lift). 0.5 means sometimes, or as part of a chore. 0.1 means hardly ever, because the joint moves by itself
+            or because the task only reverses another task.
     """
 
     name: str
@@ -103,7 +103,9 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
-    """Return the instruction for moving the joint of a class halfway; None if people seldom ask for this task."""
+    """Return the instruction for the task of moving the joint of an object halfway; None if people seldom ask for this
+    task.
+    """
     entry = _table()["articulated"].get(asset_class, {})
     if goal not in entry:
         return None
@@ -112,7 +114,7 @@ def halfway(asset_class: str, goal: Goal) -> Phrase | None:
 
 
 def purposes() -> tuple[Purpose, ...]:
-    """Return the purposes for which people do several actions."""
+    """Return the purposes that combine several tasks, such as tidying a desk."""
     ends: dict[str, End] = {"open": "articulated_open", "closed": "articulated_closed"}
     found = []
     for entry in _table()["purposes"]:
@@ -159,9 +161,11 @@ def _taken_apart(asset_class: str) -> tuple[str, str | None]:
 
 
 def in_ascii(phrase: str) -> str:
-    """Convert a phrase to ASCII words for names; letters missing in ASCII become a number, so that names differ."""
+    """Convert a phrase to ASCII words for use in names. If a letter cannot be converted, return ``object`` and a number
+    computed from the phrase, so that different phrases give different names.
+    """
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # The conversion may drop accents, but not whole letters.
+    # Dropping accents is allowed; dropping letters is not.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

@@ -120,7 +120,9 @@ class Camera:
 
     @cached_property
     def projection(self) -> Array:
-        """Projection (3, 4) from the base frame (homogeneous, m) to pixels times depth."""
+        """Projection matrix (3, 4). It maps a homogeneous point in the base frame (m) to pixel coordinates multiplied
+        by the depth.
+        """
         return np.asarray(self.intrinsic @ np.linalg.inv(self.T_base_camera)[:3])
 
 
@@ -141,7 +143,7 @@ NEAR, FAR = 0.01, 10.0
 
 
 def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
-    """Return the cameras that are fixed in the world, with poses in the robot's base frame."""
+    """Return the fixed cameras (not on the robot). Their poses are in the robot's base frame."""
     base, turn = np.array(profile.base_position), profile.T_world_base[:3, :3].T
     return tuple(
         Camera.looking(

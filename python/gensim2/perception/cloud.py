@@ -42,7 +42,7 @@ def farthest_points(points: Points, wanted: int) -> Indices:
         return np.sort(np.arange(wanted) % len(points))
     import fpsample
 
-    height = min(_TREE_HEIGHT, int(np.log2(len(points))))  # no more buckets than points
+    height = min(_TREE_HEIGHT, int(np.log2(len(points))))  # The tree must not have more leaves than there are points.
     chosen = fpsample.bucket_fps_kdline_sampling(points, wanted, h=height, start_idx=0)
     return np.sort(chosen.astype(np.int64))
 
@@ -50,8 +50,8 @@ def farthest_points(points: Points, wanted: int) -> Indices:
 def inlier_mask(points: Points, neighbors: int, deviations: float) -> npt.NDArray[np.bool_]:
     """Return a mask (N,) of the points that are not outliers.
 
-    For each point, the mean distance to its ``neighbors`` nearest points is computed. A point is an outlier if this
-    value exceeds the mean over all points by more than ``deviations`` standard deviations.
+    For each point, the mean distance to its ``neighbors`` nearest points is computed. A point is an outlier if its mean
+    distance exceeds the average of the mean distances of all points by more than ``deviations`` standard deviations.
     """
     from scipy.spatial import cKDTree
 
@@ -107,8 +107,8 @@ class CloudSettings:
         neighbors: number of nearest points to which :func:`inlier_mask` computes the mean distance.
         noise: noise of the depth images; None: exact images.
         source: ``"depth"``: depth images. ``"keypoints"``: true positions of keypoints and bounding box corners in a
-            fixed order (:mod:`gensim2.perception.raycast.observer`), which only a simulator knows, for privileged
-            baselines. With ``"keypoints"`` only ``points`` can be set.
+            fixed order (:mod:`gensim2.perception.raycast.observer`). Only a simulator knows these positions, so
+            policies that use them are privileged baselines. With ``"keypoints"`` only ``points`` can be set.
     """
 
     points: int = 1024

@@ -37,9 +37,9 @@ class DepthNoise:
         disparity_sigma: standard deviation of a measured disparity, pixels.
         disparity_step: step to which disparities are rounded, pixels.
         edge: minimum depth difference between neighbouring pixels that counts as an edge, m.
-        edge_lost: fraction of pixels at edges without a measurement.
-        edge_mixed: fraction of pixels at edges with a depth between both sides of the edge.
-        lost: fraction of all other pixels without a measurement.
+        edge_lost: fraction of the pixels at edges that have no measurement.
+        edge_mixed: fraction of the pixels at edges whose depth is between the depths of both sides.
+        lost: fraction of all other pixels that have no measurement.
         correlation: standard deviation (pixels) of the Gaussian that correlates neighbouring errors; 0: white noise.
         shadow: whether to drop the pixels beside a near object that the right camera does not see; the shadow is ``f B
             (1/z_near - 1/z_far)`` pixels wide.
@@ -133,7 +133,9 @@ class DepthNoise:
         return np.where(lost, 0.0, measured).astype(np.float32)
 
     def drawn(self, generator: np.random.Generator) -> DepthNoise:
-        """Return the noise of one episode, with random factors drawn from ``spread``."""
+        """Return the noise of one episode: noise and losses are multiplied by random factors, whose spread is the
+        attribute ``spread``.
+        """
         if not self.spread:
             return self
         factors = np.exp(self.spread * generator.standard_normal(4))
@@ -161,7 +163,9 @@ class DepthNoise:
     def _lost_by_surface(
         self, depth: Depth, generator: np.random.Generator, colors: Colors | None, focal: float
     ) -> npt.NDArray[np.bool_]:
-        """Return a mask (H, W) of pixels without a measurement, because their surface is dark, grazing or specular."""
+        """Return a mask (H, W) of pixels that have no measurement because the surface is dark, seen at a grazing angle,
+        or reflects the light.
+        """
         lost = np.zeros(depth.shape, dtype=bool)
         if self.dark_lost and colors is not None:
             lost |= (brightness(colors) < self.dark) & (self._even(depth, generator) < self.dark_lost)
@@ -173,7 +177,9 @@ class DepthNoise:
         return lost
 
     def _even(self, depth: Depth, generator: np.random.Generator) -> npt.NDArray[np.floating]:
-        """Return uniform random numbers (H, W) from 0 to 1, correlated between pixels like the depth noise."""
+        """Return uniform random numbers (H, W) from 0 to 1. Neighbouring pixels are correlated in the same way as the
+        depth noise.
+        """
         from scipy.special import ndtr
 
         if not self.correlation:

@@ -97,7 +97,7 @@ def tool_pose(profile: RobotProfile, positions: npt.NDArray[np.float32]) -> Row:
     """Return the pose (7,) of the tool link in the base frame: x, y, z, qw, qx, qy, qz, with qw at least 0.
 
     Args:
-        positions: (n,) all active joints, rad or m. Positions (N, n) give poses (N, 7), much faster than N calls.
+        positions: (n,) all active joints, rad or m; or (N, n) for N poses (N, 7), which is much faster than N calls.
     """
     from scipy.spatial.transform import Rotation  # imported here: argument checks do not need SciPy
 
@@ -124,7 +124,8 @@ class ObservationSpec:
     Attributes:
         modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer. An empty
             tuple requests only the robot's state.
-        cameras: names of the cameras: fixed cameras in their order, then cameras on the robot in the given order.
+        cameras: names of the cameras. Fixed cameras come first, in the order of the robot profile; then cameras on the
+            robot, in the given order.
         cloud: settings of point clouds; the noise in these settings also applies to depth images.
     """
 
@@ -148,7 +149,7 @@ class ObservationSpec:
 
     @property
     def casts(self) -> bool:
-        """Whether ray casting is needed for a modality."""
+        """Whether any of the modalities needs ray casting."""
         rays = {"depth", "segmentation"} if self.is_privileged else {"pointcloud", "depth", "segmentation"}
         return bool(rays & set(self.modalities))
 

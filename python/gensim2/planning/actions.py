@@ -17,14 +17,15 @@ Array = npt.NDArray[np.float64]
 CLOSING_SPEED = 0.06
 
 #: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum also covers torques
-#: and inertial forces. The maximum is needed because some physics solvers make contacts softer for lighter bodies: pads
-#: pressed with many times its weight sink into an object, and eject a ball of a few grams.
+#: and inertial forces. The maximum is needed because some physics solvers make contacts softer for lighter bodies: if
+#: the force is many times the weight of an object, the pads sink into the object, and a ball of a few grams is ejected.
 LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 
 #: Safety factor: the friction of both fingers can hold this multiple of the object's weight.
 CARRIED_WEIGHTS = 3.0
 
-#: Effective radius (m) of a pad's friction against rotation about the line between the pads.
+#: Effective radius (m) of a pad: the product of friction force and this radius is the torque that resists rotation
+#: about the line between the pads.
 PAD_ARM = 0.0075
 
 #: Minimum grip force (N) of each finger, because the fingers' own inertia exceeds that of a light object.
@@ -65,14 +66,16 @@ class Schedule:
     """A plan sampled at the control rate, one row for each control step.
 
     Attributes:
-        reference: (N, 2, m) desired arm joints and velocities at the end of each step, before any drive compensation.
+        reference: (N, 2, m) desired positions and velocities of the arm joints at the end of each step, before any
+            drive compensation.
         ends: (N,) for each row, the index of the row in which the arm's current motion ends; while the arm stands
             still, the row's own index.
         commands: (N,) gripper commands, -1 to 1.
         times: (N,) time in the plan's trajectory at the end of each step, s.
         contact: first step in which the hand may touch its target (approach to the actuation pose).
         actuation: first step at the actuation pose.
-        gripped: first step after the fingers have closed on an object, or None; may be N.
+        gripped: first step after the fingers have closed on an object (N if they close in the last step); None without
+            a grasp.
         released: first step in which the fingers release an object, or None.
     """
 
@@ -94,8 +97,8 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
     Args:
         mass: mass of the object, kg.
-        margin: angle (rad) between the pressing direction and the edge of the friction cone: the half angle of the cone
-            for parallel faces, almost zero for the steepest faces that friction can hold.
+        margin: angle (rad) between the pressing direction and the edge of the friction cone. For parallel faces it is
+            the half angle of the cone; for the steepest faces that friction can hold it is almost zero.
         lever: distance (m) of the object's centre of mass from the line between the pads; the object can turn about
             this line.
     """
@@ -209,13 +212,15 @@ class _Rows:
             self._add(step, last)
 
     def dwell(self, step: int, command: float, count: int) -> None:
-        """Append ``count`` rows in which the arm stays at a sample with one gripper command."""
+        """Append ``count`` rows in which the arm stays at the trajectory sample ``step``, with one gripper command."""
         self.command = command
         for _ in range(count):
             self._add(step, len(self))
 
     def close(self, step: int, grip: float, profile: RobotProfile) -> None:
-        """Append rows in which the fingers close slowly at a sample, and then press with the command ``grip``."""
+        """Append rows in which the arm stays at the trajectory sample ``step`` while the fingers close slowly and then
+        press with the command ``grip``.
+        """
         travel = profile.gripper.travel(self.command, grip)
         for command in np.linspace(self.command, grip, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
             self.dwell(step, float(command), 1)

@@ -36,7 +36,7 @@ class Fingers:
         Args:
             scene: scene at the start of the step.
             strategy: strategy of the step.
-            opening: command with which an empty hand arrives at a grasp.
+            opening: gripper command of the empty hand while it moves to a grasp.
             grip: command to which the hand closes.
             gently: whether the hand closes slowly.
         """
@@ -47,7 +47,8 @@ class Fingers:
             command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
-        # If the fingers only have to close a little before a grasp, they do so while the arm moves.
+        # Before a grasp, fingers that are too far open close while the arm moves. Other changes of the fingers are made
+        # before the motion.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 

@@ -18,8 +18,8 @@ Array = npt.NDArray[np.float64]
 #: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06
 
-#: Number of feasible grasps that are compared. A grasp is preferred if the next step can then use its first
-#: strategy.
+#: Number of feasible grasps that are compared. A grasp is preferred if it lets the next step use the first of its
+#: strategies.
 COMPARED = 6
 
 #: Motions that pull an object out from under an obstacle, and the number of grasps for which they are tried.
@@ -89,7 +89,9 @@ def grasps_of(
 
 
 def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrategy) -> float:
-    """Return a grasp's angle (rad) to the edge of the friction cone, using the lower friction of scene and strategy."""
+    """Return the angle (rad) between a grasp's closing direction and the edge of the friction cone. The friction is the
+    smaller value of scene and strategy.
+    """
     friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     return grasp.quality["friction_margin"] - float(np.arctan(strategy.friction) - np.arctan(friction))
 
@@ -103,7 +105,9 @@ def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> fl
 
 
 def is_near(T_object_hand: Array, other: Array) -> bool:
-    """Return whether two hand poses (4, 4) are the same grasp, up to swapping the fingers."""
+    """Return whether two hand poses (4, 4) are the same grasp. A pose in which the fingers are swapped counts as the
+    same.
+    """
     from scipy.spatial.transform import Rotation  # imported here because checking arguments does not need SciPy
 
     turn = T_object_hand[:3, :3].T @ other[:3, :3]
@@ -128,7 +132,7 @@ def grasp_config(
         profile: profile of the robot.
         strategy: grasp strategy.
         swapped: whether the fingers are swapped.
-        aside: entry of ``ASIDE``, a motion that pulls the object out before the lift; None: no such motion.
+        aside: element of ``ASIDE``, a horizontal motion before the lift; None: lift at once.
     """
     keypoints, constraints = hand_at(scene, grasp, profile, swapped)
     ups = max(1, round(strategy.lift / STRIDE))

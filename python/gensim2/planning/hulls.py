@@ -13,7 +13,8 @@ Array = npt.NDArray[np.float64]
 
 
 class HullsKey:
-    """Cache key for a tuple of hulls; keys are equal if they refer to the same tuple object, which they keep alive.
+    """Cache key for a tuple of hulls. Two keys are equal if they refer to the same tuple object. A key keeps a
+    reference to its tuple.
 
     Args:
         hulls: convex vertex sets, each (N, 3).

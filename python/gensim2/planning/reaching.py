@@ -19,7 +19,7 @@ LONGER = 0.01
 
 @dataclass(frozen=True)
 class Reach:
-    """A motion and the clearance that its approach keeps from the target.
+    """Result of :func:`reach`: a motion, and the clearance from the target that was requested for its approach.
 
     Attributes:
         problem: solved problem.
@@ -43,9 +43,9 @@ def reach(
     """Plan a motion that keeps clear of the target until the hand is at the actuation pose.
 
     The planner tries the clearances in turn and returns the first complete motion. The last clearance (None) lets hand
-    and fingers touch the target in the last segment before the actuation pose. If every clearance fails, attempts
-    without a collision-free pose are repeated with poses shifted out of collision. If these fail, too, the longest
-    partial motion is returned, with the largest clearance.
+    and fingers touch the target in the last segment before the actuation pose. If every clearance fails, the planner
+    repeats the attempts in which all poses collided; this time the solver shifts colliding poses until they are free.
+    If these fail, too, the longest partial motion is returned, with the largest clearance.
 
     Args:
         problem_with: function that returns the problem with the given solver options.

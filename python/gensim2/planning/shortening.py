@@ -41,7 +41,7 @@ def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None
 
 
 def _openness_after(motion: Any, openness: float | None) -> float | None:
-    """Return the joint's openness after a motion; None if the config gives only a relative travel."""
+    """Return the joint's openness after a motion; None if the config gives only the change of the joint value."""
     if isinstance(motion, list | tuple) and motion[0] in TO_OPENNESS:
         return float(motion[1])
     return openness if isinstance(motion, list | tuple) and motion[0] not in ("follow_joint", "trace_joint") else None

@@ -38,8 +38,9 @@ class StepPlan:
         force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
         touches: body that the hand has to touch before the actuation pose, or None.
-        whole: failed plan of the complete motion, if ``plan`` is a shortened motion; otherwise None.
-        foreseen: plan of the next step that uses the grasped object, made on the predicted scene; None if not planned.
+        whole: if ``plan`` is a shortened motion, the failed plan of the complete motion; otherwise None.
+        foreseen: plan of the next step, in which the grasped object is the tool, computed on the predicted scene; None
+            if it was not planned.
     """
 
     status: str
@@ -68,7 +69,9 @@ class StepPlan:
         return 2 if not self.is_solved else 0 if self.touches is None else 1
 
     def detail(self) -> dict[str, Any]:
-        """Explain why no complete motion was found (residuals, keyframe, collisions), or name the early contact."""
+        """Explain why no complete motion was found (residuals, keyframe, collisions), or name the body that the hand
+        has to touch before the actuation pose.
+        """
         touches = {} if self.touches is None else {"touches": self.touches}
         plan = self.whole or self.plan
         if plan is None or self.is_solved:

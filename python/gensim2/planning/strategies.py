@@ -55,7 +55,9 @@ class KeypointStrategy:
         return name
 
     def as_step(self) -> KeypointStrategy:
-        """Return this strategy without ``makes_room``, as a step on the object that it moves out of the way."""
+        """Return this strategy without ``makes_room``. The result is the strategy of a step whose object is the
+        obstacle to move away.
+        """
         return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property
@@ -130,7 +132,8 @@ class GraspStrategy(_FoundGrasp):
     @field_validator("least_tilt")
     @classmethod
     def _leaves_a_tilt(cls, least: float, info: ValidationInfo) -> float:
-        most = info.data.get("tilt", least)  # missing in ``info.data`` if ``tilt`` itself is invalid
+        # ``info.data`` has no ``tilt`` if its value is invalid; pydantic then reports that error.
+        most = info.data.get("tilt", least)
         if least > most:
             raise ValueError(f"must not exceed the field tilt ({most} rad)")
         return least

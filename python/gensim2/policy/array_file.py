@@ -91,7 +91,8 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             raise ValueError(f"{member.filename} contains NaN or infinity")
         if values.dtype.kind == "U":
-            content.decode(f"utf-32-{sys.byteorder[0]}e")  # numpy does not check code points
+            # NumPy does not check that the text has valid code points; decoding does.
+            content.decode(f"utf-32-{sys.byteorder[0]}e")
         arrays[member.filename.removesuffix(".npy")] = values
     if len(arrays) < len(members):
         raise ValueError("two arrays share a name")
@@ -103,7 +104,7 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
 
     Args:
         arrays: the arrays that were read.
-        expected: data type and shape by array name. The first axes of all arrays must have equal lengths.
+        expected: data type and shape by array name. Also, the first axes of all arrays must have equal lengths.
         path: file name for the error message.
 
     Raises:

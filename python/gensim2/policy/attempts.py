@@ -65,7 +65,9 @@ class Attempts:
         return [*back, *[begin] * RESTS]
 
     def goes_on(self) -> None:
-        """Stop retracing, and record later actions as the path of the new attempt."""
+        """End the phase in which the arm retraces its path. From now on, actions are recorded as the path of the new
+        attempt.
+        """
         self._backs_off = False
 
     def follow(self, action: Action) -> None:

@@ -75,7 +75,8 @@ def holds(width: Any, command: Any) -> Any:
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Perturb arm joints in half of the samples, so that the targets lead back to the demonstration (Ke et al. 2021).
+    """Perturb the arm joints in half of the samples. The targets are unchanged, so the policy learns to move back to
+    the demonstration (Ke et al. 2021).
 
     All frames of a sample get the same Gaussian noise, whose standard deviation is at most ``arm_noise``. The tool pose
     is recomputed by forward kinematics, and the absolute targets stay the same. Samples with a possibly grasped object

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 CONFIG_JSON = "config.json"
 KIND: Literal["gensim2-policy"] = "gensim2-policy"
 VERSION = 1
-MAX_WEIGHTS = 8 * 2**30  # bytes
+MAX_WEIGHTS = 8 * 2**30  # maximum size of the weights, bytes
 
 BUILTIN = "builtin"
 """Name of the checkpoint that comes with the package: a keypose policy for the single-step tasks."""
@@ -245,7 +245,8 @@ class PolicyCheckpoint:
             raise CheckpointError(message, file=folder, field="robot", remedy=f"use --robot {self.robot}")
 
     def require_text_model(self, given: str | None, folder: Path | str) -> None:
-        """Reject a text encoder that only the checkpoint names, so that a checkpoint cannot start downloads.
+        """Raise an error if the text encoder is named by the checkpoint alone. Otherwise a downloaded checkpoint could
+        start further downloads.
 
         Args:
             given: folder or hub name of the text encoder from the user, or None.

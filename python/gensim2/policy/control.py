@@ -70,7 +70,7 @@ class Sight:
     """Ablation of a policy's point clouds.
 
     Attributes:
-        sees: name of the ablation; ``"all"`` for no ablation.
+        sees: name of the ablation (``"all"``: none).
         others: clouds of other scenes, if ``sees`` is ``"other"``; else None.
     """
 

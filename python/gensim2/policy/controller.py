@@ -39,8 +39,9 @@ Action = npt.NDArray[np.float32]
 class PolicyController:
     """Executes the first ``execute`` actions of each predicted chunk, then observes and predicts again.
 
-    The episode ends when the policy sets the end mark of the first action of a new chunk. If the hand stops earlier
-    without a grasped object, the attempt has failed: the arm retraces its path, and the policy tries again.
+    Each predicted action has an end mark. The episode ends when this mark is set in the first action of a new chunk. If
+    the hand stops earlier without a grasped object, the attempt has failed: the arm retraces its path, and the policy
+    tries again.
 
     Args:
         checkpoint: folder of the checkpoint.
@@ -60,7 +61,9 @@ class PolicyController:
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Return the files that determine the controller's behaviour; they contain the SHA-256 of the weights."""
+        """Return the files that determine the controller's behaviour. The weights themselves are not needed, because
+        one of the files has their SHA-256.
+        """
         return [Path(checkpoint) / CONFIG_JSON, *([Path(checkpoint) / CLOUDS] if sees == "other" else [])]
 
     def __init__(
@@ -134,7 +137,7 @@ class PolicyController:
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action (m + 1,), or None at the end of the episode."""
-        if observation.step > self._step + 1:  # steps were skipped while the scene settled
+        if observation.step > self._step + 1:  # The loop skipped control steps while the scene settled.
             self._past.clear()
             self._plan = []
         self._step = observation.step

@@ -72,7 +72,7 @@ def read_curves(folder: Path) -> list[dict[str, Any]]:
     found = []
     for number, line in enumerate(content.splitlines(), 1):
         if not line.endswith(b"}"):
-            break  # an incomplete line: later steps are repeated
+            break  # The last line is incomplete, because the run was interrupted; the steps after it are repeated.
         point = parse_record(line, TypeAdapter(_Point), path, remedy, f"line {number}")
         found.append(point.model_dump())
     return found

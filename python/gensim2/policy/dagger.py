@@ -57,8 +57,8 @@ def train_rounds(
     Args:
         source: demonstrations.
         folders: data sets of the demonstrations. Rollouts use their tasks and objects, with new seeds.
-        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes all of the configured
-            gradient steps.
+        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes the full number of
+            gradient steps of ``training``.
         out: folder of the last checkpoint; its subfolder ``rounds/`` has the earlier checkpoints and the labels.
         rounds: number of rounds after the first training run; each round rolls the policy out and trains it again.
         episodes: number of rollouts for each task and round.
@@ -107,7 +107,7 @@ def train_rounds(
 
 
 def _check_free(out: Path, resume: bool, rounds: int) -> None:
-    """Check before the first round that the last round can write its checkpoint to the output folder."""
+    """Check that the output folder is free for the checkpoint of the last round. The check runs before the first round."""
     if not holds_training(out):
         return
     begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()

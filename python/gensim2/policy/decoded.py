@@ -126,7 +126,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         try:
             _fill(place, rows, episodes, spec, progress)
         except InputError:
-            if not _whole(place, episodes):  # unless another process has decoded the same data meanwhile
+            if not _whole(place, episodes):  # Another process may have decoded the same data meanwhile.
                 raise
     arrays = {name: np.load(place / f"{file}.npy", mmap_mode="r") for name, file in FILES.items()}
     last = episodes[-1]
@@ -156,7 +156,7 @@ def _rows(sets: Sequence[DataSet], tasks: Sequence[str]) -> Iterator[_Row]:
 
 
 def _once(rows: Sequence[_Row]) -> list[_Row]:
-    """Remove duplicate episodes; of several copies, keep a rendered copy if possible."""
+    """Remove duplicate episodes. If one copy has rendered observations, keep this copy."""
     found: dict[tuple[str, str, str | None], _Row] = {}
     for each in rows:
         key = (each.store.name, each.language, each.row.episode_digest)

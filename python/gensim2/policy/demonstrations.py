@@ -85,8 +85,8 @@ class Demonstrations:
 
         Returns:
             Observation columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy predicts
-            keyframes. Frames before the start of an episode repeat its first frame. Actions after the last frame used
-            for training repeat the last target and have the end mark.
+            keyframes. Frames before the start of an episode repeat its first frame. After the last frame that is used
+            for training, the last target is repeated as action, and these actions have the end mark.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
@@ -112,7 +112,7 @@ class Demonstrations:
         return taught_frames(self._arrays[ACTION][own, : self.action.arm], widths, self.action.control_hz)
 
     def _find_keyframes(self, firsts: npt.NDArray[np.int64], lengths: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return the rows (F, K) of the next K keyframes after each of F frames."""
+        """Return, for each of F frames, the frame numbers (F, K) of the next K keyframes."""
         found = np.empty((len(self._first), self._config.keyframes), dtype=np.int64)
         for first, length in zip(firsts, lengths, strict=True):
             own = slice(first, first + length)
@@ -121,7 +121,9 @@ class Demonstrations:
         return found
 
     def _ahead(self, rows: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return the tool poses at rows ``keys`` (B, K), each in the tool frame of its row in ``rows`` (B,)."""
+        """Return the tool poses at the frames ``keys`` (B, K). The poses of sample b are relative to the tool pose at
+        the frame ``rows[b]``.
+        """
         now = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][rows]))
         then = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][keys]))
         R = matrix_of_quaternion(now[:, 3:])

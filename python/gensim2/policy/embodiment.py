@@ -1,4 +1,4 @@
-"""Check that the robot a policy controls is the robot that the policy was trained for."""
+"""Check that a policy controls the same robot for which it was trained."""
 
 from __future__ import annotations
 

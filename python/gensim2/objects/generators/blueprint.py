@@ -26,8 +26,8 @@ class Blueprint:
         joint_origin: (3,) a point on the joint axis, metres.
         joint_axis: (3,) direction of the joint axis; positive values open the joint.
         limits: lower and upper joint value in rad or m, at openness 0 and 1.
-        keypoints: (position in metres, description) by name. A keypoint whose name contains ``base`` belongs to the
-            body, any other to the moving link.
+        keypoints: position (m) and description of each keypoint, by name. A keypoint whose name contains ``base``
+            belongs to the body, any other to the moving link.
     """
 
     body: list[Solid]
@@ -54,8 +54,8 @@ class ObjectClass:
         count: number of built-in (listed) instances.
         joint_type: joint type of the class's objects.
         build: function that returns the blueprint of a random instance.
-        others: functions that return instances of other designs. Built-in instances use ``build`` only, so that their
-            geometry never changes; all further instances are divided equally between the designs.
+        others: functions that return blueprints of other designs. Built-in instances use ``build`` only, so that their
+            geometry never changes. Further instances use each design equally often.
     """
 
     name: str

@@ -58,7 +58,9 @@ class GeneratedShelf(ArticulatedShelf):
         return f"a number from 0 to {LARGEST_NUMBER}"
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Return a fixed number of ids, the numbers that follow the ids of the built-in instances."""
+        """Return a fixed number of ids of new instances. They are the numbers after the ids of the built-in
+        instances.
+        """
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))
 
@@ -66,7 +68,10 @@ class GeneratedShelf(ArticulatedShelf):
         """Sample ``count`` different ids (numbers up to 10^6), excluding the built-in instances."""
         first = len(self.instances(asset_class))
         if not 0 <= count <= LARGEST_NUMBER + 1 - first:
-            raise InputError(f"cannot draw {count} different objects of {LARGEST_NUMBER + 1 - first}", field="random")
+            raise InputError(
+                f"cannot sample {count} different objects, because there are only {LARGEST_NUMBER + 1 - first}",
+                field="random",
+            )
         drawn = rng(seed, f"sample/{asset_class}").choice(LARGEST_NUMBER + 1 - first, count, replace=False)
         return tuple(str(first + int(number)) for number in sorted(drawn))
 

@@ -48,7 +48,8 @@ DAMAGE = (
 )
 
 
-# Modules whose code affects every prepared object; each kind of source adds further modules.
+# Modules whose code affects every prepared object. The cache key contains the digests of these modules and of further
+# modules for each kind of source.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
     "gensim2.core.foreign.tree",
@@ -66,7 +67,9 @@ _Model = TypeVar("_Model", ArticulatedObject, RigidObject)
 
 
 def file_name(word: str) -> str:
-    """Return the first 40 characters of a word, with ``_`` for all except ``A-Za-z0-9_.-``, for use in a file name."""
+    """Return the first 40 characters of a word in a form for file names: every character except ``A-Za-z0-9_.-``
+    becomes ``_``.
+    """
     return re.sub(r"[^A-Za-z0-9_.-]", "_", word)[:40]
 
 
@@ -84,7 +87,8 @@ def source_digest(*modules: str) -> str:
 def cached_hulls(
     key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
 ) -> tuple[list[Array], dict[str, int]]:
-    """Return hulls, each (N, 3), and statistics of them from the cache; ``make`` computes them if missing or damaged.
+    """Return hulls, each (N, 3), and statistics of the decomposition from the cache. If the cached file is missing or
+    damaged, ``make`` computes them.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -138,7 +142,8 @@ def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> Articulated
     """
 
     def write(folder: Path) -> None:
-        write_model(folder / INSTANCE, replace(make(folder), urdf=Path(URDF)))  # relative: ``folder`` will be renamed
+        # The path is relative, because ``folder`` will be renamed.
+        write_model(folder / INSTANCE, replace(make(folder), urdf=Path(URDF)))
 
     folder = folder_once(key, write)
     return replace(read_model(folder / INSTANCE, ArticulatedObject), urdf=folder / URDF)

@@ -76,7 +76,9 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Combine sources without common classes; ``stand_in`` is the source of classes that all ``shelves`` lack."""
+        """Combine sources of objects that have no class in common. If no source in ``shelves`` has a class, its objects
+        come from ``stand_in``.
+        """
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
@@ -194,7 +196,7 @@ class Library:
         Args:
             asset_class: name of the class.
             which: ``"train"``, ``"test"`` or ``"all"``.
-            tenth: number, 0 to 9, of the tenth of the instances (in a seeded order) that is the test split. Tenths are
+            tenth: which tenth of the instances, in a seeded order, is used as the test split (0 to 9). Tenths are
                 rounded up, so the last tenths may reuse instances from the start of the order.
 
         Raises:
@@ -210,7 +212,8 @@ class Library:
         if len(ids) < SMALLEST_TO_SPLIT:
             if which == "test":
                 raise InputError(
-                    f"{asset_class} has {len(ids)} instances, all for training; a test split takes {SMALLEST_TO_SPLIT}",
+                    f"{asset_class} has only {len(ids)} instances, all for training; a test split "
+                    f"needs {SMALLEST_TO_SPLIT}",
                     field="split",
                     remedy="use train or all",
                 )
@@ -225,9 +228,10 @@ class Library:
 
         Args:
             asset_class: name of the class. For a rigid class, any value except an unknown id selects its only object.
-            which: ``train``, ``test``, ``train-1`` to ``train-9`` and ``test-1`` to ``test-9`` (splits with another
-                tenth as test set), ``all``, ``new`` (generated instances beyond the listed ones), ``random`` (one
-                instance by the seed), a split of the release (:mod:`~gensim2.objects.library.catalogue`) or an id.
+            which: ``train``, ``test``, ``train-1`` to ``train-9`` and ``test-1`` to ``test-9`` (the same splits, but
+                with another tenth of the instances for testing), ``all``, ``new`` (generated instances beyond the
+                listed ones), ``random`` (one instance, determined by the seed), a split of the release
+                (:mod:`~gensim2.objects.library.catalogue`) or an id.
             seed: seed of ``random``.
 
         Raises:
@@ -314,7 +318,7 @@ def open_library(where: Path | str | None = None) -> Library:
         where: ``"builtin"`` for the generated library, ``"ycb"`` for ManiSkill's download of the YCB objects, or a
             folder: the GenSim2 release, its ``articulated_objs`` or ``rigidbody_objs/models``, or a folder in
             ManiSkill's layout. A rigid object that the folder lacks is replaced by the generated object of the same
-            name. None: ``$GENSIM2_ASSETS``, else the generated library.
+            name. None: the folder ``$GENSIM2_ASSETS``; if this variable is not set, the generated library.
 
     Returns:
         The library; objects are read on first use.

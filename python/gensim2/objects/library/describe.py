@@ -12,7 +12,8 @@ from gensim2.objects.types import ArticulatedObject, ObjectModel, RigidObject
 
 
 def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[str, Any]:
-    """Return a description of an object in metres, kg and rad; the joint's values have the units of ``MovingJoint``.
+    """Return a description of an object as plain data, in metres, kg and rad. Joint values are in rad for a revolute
+    joint and in m for a prismatic joint.
 
     ``size`` (3,) is the bounding box in the root frame, with the joint closed. ``split`` is the paper's split
     (``"none"`` for an unlisted instance). ``joint`` is None for a rigid object. Only articulated objects have

@@ -87,13 +87,14 @@ def maniskill_data() -> Path:
     """Return the folder of ManiSkill's downloads: ``$MS_ASSET_DIR/data``.
 
     Raises:
-        InputError: the variable is not set, and the account has no home folder.
+        InputError: ``MS_ASSET_DIR`` is not set, and the account has no home folder.
     """
     return user_folder("MS_ASSET_DIR", lambda: Path.home() / ".maniskill") / "data"
 
 
 def find_source(where: str) -> Path:
-    """Return a URDF or MJCF file, or the folder of a PartNet-Mobility model, which ManiSkill may have downloaded.
+    """Return the path of an object to import: a URDF or MJCF file, or the folder of a PartNet-Mobility model. ManiSkill
+    may have downloaded this model.
 
     Args:
         where: path of the file or the folder, or number of the downloaded model.
@@ -106,7 +107,7 @@ def find_source(where: str) -> Path:
         if file.suffix in (".urdf", ".xml", ".mjcf") and not file.is_dir():
             return file
     except (OSError, RuntimeError, ValueError):
-        pass  # ``where`` is no path; the error below reports this
+        pass  # ``where`` cannot be a path, which the error below reports.
     try:
         return existing_folder(where)
     except AssetError as error:

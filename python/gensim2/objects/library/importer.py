@@ -12,10 +12,10 @@ these rules:
 - A joint that rests at its upper limit and opens downwards is reversed, so that openness 0 is the resting position.
 - With scale ``auto``, the longest side is as long as in generated objects of the class, or 0.3 m for other classes.
 - The head keypoint is the middle of the meshes named "handle". Without such meshes it is the middle of the part
-  farthest from the axis (revolute), or of the end that leads the motion (prismatic; the other end for classes that are
-  pushed: ``..._move``, ``..._push``). The tail keypoint is the middle of the part nearest to the axis, or of the other
-  end. Both are moved to the nearest point of the surface. On the released objects the median distance from the proposed
-  to the annotated head is 12 mm; 85 % are within 5 cm.
+  farthest from the axis (revolute), or of the end that is in front when the part moves outwards (prismatic). For
+  classes that are pushed (``..._move``, ``..._push``) it is the opposite end. The tail keypoint is the middle of the
+  part nearest to the axis, or of the other end. Head and tail are then moved to the nearest points of the surface. On
+  the released objects the median distance from the proposed to the annotated head is 12 mm; 85 % are within 5 cm.
 
 Everything but the joint is written to ``info.json``, where the user can edit it.
 """
@@ -189,7 +189,7 @@ class _Source:
     Args:
         source: URDF file, or a folder with ``mobility.urdf``.
         asset_class: class of the object.
-        joint: name of the joint that stays movable; None: selected by the rules above.
+        joint: name of the joint that stays movable; None: selected by the rules in the module's docstring.
         up: axis of the root frame that points up.
     """
 
@@ -215,7 +215,7 @@ class _Source:
         for element in self.root.findall("joint"):
             each = by_name.get(str(element.get("name")))
             if each is None:
-                continue  # this fixed joint turns the model upright
+                continue  # This is the fixed joint that was added to turn the model upright.
             if each is chosen:
                 self._settle(element, each)
             elif each.type != "fixed":
@@ -337,7 +337,7 @@ class _Source:
                 copy.write_bytes(self.folder.read(name, MAX_OBJECT))
 
     def scale(self) -> float:
-        """Return the scale at which the closed object is as long as generated objects of its class."""
+        """Return the scale factor that gives the closed object the typical length of generated objects of its class."""
         T = self._T_root_parent @ self.joint.T
         body = [m.vertices for m in self.geometry["body"]]
         points = np.concatenate([*body, *(transform(T, m.vertices) for m in self.geometry["moving"])])
@@ -433,7 +433,8 @@ def _replace(element: ET.Element, tag: str, new: ET.Element) -> None:
 def _near_axis(points: Array, axis: Array) -> Array:
     """Return the centre (3,) of the bounding box of the points that lie nearest to an axis.
 
-    All points within 5 % of the range of distances above the smallest distance count as nearest.
+    A point counts as nearest if its distance exceeds the smallest distance by at most 5 % of the difference between the
+    largest and the smallest distance.
 
     Args:
         points: (N, 3) points.
@@ -465,7 +466,9 @@ def usual_size(asset_class: str) -> float:
 
 
 def _semantics(folder: ObjectFolder) -> dict[str, str]:
-    """Return the meaning of each link from ``semantics.txt``, with lines such as ``link_0 hinge rotation_lid``."""
+    """Return the name of each link's part from ``semantics.txt``. The file has lines such as ``link_0 hinge
+    rotation_lid``.
+    """
     try:
         text = folder.read("semantics.txt", MAX_OBJECT_JSON).decode(errors="replace")
     except MissingFileError:

@@ -29,7 +29,7 @@ NARROWEST = 1e-4  # m or rad: a joint with a smaller range counts as immovable
 
 @dataclass(frozen=True)
 class Info:
-    """Fields of ``info.json``; None for a missing field.
+    """Fields of ``info.json``. A field that is missing in the file is None.
 
     Attributes:
         file: path of the file.
@@ -158,21 +158,26 @@ def _convex(value: Any, file: Path) -> bool:
 
 
 COLOURS = ("blue", "red", "yellow", "green")
-NEAR = 0.03  # m: a keypoint named after a colour is the contact point only if it is closer than this to the moving link
+# m. In old files keypoints are named after colours; such a keypoint can be the contact point only if its distance from
+# the moving link is smaller than this.
+NEAR = 0.03
 HEAD = "articulated_object_head"
 
 
 def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
-    """Return the axis of the object frame (4, 4) closest to a joint axis (3,), both described in the link's frame."""
+    """Return the axis of the object frame that is closest to a joint axis. The object frame (4, 4) and the joint axis
+    (3,) are given in the link's frame.
+    """
     names: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     return names[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]
 
 
 def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
-    """Derive the contact point (3,) from the hulls of the moving link, in its frame; the joint axis passes the origin.
+    """Derive the contact point (3,) from the hulls of the moving link, in the link's frame, in which the joint axis
+    passes through the origin.
 
-    For a revolute joint this is the middle of the part farthest from the axis, for a prismatic one the middle of the
-    end that leads the motion.
+    For a revolute joint this is the middle of the part farthest from the axis, for a prismatic joint the middle of the
+    end that is in front when the joint opens.
     """
     points = np.concatenate(list(hulls))
     along = points @ axis

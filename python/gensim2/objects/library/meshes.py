@@ -146,7 +146,8 @@ class MeshReader:
         self._materials: dict[str, bool] = {}
 
     def get(self, element: ShapeElement, scale: float, T: Array) -> list[Mesh]:
-        """Return the scaled meshes of an element, in the frame in which ``T`` (4, 4) is the unscaled pose of its link.
+        """Return the scaled meshes of an element. ``T`` (4, 4) is the unscaled pose of the element's link; the meshes
+        are in the frame to which this pose refers.
 
         Raises:
             AssetError: the file has no ``.obj`` suffix or is not a regular file inside the folder, or the object has

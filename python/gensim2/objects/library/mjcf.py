@@ -1,7 +1,8 @@
 """Convert an MJCF file to a URDF with meshes, the form that :mod:`gensim2.objects.library.importer` reads.
 
-MuJoCo's reader resolves classes, angles, frames and inertias. It gets only the elements of ``ELEMENTS``, and no file:
-this module reads included files and meshes, with the limits for untrusted objects. These rules apply:
+MuJoCo's reader resolves classes, angles, frames and inertias. It never reads a file: this module passes it only the
+elements of ``ELEMENTS``, and reads included files and meshes itself, with the limits for untrusted objects. These rules
+apply:
 
 - The object is the only body below the world that contains a hinge or a slide; its pose in the world is ignored.
 - Geoms that can touch, by ``contype`` and ``conaffinity`` or in a contact pair, are collision elements, and meshes
@@ -131,9 +132,9 @@ class _Converter:
         in_default = in_default or element.tag == "default"
         element.attrib.pop("texture", None)
         for name, value in element.items():
-            if "nan" in value.lower().split():  # MuJoCo's reader only warns
+            if "nan" in value.lower().split():  # MuJoCo's reader only warns of NaN.
                 raise AssetError("is not a number", file=self._file, field=f"<{element.tag}> {name[:40]}")
-        if "builtin" in element.attrib:  # a built-in mesh can have any number of triangles
+        if "builtin" in element.attrib:  # Built-in meshes are refused, because they can have any number of triangles.
             raise AssetError(
                 "cannot be imported", file=self._file, field=f"<{element.tag} builtin>", remedy="use a file"
             )
@@ -195,7 +196,9 @@ class _Converter:
         return name
 
     def _add_body(self, body: int, is_root: bool) -> None:
-        """Add a link for each joint of a body, at the joint's anchor; the last link gets the body's shapes."""
+        """Add one link for each joint of a body. A link's origin is at the anchor of its joint. The shapes of the body
+        belong to the last of these links.
+        """
         model, name = self._model, self._name(self._model.body(body).name, "link")
         joints = [int(model.body_jntadr[body]) + n for n in range(model.body_jntnum[body])]
         if is_root:
@@ -247,7 +250,7 @@ class _Converter:
         return element
 
     def _fill(self, link: ET.Element, body: int, at: Array) -> None:
-        """Add inertial and shapes of a body to a link whose origin is at ``at`` (3,) in the body's frame."""
+        """Add inertial and shapes of a body to a link. ``at`` (3,) is the link's origin in the body's frame."""
         model = self._model
         if model.body_mass[body] > 0:
             T = _pose(model.body_ipos[body] - at, model.body_iquat[body])

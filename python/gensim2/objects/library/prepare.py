@@ -38,9 +38,10 @@ def numbers(values: Array) -> str:
 
 
 def box_of(hull: Array) -> tuple[Array, Array] | None:
-    """Return the pose (4, 4) and the size (3,) of the box whose corners are the vertices (N, 3); None for other hulls.
+    """If the vertices (N, 3) of a hull are the corners of a box, return the pose (4, 4) and the size (3,) of this box;
+    otherwise return None.
 
-    Physics engines test boxes faster than meshes, and need no preprocessing for them.
+    Physics engines test boxes faster than meshes, and boxes need no preprocessing.
     """
     if len(hull) != 8:
         return None
@@ -80,7 +81,7 @@ def write_hull(path: Path, points: Array) -> None:
 
 
 def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
-    """Return the surface with duplicated vertices along every edge sharper than ``CREASE``.
+    """Duplicate the vertices along every edge that is sharper than ``CREASE``, and return the new surface.
 
     Renderers smooth the shading over faces that share a vertex, which suits a bottle but not a box.
 

@@ -4,11 +4,11 @@ The reader repairs irregular files by these rules, and records each repair in th
 
 - Links connected by fixed joints are merged, so that two remain: the body (root frame) and the moving link.
 - A missing or unreadable mesh file is left out and counted; a missing material file is counted.
-- A collision file with a single slanted triangle, which PhysX would ignore, becomes a thin plate and is counted.
+- A collision file with a single slanted triangle, which PhysX would ignore, is replaced by a thin plate and counted.
 - ``joint_position_range`` replaces the joint limits and is not scaled; prismatic limits from the URDF are scaled.
 - A missing ``scale`` is replaced by the median scale of the class.
 - If all keypoints have colour names, the one nearest to the moving link becomes ``articulated_object_head``; if none
-  lies within 3 cm, that keypoint is derived from the moving link's geometry.
+  lies within 3 cm of the link, ``articulated_object_head`` is computed from the moving link's geometry.
 - A missing ``axis`` is replaced by the axis of the object frame closest to the joint axis.
 """
 
@@ -48,7 +48,8 @@ Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
-FARTHEST = 10.0  # m or rad from the origin: larger values are mistakes and would exhaust the memory of the grids
+# m or rad from the origin. Larger values are mistakes; the grids for decomposition would exhaust the memory.
+FARTHEST = 10.0
 SOLID_CORNERS = 4  # a collision file with fewer vertices has no volume
 HULL_MODULES = (
     "gensim2.objects.meshwork.clearance",
@@ -85,7 +86,9 @@ def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
 
 
 def _hulls(solid: dict[str, list[Mesh]], motion: Motion, warnings: list[str]) -> dict[str, list[Array]]:
-    """Return the convex parts of both links, from the cache if the meshes were decomposed before."""
+    """Return the convex parts of the body and of the moving link. If the same meshes were decomposed before, the parts
+    come from the cache.
+    """
     digest = hashlib.sha256(source_digest(*HULL_MODULES).encode())
     for meshes in solid.values():
         for mesh in meshes:
@@ -119,8 +122,8 @@ def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str,
 def _engines_drop(meshes: list[Mesh]) -> bool:
     """Return whether PhysX would ignore a collision file.
 
-    PhysX ignores meshes with fewer than four distinct vertices, unless they are flat along an axis; it replaces flat
-    meshes by a box.
+    PhysX ignores a mesh with fewer than four distinct vertices. A mesh that is flat along a coordinate axis is an
+    exception: PhysX replaces it by a box.
     """
     if not meshes:
         return False

@@ -47,7 +47,7 @@ LEAN = np.radians(5)
 FOOT = 2e-3
 #: Parts thinner than this (m) are too thin to grasp.
 THINNEST_GRIP = 1.5e-3
-#: Number of directions and heights in the search for a grasp.
+#: Number of directions, and number of heights, that the search for a grasp tries.
 GRIP_ANGLES, GRIP_HEIGHTS = 24, 9
 #: Width of a finger (m).
 FINGER = 0.018
@@ -125,7 +125,7 @@ def _share(*corners: Array) -> float:
 
 
 def _least_turn(down: Array) -> Array:
-    """Return the smallest rotation after which a direction (3,) of the object points up."""
+    """Return the smallest rotation that turns the direction ``down`` (3,) of the object to point up."""
     axis = np.cross(down, [0, 0, 1])
     angle = float(np.arccos(np.clip(down[2], -1, 1)))
     if np.linalg.norm(axis) < 1e-9:
@@ -137,7 +137,8 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
     """Return the best grasp with two parallel fingers from above, over all directions, heights and parts.
 
     The best grasp is narrow, at the height of the centre of mass (round objects slip out of higher grasps) and close to
-    it. The width of the grasp is the extent of the material within half of ``FINGER`` of the plane of the fingers.
+    it. The width of the grasp is the extent of the object in a slab around the plane of the fingers, which is
+    ``FINGER`` thick.
     """
     R = resting.rotation
     placed = [hull @ R.T + resting.position for hull in hulls]
@@ -164,7 +165,9 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
 
 
 def _slice(hull: Array, height: float) -> Array | None:
-    """Return the vertices (N, 2) of the section of a hull by a slab around ``height``, as thick as half a finger."""
+    """Return the vertices (N, 2) of the outline of a hull in a horizontal slab around ``height``; the slab is half as
+    thick as a finger.
+    """
     near = hull[np.abs(hull[:, 2] - height) < FINGER / 4]
     above, below = hull[hull[:, 2] >= height], hull[hull[:, 2] < height]
     if not (len(above) and len(below)):

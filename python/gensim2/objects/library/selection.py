@@ -27,10 +27,10 @@ def select(
         library: object library.
         words: selections: ``CLASS`` (all its instances), or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``new``,
             ``all`` or ``random``.
-        every: also select all objects of the library itself (of ``kind``). Default if neither ``words`` nor ``drawn``
-            is given.
-        drawn: number of additional random objects of each class in ``words``, or of every class: unlisted ids of
-            generated classes, any objects of folders.
+        every: also select all objects of the library itself (of ``kind``). This is the default if ``words`` and
+            ``drawn`` are not given.
+        drawn: number of additional random objects of each class in ``words`` (without ``words``: of every class). For
+            generated classes these are new objects; for a folder they are any of its objects.
         seed: seed of ``random`` and ``drawn``.
         kind: restrict the selection to this kind; None: both.
 
@@ -71,7 +71,7 @@ def words_of_objects(
     """Resolve ``--instances`` for each object of a task.
 
     Sets (``all``, ``train``, ``test``, ``new``) apply to every object. Ids apply to one object (:func:`object_of_ids`);
-    the other objects may be any instance.
+    for the other objects all instances are allowed.
 
     Args:
         instances: function that lists the ids of a class.
@@ -85,14 +85,16 @@ def words_of_objects(
 
 
 def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[str, str]) -> str:
-    """Return the name of the object that ids refer to: the first whose class has several instances, or the first."""
+    """Return the name of the object to which ids refer: the first object whose class has several instances. If there is
+    no such object, return the first object.
+    """
     return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 
 
 def taken_instances(
     choose: Callable[[str, str], Sequence[str]], asset_class: str, asked: Sequence[str], own: Sequence[str] | None
 ) -> tuple[str, ...]:
-    """Return the ids that the user's values select, restricted to the ids that the task accepts.
+    """Return the ids that are selected by the user's values and accepted by the task.
 
     Args:
         choose: function that returns the ids for a class and one value.
@@ -110,7 +112,7 @@ def taken_instances(
     found = tuple(i for i in wanted if i in takes)
     if not found:
         raise InputError(
-            f"the task takes {', '.join(takes)} of {asset_class}, but none of these is in {', '.join(asked)}",
+            f"the task accepts only {', '.join(takes)} of {asset_class}, and {', '.join(asked)} selects none of these",
             field="instances",
         )
     return found
@@ -119,7 +121,8 @@ def taken_instances(
 def wanted_classes(
     libraries: Sequence[Library], classes: Sequence[str] | None
 ) -> list[tuple[Library, tuple[str, ...]]]:
-    """Return for each library its classes among ``classes``; if None, all of the library's own classes.
+    """Return each library with those names in ``classes`` that it has. If ``classes`` is None, return each library with
+    all of its own classes.
 
     Raises:
         InputError: no library has a class of this name.

@@ -1,4 +1,4 @@
-"""Read URDF files with ``gensim2_kpam.read_urdf``, without scaling: objects, and robot links to display.
+"""Read URDF files of objects, and robot links to display, with ``gensim2_kpam.read_urdf``. Lengths are not scaled.
 
 Files are refused if their links do not form a tree or their numbers are implausible.
 """
@@ -80,7 +80,9 @@ class ShapeElement:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint: unscaled pose ``T`` (4, 4), ``axis`` (3,), which may be zero, and ``limits`` in file units or rad."""
+    """A joint. ``T`` (4, 4) is its unscaled pose. ``axis`` (3,) may be zero. ``limits`` are in rad, or in the file's
+    unit of length.
+    """
 
     name: str
     type: str
@@ -278,8 +280,8 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
     """Return the only movable joint.
 
     Raises:
-        AssetError: the model has no movable joint or several, or the joint is neither revolute nor prismatic, or mimics
-            another.
+        AssetError: the model has no movable joint or several, or the joint is neither revolute nor prismatic, or it
+            mimics another joint.
     """
     movable = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(movable) != 1:

@@ -1,9 +1,9 @@
 """Decompose the two links of an object into convex hulls that do not collide with each other.
 
 A convex hull may fill some space that its mesh leaves free. If the other link moves through that space, the two links
-would collide. Therefore hulls that fill such space are penalized while pieces are decomposed and merged. Then planes
-cut off hull parts that still reach into the other link, if the cut removes almost none of the mesh's surface. Nothing
-is cut where the meshes themselves overlap.
+would collide. Therefore hulls that fill such space are penalized while pieces are decomposed and merged. Afterwards,
+parts of hulls that still reach into the other link are cut off by planes, if the cut removes almost none of the mesh's
+surface. Nothing is cut where the meshes themselves overlap.
 """
 
 from __future__ import annotations
@@ -31,14 +31,16 @@ from gensim2.objects.shapes import pose, transform
 Array = npt.NDArray[np.float64]
 Pieces = Sequence[tuple[Array, Faces]]
 
-POSES = 9  # number of joint values at which hulls are cut free; the checks use every second joint value
-FINE = 0.0012  # m, cell size of the grid of space that one link's mesh leaves free for the other
+# number of joint values at which overlapping parts of hulls are cut off; the overlap is checked at every second of them
+POSES = 9
+FINE = 0.0012  # m, cell size of the grid of one link's free space, into which the other link may move
 SPACING = 0.004  # m, distance between neighbouring sample points on a link's own surface
 RESIDUE = 0.0007  # m, depth of overlap that may remain after a cut
 LOSS = 0.0012  # m, depth to which a cut may remove mesh surface from a hull
 NOTICED = 0.0009  # m, minimum depth of overlap for which a cut is tried
-HOPELESS = 0.004  # m, depth of removed surface beyond which no cut is tried, because the meshes themselves overlap
-COVERED = 0.0002  # m, depth inside another hull at which removed mesh surface counts as covered
+# m. If a cut would remove mesh surface deeper than this, the meshes themselves overlap and nothing is cut.
+HOPELESS = 0.004
+COVERED = 0.0002  # m. Mesh surface that a cut removes is still covered if it lies this deep inside another hull.
 PROGRESS = 0.0003  # m, depth of overlap that a cut must remove
 ROUNDS = 3
 MAX_POINTS = 400  # maximum number of points on each side of a separating plane
@@ -46,7 +48,9 @@ MAX_POINTS = 400  # maximum number of points on each side of a separating plane
 
 @dataclass(frozen=True)
 class Motion:
-    """Joint motion: the moving link's frame (4, 4) in the root frame at joint value zero, and the unit axis in it."""
+    """Joint motion: the pose (4, 4) of the moving link's frame in the root frame at joint value zero, and the unit
+    joint axis in the moving link's frame.
+    """
 
     T_root_link: Array
     axis: Array
@@ -110,14 +114,18 @@ def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 
 
 def _needed(space: VoidSpace, points: Array) -> Array:
-    """Return points (N, 3) of the other link that lie in free space of this link, at most one in each grid cell."""
+    """Return those ``points`` (N, 3) that lie in the free space ``space`` of a link, at most one in each grid cell. The
+    points are on the other link, which needs this space.
+    """
     points = points[in_box(points, space.low, space.high)]
     points = points[_first_in_cells(points, SPACING)]
     return points[space.is_free_finely(points, FINE)]
 
 
 def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
-    """Return the index of the first of the points (N, 3) in each cell of a grid, in ascending order."""
+    """For each grid cell that contains points (N, 3), return the index of the first of them. The indices are in
+    ascending order.
+    """
     if not len(points):
         return np.zeros(0, np.int64)
     index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
@@ -240,7 +248,8 @@ def _thin_out(points: Array) -> Array:
 
 
 def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Cut intruders off ``hull`` by planes; return None if nothing is left, ``hull`` if no plane separates them.
+    """Cut off the parts of ``hull`` that contain intruders, by planes. Return None if nothing is left, and ``hull``
+    itself if no plane separates intruders and surface.
 
     Args:
         hull: (M, 3) vertices.
@@ -248,7 +257,7 @@ def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
         intruders: (N, 3) points to exclude.
     """
     if not len(own):
-        return None  # other hulls cover the whole mesh surface of this hull
+        return None  # The hull is not needed: other hulls cover its whole mesh surface.
     normal = _separating(hull, own, intruders)
     if normal is None:
         return hull
@@ -261,7 +270,7 @@ def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
 def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
     """Return the unit normal (3,) of a plane that separates the hull's surface samples from the intruders.
 
-    Return None if every such plane would cut more than ``HOPELESS`` off the surface.
+    Return None if every such plane would remove surface more than ``HOPELESS`` (m) deep.
     """
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
@@ -284,7 +293,9 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
-    """Return the unit normal (3,) of the widest gap between both point sets, by linear programming, or None."""
+    """Return the unit normal (3,) of the widest gap between the points ``own`` and ``intruders``, found by linear
+    programming; None if there is no gap.
+    """
     inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
     # Maximize m with n·p - d >= m for intruders, n·s - d <= -m for own surface, |n| <= 1 by component.
     rows = [
@@ -304,10 +315,10 @@ def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def cut_by_plane(hull: Array, normal: Array, offset: float) -> Array | None:
-    """Return the vertices (M, 3) of the part of a hull with normal·x <= offset, at least ``THINNEST`` thick for the
-    physics engine.
+    """Return the vertices (M, 3) of the part of a hull with normal·x <= offset.
 
-    A part that is too thin is extended on the side opposite to the cut. Return None if nothing is left.
+    Physics engines need parts with a thickness of at least ``THINNEST``, so a thinner part is extended on the side
+    opposite to the cut. Return None if nothing is left.
     """
     height = hull @ normal - offset
     if (height <= 0).all():

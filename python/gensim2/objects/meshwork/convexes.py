@@ -53,7 +53,9 @@ def surface_samples(hull: Array, spacing: float = SAMPLE_SPACING) -> Array:
 
 
 def in_box(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
-    """Return a mask of the points (N, 3) in a box; tests by column are faster than ``all`` over rows of three."""
+    """Return a mask of the points (N, 3) in a box. The function tests each coordinate separately, which is faster than
+    ``all`` over rows.
+    """
     found = (points[:, 0] > low[0]) & (points[:, 0] < high[0])
     for i in (1, 2):
         found &= points[:, i] > low[i]

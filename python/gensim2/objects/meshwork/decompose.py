@@ -29,7 +29,7 @@ THINNEST = 0.003  # m: thinner pieces are thickened, since physics engines canno
 SMALLEST = 0.001  # m: pieces smaller than this in every direction are dropped
 MAX_VERTICES = 64
 MAX_HULLS = 40  # maximum number of hulls for each link
-MAX_HULLS_FOR_CLEARANCE = 60  # maximum number of hulls for each link if fewer hulls would block the other link
+MAX_HULLS_FOR_CLEARANCE = 60  # maximum number of hulls of a link if, with fewer hulls, the other link would be blocked
 FREE_SHARE = 0.01  # fraction of a hull's volume that may be free space of the mesh
 FREE_VOLUME = 1e-6  # m³ of free space that a hull may fill, while the number of hulls allows
 PATCH_ANGLE = np.cos(np.radians(15))
@@ -318,8 +318,9 @@ def decompose(
     Args:
         pieces: (vertices (N, 3) in metres, faces (M, 3)).
         space: free space around the pieces; None: computed.
-        limit: maximum number of hulls; to reach the limit, merged hulls may fill cavities. Above
-            ``MAX_HULLS_FOR_CLEARANCE`` hulls they may also fill space that the other link needs.
+        limit: maximum number of hulls. To stay below it, hulls are merged even if this fills cavities. If there are
+            still more than ``MAX_HULLS_FOR_CLEARANCE`` hulls, they are merged even if this fills space that the other
+            link needs.
     """
     if not pieces:
         return Decomposition([], 0, 0)

@@ -28,19 +28,19 @@ Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
 FINEST = 0.003  # m, edge length of a cell
-CELLS = 96  # number of cells along the longest side, for larger links
+CELLS = 96  # number of cells along the longest side of a large link
 MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # number of sample points processed at a time
 NEEDED_VOLUME = 1.1e-6  # m³, penalty for each point that the other link needs; more than any hull may fill
-NEEDED_DEPTH = 0.0008  # m, depth to which a point that the other link needs may lie inside a hull
+NEEDED_DEPTH = 0.0008  # m. A point in space that the other link needs may be inside a hull up to this depth.
 MAX_PROBES = 5000  # approximate number of cells tested for a hull; a bigger hull is tested more coarsely
 
 
 class VoidSpace:
     """Grid of free cells: cells that the surface does not cross and that are connected to the outside.
 
-    The meshes need not be watertight. Space counts as enclosed, and therefore as solid, if only gaps narrower than a
-    cell lead into it.
+    The meshes need not be watertight. Space whose openings are all narrower than a cell counts as enclosed, and
+    therefore as solid.
 
     Attributes:
         cell: edge length of a cell in metres.
@@ -111,7 +111,9 @@ class VoidSpace:
         return found
 
     def keep_clear(self, points: Array) -> None:
-        """Penalize hulls that cover any of the ``points`` (N, 3), which another link needs for its motion."""
+        """Penalize hulls that cover any of the ``points`` (N, 3). These points lie in space through which the other
+        link moves.
+        """
         self._needed_axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
         self._needed = points[np.argsort(points[:, self._needed_axis], kind="stable")]
 
@@ -184,7 +186,7 @@ OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
 MESH_SPACING = 0.002  # m, distance between neighbouring sample points on a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
 SKIN = 0.0032  # m, layer around a mesh that its convex parts may fill, because they are thicker than sheets
-NEAREST = 8  # number of triangles examined in the search for the closest triangle
+NEAREST = 8  # number of candidate triangles that are compared to find the triangle closest to a point
 
 
 def _off_hinge(instance: ArticulatedObject, points: Array) -> Array:

@@ -42,7 +42,9 @@ number of motions so far."""
 
 
 class _Chain(ChainController):
-    """Chain controller on an estimated scene. It does not observe motions, so it detects no deviations from plans."""
+    """Controller that plans the steps of a task on an estimated scene. It makes no observations during a motion, so it
+    cannot detect deviations from a plan.
+    """
 
     @property
     def waited(self) -> int:
@@ -114,13 +116,15 @@ class PerceivingChain:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Spec of the next observation: with cameras before planning and after motions, else only the robot's state."""
+        """Spec of the next observation. Before planning and after a motion it has cameras; at other times only the
+        robot's state.
+        """
         waits = 0 < self._chain.waited < self._profile.steps(WAIT_SECONDS) if self.looks else False
         return PROPRIOCEPTIVE if self.looks and (self._chain.is_moving or waits) else self._spec
 
     @property
     def reference(self) -> Reference | None:
-        """Planned state of joints and gripper at the last action; None before the first motion."""
+        """State of joints and gripper that the plan intends at the last action; None before the first motion."""
         return self._chain.reference if self.looks else None
 
     @property

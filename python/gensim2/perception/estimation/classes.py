@@ -68,7 +68,9 @@ class ClassConstants(BaseModel):
 
 
 def direction_of(model: ArticulatedObject) -> int:
-    """Return the index of the row of ``DIRECTIONS`` closest to the joint axis of an object in its default placement."""
+    """Return the index of the direction in ``DIRECTIONS`` that is closest to the joint axis of an object in its default
+    placement.
+    """
     return int(np.argmax(DIRECTIONS @ (model.placement.rotation @ model.joint.axis)))
 
 

@@ -60,7 +60,7 @@ class JointEstimate:
         openness: fraction of the joint range, 0 to 1.
         openness_deviation: standard deviation of ``openness``.
         lower, upper: joint limits, rad or m.
-        hypotheses: possible directions (3,) with their probabilities, the most probable first.
+        hypotheses: possible directions (3,) of the axis with their probabilities, the most probable first.
     """
 
     type: Literal["revolute", "prismatic"]
@@ -145,7 +145,8 @@ class SceneEstimator:
         network: network in evaluation mode.
         classes: constants of the classes, in the network's order.
         profile: robot whose base frame the clouds use.
-        scales: factors on the predicted standard deviations, by the names in ``DEVIATIONS``; None: 1.
+        scales: calibration factors by which predicted standard deviations are multiplied, by the names in
+            ``DEVIATIONS``; None: all factors are 1.
         refine: whether to align the estimated yaw with the upright surfaces in the cloud.
 
     Example:
@@ -284,10 +285,11 @@ class SceneEstimator:
 
 
 def squared_yaw(normals: Points, yaw: float) -> float:
-    """Return a yaw (rad) aligned with the upright surfaces of a box; if they form no box, return ``yaw``.
+    """Return the yaw (rad) of a box, computed from the normals of its vertical faces. If the normals do not look like
+    those of a box, return ``yaw``.
 
-    The yaw angles of a box's upright normals differ by multiples of 90 degrees, so the mean of four times the angle
-    determines the box's yaw.
+    The angles of these normals differ by multiples of 90 degrees. Four times the angle is therefore the same for all
+    faces, and its mean gives the yaw.
 
     Args:
         normals: (M, 3) unit normals with either sign, in a frame with a vertical z axis.

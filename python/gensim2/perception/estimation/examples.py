@@ -126,7 +126,9 @@ class Cameras:
 
 
 def _beside(other: ObjectModel, target: PlacedObject, generator: np.random.Generator) -> npt.NDArray[np.float32]:
-    """Return a random state (1, 13) of a rigid object on the table, out of reach of the articulated object's motion."""
+    """Return a random state (1, 13) of a rigid object on the table, outside the space through which the articulated
+    object moves.
+    """
     swept = target.in_world(swept_points(target.model))
     radius = float(np.linalg.norm(swept[:, :2] - swept[:, :2].mean(0), axis=1).max()) + 0.08
     angle = generator.uniform(0.25 * np.pi, 0.75 * np.pi) * generator.choice([-1.0, 1.0])
@@ -179,7 +181,7 @@ def object_looks(
         asset_class, instance: class and id of the object.
         count: number of random scenes.
         generator: random generator.
-        noisy: fraction of the clouds that have the noise of a deployed camera.
+        noisy: fraction of the clouds with the depth noise of a real camera (``--noise deployed``).
         accompanied: fraction of the clouds with an additional rigid object.
     """
     model = library.load(asset_class, instance, "default")
@@ -221,7 +223,9 @@ def _postures(name: str) -> tuple[Array, Array]:
 
 
 def _posture(profile: RobotProfile, thing: PlacedObject, generator: np.random.Generator) -> Array:
-    """Return random robot joints (n,): near the rest posture, or with the hand near the object's first keypoint."""
+    """Return random joint positions (n,) of the robot: near the rest posture, or such that the hand is near the
+    object's first keypoint.
+    """
     if generator.random() >= REACHING:
         q = np.array(profile.reset_qpos)
         q[: profile.arm_size] += 0.1 * generator.standard_normal(profile.arm_size)

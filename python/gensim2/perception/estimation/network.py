@@ -93,8 +93,8 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
 
         Args:
             xyz: (B, N, 3) points in the base frame, m.
-            more: (B, N, 5) features from :func:`features_of`.
-            rows: (B, R) indices of the points to return; None: all points.
+            more: (B, N, 5) features of the points, from :func:`features_of`.
+            rows: (B, R) indices of the points whose features are returned; None: all points.
         """
         middle = torch.cat([xyz[..., :2].median(1, keepdim=True).values, torch.zeros_like(xyz[:, :1, :1])], -1)
         local = (xyz - middle) / SCALE
@@ -203,7 +203,7 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
     turned = (found["yaw"] * batch["yaw"]).sum(-1).clamp(-1, 1)
     angle = torch.atan2((found["yaw"][:, 0] * batch["yaw"][:, 1] - found["yaw"][:, 1] * batch["yaw"][:, 0]), turned)
     part = functional.binary_cross_entropy_with_logits(found["moving"], moves, reduction="none")
-    # Both parts have the same total weight, even if one of them has few points.
+    # The points of the body and of the moving part get the same total weight, even if one part has few points.
     share = ((moves * mask).sum(1) / mask.sum(1)).clamp(0.03, 0.97)[:, None]
     balanced = torch.where(moves > 0, 0.5 / share.sqrt(), 0.5 / (1 - share).sqrt())
     return {

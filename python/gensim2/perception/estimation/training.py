@@ -217,7 +217,8 @@ class Examples:
         turn = generator.uniform(-MOST_TURN, MOST_TURN, size)
         shift = np.concatenate([generator.uniform(-MOST_SHIFT, MOST_SHIFT, (size, 2)), np.zeros((size, 1))], axis=1)
         arrays = {name: values[rows] for name, values in self._arrays.items()}
-        # Points of the object are preferred, so that every object has points; otherwise the order is random.
+        # Points are selected in random order, with a preference for points of the object, so that some of them are
+        # always selected.
         order = generator.random(arrays["group"].shape) - 0.5 * (arrays["group"] == TARGET)
         chosen = torch.from_numpy(np.argsort(order, axis=1)[:, :VOTERS])
         return {**tensors(arrays, turn, shift), "rows": chosen}

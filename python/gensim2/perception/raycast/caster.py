@@ -25,7 +25,7 @@ class CastSolid:
     Attributes:
         id: segmentation id, from 1.
         surface: surface in the frame of the body.
-        still: whether the body rarely moves, so that its hits are worth reusing.
+        still: whether the body rarely moves. The caster keeps the ray hits of such bodies for later images.
     """
 
     id: int
@@ -84,7 +84,7 @@ class Caster:
         self._solids = tuple(solids)
         counts = [len(solid.surface.faces) for solid in solids]
         self._first = np.cumsum([0, *counts])
-        # The last entry is found by the index -1, which means no hit.
+        # The index -1 means "no hit" and refers to the last entry.
         self._ids = np.repeat([*(solid.id for solid in solids), 0], [*counts, 1]).astype(np.int16)
         self._colors = np.concatenate([*(solid.surface.colors for solid in solids), np.zeros((1, 3), dtype=np.uint8)])
         self._textures = [
@@ -109,11 +109,15 @@ class Caster:
         return hits
 
     def segmentation(self, face: npt.NDArray[np.int32]) -> npt.NDArray[np.int16]:
-        """Return the segmentation ids of hits, an array of any shape; 0 without a hit."""
+        """Return the segmentation id of each ray's hit. ``face`` is an array of any shape of hit faces; the result has
+        the same shape, and 0 where a ray hits nothing.
+        """
         return self._ids[face]
 
     def normals(self, face: npt.NDArray[np.int32], poses: Array) -> npt.NDArray[np.float32]:
-        """Return the unit normals (..., 3) of hit triangles, for solids with poses (L, 4, 4)."""
+        """Return the unit normals (..., 3) of the hit triangles ``face``. ``poses`` (L, 4, 4) are the poses of the
+        solids.
+        """
         turns = poses[:, :3, :3].astype(np.float32)
         turned = [solid.surface.normals @ turn.T for solid, turn in zip(self._solids, turns, strict=True)]
         return np.asarray(np.concatenate(turned)[face])
@@ -160,7 +164,7 @@ class Caster:
         rays = camera.rays[window].reshape(-1, 3) @ turn
         origins = np.empty_like(rays)
         origins[:] = (camera.position - pose[:3, 3]) @ turn
-        reach = depth.reshape(-1).copy()  # Embree writes the new depths into it
+        reach = depth.reshape(-1).copy()  # Embree overwrites this array with the new depths.
         met = solid.surface.scene.run(origins, rays, reach, output=True)
         number = met["primID"].reshape(face.shape)
         new = number >= 0
@@ -172,8 +176,9 @@ class Caster:
 
     def _boxes(self, which: list[int], poses: Array) -> list[list[list[int]]]:
         """Return, for each camera and solid, the pixel range that may show the solid: left, top, right, bottom."""
-        corners = poses[which] @ self._corners[which].transpose(0, 2, 1)  # (l, 4, 8)
-        seen = self._projections[:, None] @ corners  # (cameras, l, 3, 8)
+        # shape (l, 4, 8): homogeneous box corners of l solids
+        corners = poses[which] @ self._corners[which].transpose(0, 2, 1)
+        seen = self._projections[:, None] @ corners  # shape (cameras, l, 3, 8): projected box corners
         ahead = seen[:, :, 2].clip(min=NEAR)
         pixels = seen[:, :, :2] / ahead[:, :, None]
         low, high = np.floor(pixels.min(axis=3)) - 1, np.ceil(pixels.max(axis=3)) + 1
@@ -193,7 +198,9 @@ def _paint(
     v: npt.NDArray[np.float32],
     texture: Texture,
 ) -> None:
-    """Set the colours of pixels that show a texture; ``face`` indexes the faces of the surface with this texture."""
+    """Set the colours of pixels that show a texture. ``face`` has, for each pixel, the index of a face of the textured
+    surface.
+    """
     row = np.searchsorted(texture.faces, face)
     wears = row < len(texture.faces)
     wears[wears] = texture.faces[row[wears]] == face[wears]

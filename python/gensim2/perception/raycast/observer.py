@@ -32,7 +32,8 @@ Array = npt.NDArray[np.float64]
 
 
 class KnownPoints:
-    """Computes clouds of true points on a scene's objects; these points represent the complete state of the scene.
+    """Computes point clouds of true positions on a scene's objects. The points determine the complete state of the
+    objects.
 
     For each object, in the task's order, the points are: eight corners of the moving part's bounding box, in the frame
     of the moving link; eight corners of the fixed part's bounding box, in the root frame; and the keypoints, sorted by
@@ -55,7 +56,8 @@ class KnownPoints:
             for link, points in _boxes(scene, name, model):
                 self._points += [(name, link, point) for point in points]
             for _, keypoint in sorted(model.keypoints.items()):
-                link = name if model.joint is None else keypoint.link  # a rigid object's only link
+                # A rigid object has a single link with the object's name.
+                link = name if model.joint is None else keypoint.link
                 self._points.append((name, link, np.asarray(keypoint.position, dtype=np.float64)))
         if len(self._points) > count:
             message = f"is {count}, and the objects' keypoints and corners are {len(self._points)}"
@@ -83,7 +85,9 @@ class KnownPoints:
 
 
 def _boxes(scene: RaycastScene, name: str, model: ObjectModel) -> list[tuple[str, Array]]:
-    """Return, for the moving and for the fixed part of an object, the link and the box corners (8, 3) in its frame."""
+    """Return two pairs, one for the moving and one for the fixed part of an object: the name of the part's link, and
+    the corners (8, 3) of the part's bounding box in the link's frame.
+    """
     if model.joint is None:
         return [(name, _corners(np.concatenate([hull for hulls in model.hulls.values() for hull in hulls])))]
     tree = scene.tree(name)
@@ -157,7 +161,7 @@ class Observer:
 
     @property
     def scene(self) -> RaycastScene:
-        """Scene with robot and objects, at which the cameras' rays are cast.
+        """Scene of robot and objects into which the rays of the cameras are cast.
 
         The scene exists only for observation specs with cameras.
         """
@@ -182,7 +186,9 @@ class Observer:
     def joints(
         self, positions: npt.ArrayLike, velocities: npt.ArrayLike, step: int, command: float = OPEN
     ) -> Observation:
-        """Return the observation for a spec without cameras, from joint positions (n,) and velocities (n,)."""
+        """Return an observation without images. It is computed from joint positions (n,) and velocities (n,); the spec
+        must have no cameras.
+        """
         return self._encoder.encode(step, positions, velocities, command)
 
     def recorded(self, states: Mapping[str, Any], actions: npt.NDArray[np.float32]) -> Iterator[Observation]:
@@ -221,7 +227,9 @@ class Observer:
                 raise EmptyCloudError(f"step {step}: {error}") from error
 
     def cameras_at(self, positions: npt.ArrayLike) -> tuple[Camera, ...]:
-        """Return the cameras with poses in the base frame, at the joints ``positions`` (n,)."""
+        """Return the cameras with their poses in the base frame. ``positions`` (n,) are the robot's joint positions,
+        which determine the poses of cameras on the robot.
+        """
         links = self._links_at(positions)
         return tuple(
             camera if camera.link is None else replace(camera, T_base_camera=links[camera.link] @ camera.T_base_camera)
@@ -240,7 +248,7 @@ class Observer:
         Args:
             poses: (L, 4, 4) poses of the solids, one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
-            positions: (n,) all active joints, for cameras on the robot.
+            positions: (n,) positions of all active joints; needed for cameras on the robot.
             read: (n,) joint positions that the robot reports with a delay; None: ``positions``.
         """
         views = self.scene.see(poses, {} if positions is None else self._links_at(positions))

@@ -27,7 +27,7 @@ TABLE = "table"
 class RaycastScene:
     """Robot, table and objects of an episode, without a simulator.
 
-    Segmentation ids are equal to SAPIEN's: links and bodies, visible or not, are counted from 1 in the order in which
+    Segmentation ids are equal to SAPIEN's: links and bodies, visible or not, are numbered from 1 in the order in which
     the environment builds them.
 
     Args:
@@ -57,7 +57,7 @@ class RaycastScene:
                 seen = bool(self.cameras) and model.visual is not None
                 self._add(name, name, read_mesh(model.visual) if seen else None, still=False)
             else:
-                raise TypeError(f"cannot cast rays at a {type(model).__name__}")
+                raise TypeError(f"cannot cast rays into an object of type {type(model).__name__}")
         # Cameras on a link have their own caster in the link's frame, in which these cameras do not move.
         self._casters: dict[str | None, Caster] = {
             link: Caster(self._solids, [camera for camera in self.cameras if camera.link == link])
@@ -131,7 +131,7 @@ class RaycastScene:
         return np.stack([found[solid.id] for solid in self._solids], axis=1)
 
     def see(self, poses: Array, links: Mapping[str, Array] | None = None) -> tuple[RaycastView, ...]:
-        """Cast the rays of all cameras and return their images in the cameras' order.
+        """Cast the rays of all cameras and return one image for each camera.
 
         Args:
             poses: (L, 4, 4) poses of the solids in the base frame.
@@ -186,7 +186,9 @@ class RaycastView:
         self._poses = poses
 
     def measured(self, camera: Camera, depth: npt.NDArray[np.float32]) -> RaycastView:
-        """Return this image with the measured depth (H, W), m, and the assumed pose of ``camera``."""
+        """Return a copy of this image in which the depth is replaced by ``depth`` (H, W), m, and the camera pose by the
+        pose of ``camera``. Both simulate measurement errors.
+        """
         found = RaycastView(self._caster, self._hits, self._number, camera, self._poses)
         found.depth = depth
         return found
@@ -206,7 +208,7 @@ class RaycastView:
         return self._hits.face[self._number]
 
     def normals_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-        """Return the unit normals (N, 3) of the triangles at pixels, in the base frame."""
+        """Return the unit normals (N, 3), base frame, of the surface at the given pixels."""
         return self._caster.normals(self.face.reshape(-1)[pixels], self._poses)
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:

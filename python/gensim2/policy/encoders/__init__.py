@@ -1,4 +1,6 @@
-"""Point encoders, which turn a cloud into pooled tokens and, on request, features of its points."""
+"""Point encoders. An encoder turns a point cloud into pooled tokens and, if requested, into one feature vector for each
+point.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Shared parts of generated classes: materials, handles, and the rotation from the closed pose to joint value zero."""
+"""Shared parts of generated classes: materials, handles, and the rotation that turns a part from its closed pose to its
+pose at joint value zero.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from gensim2.objects.shapes import Array, Look, Solid, Vec3, ball, box, loft, po
 Rng = np.random.Generator
 Keypoint = tuple[Vec3, str]
 
-# Renderers without an environment map show metal as dark grey, so metals here have a metallic value of only 1/3.
+# A fully metallic material (metallic value 1) looks dark grey in renderers without an environment map, so metals here
+# have a metallic value of 1/3.
 CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
 STEEL = Look((0.66, 0.67, 0.69, 1), 0.30, 0.35)
 BRASS = Look((0.84, 0.66, 0.32, 1), 0.35, 0.28)
@@ -152,7 +155,9 @@ def at(blueprint: Blueprint, q: float) -> list[Solid]:
 
 
 def bounds(parts: list[Solid]) -> tuple[Array, Array]:
-    """Return the lower and upper corner (3,) of the bounding box of the collision parts."""
+    """Return two corners (3,) of the bounding box of the collision parts: the corner with the smallest and the corner
+    with the largest coordinates.
+    """
     points = np.concatenate([part.hull for part in parts if part.hull is not None])
     return points.min(axis=0), points.max(axis=0)
 
@@ -185,7 +190,7 @@ def upright_lid(
 ) -> Blueprint:
     """Return the blueprint of a box or laptop whose lid is upright at joint value zero and closed at -90 degrees.
 
-    ``lid``, ``head`` and ``tail`` describe the closed lid.
+    ``lid``, ``head`` and ``tail`` are given for the closed lid.
     """
     axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     moved = {
@@ -195,9 +200,9 @@ def upright_lid(
 
 
 def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | None = None) -> Blueprint:
-    """Return the blueprint of a rigid object on a prismatic joint that slides away from the robot.
+    """Return the blueprint of an object that can be pushed: all parts move on one prismatic joint, away from the robot.
 
-    ``head`` is the point to push; default: the middle of the front's upper half.
+    ``head`` is the point to push; default: the middle of the upper half of the front.
     """
     low, high = bounds(parts)
     where = ((low[0] + high[0]) / 2, low[1] + 0.7 * (high[1] - low[1]), high[2]) if head is None else head
@@ -205,7 +210,9 @@ def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | Non
 
 
 def lifted(parts: list[Solid], head: Vec3, description: str, **keypoints: Keypoint) -> Blueprint:
-    """Return the blueprint of an object on a vertical prismatic joint, which is lifted at the point ``head``."""
+    """Return the blueprint of an object that can be lifted at the point ``head``: all parts move on one vertical
+    prismatic joint.
+    """
     return sliding([], parts, (0, 1, 0), (0.0, 0.2), head=(head, description), **keypoints)
 
 

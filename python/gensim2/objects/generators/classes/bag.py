@@ -15,7 +15,9 @@ LEATHERS = c.PAINTS[1:]
 
 @dataclass(frozen=True)
 class Bag:
-    """Parts of a bag; ``hinge`` (3,) is the middle of the strap's joint axis, ``top`` its highest point."""
+    """Parts of a bag; ``hinge`` (3,) is the middle of the strap's joint axis, ``top`` (3,) the highest point of the
+    strap.
+    """
 
     body: list[Solid]
     strap: list[Solid]

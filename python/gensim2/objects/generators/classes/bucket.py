@@ -13,7 +13,9 @@ from gensim2.objects.shapes import Array, Solid, arc, ball, cone, path, rod, tub
 
 @dataclass(frozen=True)
 class Bucket:
-    """Parts of a bucket with the handle up; ``hinge`` (3,) is the middle of its axis, ``top`` its highest point."""
+    """Parts of a bucket with the handle up; ``hinge`` (3,) is the middle of the handle's axis, ``top`` (3,) the highest
+    point of the handle.
+    """
 
     body: list[Solid]
     handle: list[Solid]
@@ -85,7 +87,8 @@ def pail(rng: np.random.Generator) -> Bucket:
         y = bottom + full * height
         inner = radius(y) - 1.5 * wall
         body.append(cone((0, y - 0.006, 0), (0, y, 0), inner, inner, c.pick(rng, c.WOODS + c.PAINTS)))
-    # When the handle swings, its wire must not touch the rim above the hinges, nor its grip the wall below the hinges.
+    # When the handle swings, its wire must not touch the rim above the hinges, and its grip must not touch the wall
+    # below the hinges.
     half = float(np.hypot(wide, deep)) + 0.012 + thick + (0.004 if grip else 0.0)
     hinge = np.array([0.0, top - deep, 0.0])
     for side in (-1, 1):

@@ -14,12 +14,16 @@ WALL = 0.012  # m, thickness of a table's aprons, and of a sideboard's boards
 
 
 def knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Solid]:
-    """Return a round knob of ``radius`` at ``end``, on a stem from ``at``."""
+    """Return a round knob with a stem. ``at`` is the foot of the stem, ``end`` the centre of the knob, ``radius`` its
+    radius (m).
+    """
     return [rod(at, end, 0.5 * radius, look, 8), ball(end, (radius, radius, 0.7 * radius), look)]
 
 
 def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np.ndarray, stroke: float) -> Blueprint:
-    """Return the blueprint of a drawer that slides ``stroke`` metres to the front, pulled at ``head``."""
+    """Return the blueprint of a drawer that slides to the front by ``stroke`` (m). The hand pulls the drawer at the
+    point ``head``.
+    """
     return c.sliding(
         body,
         drawer,
@@ -51,7 +55,9 @@ def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tupl
 
 
 def sideboard(rng: np.random.Generator) -> Blueprint:
-    """Generate a random sideboard: two or three bays under a top, some empty, above doors, drawers or a shelf."""
+    """Generate a random sideboard. Under its top it has two or three bays, some of them empty. Below the bays it has
+    doors, drawers or a shelf.
+    """
     width, depth = c.between(rng, 0.34, 0.56), c.between(rng, 0.15, 0.24)
     top, over = c.between(rng, 0.010, 0.022), c.between(rng, 0.0, 0.035)
     rise, foot = c.between(rng, 0.26, 0.42), c.between(rng, 0.0, 0.07)
@@ -63,8 +69,10 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
     front_look = wood if rng.random() < 0.6 else c.pick(rng, c.WOODS + c.PAINTS)
     handles = int(rng.bit_generator.random_raw())
 
-    floor, under = -rise / 2 + foot, rise / 2 - top  # lower face of the carcass and of the top
-    y, shelf = under - row / 2, under - row - WALL / 2  # middles of the row and of the board below it
+    # y of the lower face of the carcass, and of the lower face of its top board
+    floor, under = -rise / 2 + foot, rise / 2 - top
+    # y of the middle of the row of bays, and of the middle of the board below the row
+    y, shelf = under - row / 2, under - row - WALL / 2
     body: list[Solid] = [box((0, rise / 2 - top / 2, 0), (width + 2 * over, top, depth + 2 * over), wood)]
     for side in (-1, 1):
         body.append(box((side * (width - WALL) / 2, (floor + under) / 2, 0), (WALL, under - floor, depth), wood))
@@ -107,7 +115,9 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
 def _below(
     rng: np.random.Generator, width: float, low: float, high: float, depth: float, wood: Look, look: Look
 ) -> list[Solid]:
-    """Generate a pair of doors, fixed drawers, or a shelf at random below the bays, from y = ``low`` to ``high``."""
+    """Generate the lower part of a sideboard, from y = ``low`` to ``high``: at random a pair of doors, fixed drawers,
+    or a shelf.
+    """
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())
     if kind == 0:

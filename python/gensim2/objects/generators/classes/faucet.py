@@ -9,7 +9,7 @@ from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Look, Solid, Vec3, ball, box, cone, convex, path, rod
 
 GAP = 0.001
-LEGS = 8  # number of straight pieces of a long spout
+LEGS = 8  # number of straight segments of which a long spout consists
 
 
 def _with_lever(
@@ -122,7 +122,9 @@ def mixer(rng: np.random.Generator) -> Blueprint:
 
 
 def sweeping(rng: np.random.Generator) -> Blueprint:
-    """Generate a random faucet with a low column, a short sloping or bent lever, and a long spout above both."""
+    """Generate a random faucet with a low column, a short sloping or bent lever, and a long spout above column and
+    lever.
+    """
     height, radius = c.between(rng, 0.075, 0.15), c.between(rng, 0.019, 0.032)
     cap, lever = c.between(rng, 0.012, 0.035), c.between(rng, 0.065, 0.11)
     rise, crook = c.between(rng, 0.1, 0.6), c.between(rng, 0.02, 0.05)
@@ -145,9 +147,10 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
     for share in np.linspace(0, 1, LEGS + 1):
         out = share * spout
         y = root + (highest - root) * np.sin(share * np.pi / 2) - sag * max(0.0, share - 0.6) / 0.4
-        if out - spout / LEGS < 1.4 * radius + tube:  # both ends of this segment lie over the column
+        if out - spout / LEGS < 1.4 * radius + tube:  # A segment that lies wholly above the column must stay above it.
             y = min(y, top - tube - 0.006)
-        elif out - spout / LEGS < lever + 0.03:  # the lever turns above this segment
+        # A segment in the range of the lever must stay out of the lever's path.
+        elif out - spout / LEGS < lever + 0.03:
             y = min(y, start[1] + (crook if shape == 0 else out * np.tan(rise)) - tube - 0.022)
         points.append(np.array([0.0, y, z + out]))
     body += path([*points, points[-1] - np.array([0, drop, 0])], tube, look)

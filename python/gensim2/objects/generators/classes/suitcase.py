@@ -13,7 +13,9 @@ from gensim2.objects.shapes import Array, Solid, box, path, rounded_box, tray
 
 @dataclass(frozen=True)
 class Suitcase:
-    """Parts of a closed suitcase; ``hinge`` and ``edge`` (3,) are the midpoints of the lid's lower and upper edges."""
+    """Parts of a closed suitcase; ``hinge`` (3,) is the midpoint of the lid's lower edge, and ``edge`` (3,) the
+    midpoint of its upper edge.
+    """
 
     shell: list[Solid]
     lid: list[Solid]
@@ -62,7 +64,8 @@ def draw(rng: np.random.Generator) -> Suitcase:
 def move(rng: np.random.Generator) -> Blueprint:
     case = draw(rng)
     pushed = c.pushed(case.shell + case.lid, 0.12, "the midpoint of the near edge of the suitcase", case.edge)
-    # The suitcase lies on its back with its top towards the robot, so "away" is down in the model frame.
+    # The suitcase lies on its back with its top towards the robot. The direction away from the robot is therefore -y in
+    # the model frame.
     return replace(pushed, joint_axis=(0, -1, 0))
 
 

@@ -64,7 +64,7 @@ def push(rng: np.random.Generator) -> Blueprint:
     frame = draw(rng)
     body = surround(frame)
     half = frame.width / 2
-    # One sash is fixed at the right, towards the back; the other slides in front of it, from the left.
+    # The right sash is fixed and lies farther back. The left sash slides in front of the right sash.
     z_fixed, z = -0.6 * frame.sash, 0.6 * frame.sash
     tall = frame.height - 0.006
     body += sash((half / 2, 0, z_fixed), half, frame.height, frame)

@@ -75,13 +75,14 @@ def scaled(solid: Solid, factor: float | Vec3) -> Solid:
 
 
 def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, smooth: int = 6) -> list[Solid]:
-    """Return a solid of revolution about z, with a smooth visual mesh and one collision frustum per profile step.
+    """Return a solid of revolution about z. Its visual mesh is smooth; for collisions there is one frustum between
+    every two profile points.
 
     Args:
         profile: (radius, height) from the bottom up, metres.
         look: material.
         sides: number of sides of the collision frustums.
-        smooth: number of visual points between two profile points, by monotone interpolation.
+        smooth: number of additional points of the visual mesh between two profile points (monotone interpolation).
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -89,7 +90,7 @@ def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, 
     parts = []
     low = 0
     for high in range(1, len(profile)):
-        # Extend each hull along the outline as long as the outline stays convex.
+        # Each hull is made as long as possible: it ends where the outline is no longer convex.
         last = high + 1 == len(profile)
         if last or not _bulges(radius[low : high + 2], height[low : high + 2]):
             rings = [_circle(radius[k], height[k], sides) for k in range(low, high + 1)]
@@ -117,7 +118,8 @@ def _circle(radius: float, height: float, sides: int) -> Array:
 
 
 def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, sides: int = 12) -> list[Solid]:
-    """Return a round vessel, open at the top: a floor, and staves between the steps of its outline.
+    """Return a round vessel that is open at the top. It consists of a floor, and of flat wall segments (staves) between
+    every two points of its outline.
 
     Args:
         outline: (outer radius, height) from the foot to the rim, metres.
@@ -195,13 +197,15 @@ def can(radius: float, height: float, label: Look, lid: Look = STEEL) -> list[So
 
 
 def blade(points: Sequence[tuple[float, float]], thickness: float, look: Look, at: float = 0.0) -> Solid:
-    """Return a convex plate parallel to the xy plane, with the outline ``points`` and its middle at height ``at``."""
+    """Return a convex plate parallel to the xy plane, with the outline ``points``. ``at`` is the z of the middle of the
+    plate.
+    """
     flat = np.array([(x, y, at + s * thickness / 2) for x, y in points for s in (-1, 1)])
     return convex(flat, look)
 
 
 def along_x(parts: Sequence[Solid]) -> list[Solid]:
-    """Rotate parts from the z axis to the x axis."""
+    """Rotate parts such that their z axis becomes the x axis."""
     T = pose(axis=(0, 1, 0), angle=np.pi / 2)
     return [p.moved(T) for p in parts]
 
