@@ -62,7 +62,7 @@ def shelve(run: Path, shelf: Path) -> Shelved:
     """
     path = run / RUN_JSON
     if not path.is_file():
-        raise InputError("contains no run", file=run, remedy="give the folder of a run-pipeline")
+        raise InputError("contains no run", file=run, remedy="give the output folder of gensim2 run-pipeline")
     record = read_record(path, RunRecord, "restore the file")
     seed = record.arguments["seed"]
     suite = [load_task(name) for name in task_names(PAPER)]

@@ -93,7 +93,7 @@ def test_two_devices_without_shared_memory_are_refused_in_one_line(mounted: str,
     (tmp_path / "script.py").write_text(NO_MEMORY)
     command = [*on_disk(mounted, Path("/dev/shm")), sys.executable, str(tmp_path / "script.py"), str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    remedy = "make room in /dev/shm, or train on one device"
+    remedy = "free memory in /dev/shm, or train on one device"
     assert done.stdout == f"device: the machine has too little shared memory ({remedy})\n"
     assert "Traceback" not in done.stderr
 

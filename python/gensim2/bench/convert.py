@@ -30,18 +30,18 @@ def keypoint_problem(
     frames: Frames = "original",
     options: kpam.Options | None = None,
 ) -> kpam.KeypointProblem:
-    """Convert a recorded problem to a solver problem.
+    """Convert a recorded planning problem to a problem of the keypoint solver.
 
     Args:
         problem: recorded problem, with its keyframe times and keypoints.
         scene: scene with the obstacles of the problem.
         robot: model of the arm with hand and fingers.
-        frames: how motion frames are interpreted; ``"original"`` rotates motions that are lists of numbers by the
-            object's random yaw.
-        options: solver options that override those of the recording.
+        frames: frame in which the config's translations after the actuation are given. ``"original"``: the frame that
+            the original GenSim2 solver uses, rotated by the object's yaw. ``"object"``: the frame of the hand.
+        options: solver options that override the options of the recording.
 
     Raises:
-        InputError: the solver refuses the config or a number; the message names the problem.
+        InputError: the solver rejects the config, or a number is out of range; the message names the problem.
     """
     joint = scene.joint
     # The original GenSim2's solver has no margin and ignores collisions between the hand and the manipulated object.

@@ -93,7 +93,7 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
             quaternion = np.asarray(obstacle["quaternion_wxyz"], dtype=np.float64)
             length = math.hypot(*quaternion)
             if not 1e-6 < length < 1e6:
-                raise ValueError("quaternion_wxyz has no direction")
+                raise ValueError("the norm of quaternion_wxyz must lie between 1e-6 and 1e6")
             pose[:3, :3] = rotation_matrix(quaternion / length)
         match obstacle["type"]:
             case "box":
@@ -130,14 +130,21 @@ def solve_motions(
     deadline_ms: float | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> list[dict[str, Any]]:
-    """Plan every problem and return one record for each.
+    """Plan a motion for every problem and return one record for each problem.
 
-    A record has ``id``, ``status``, ``reason``, ``cpu_ms``, ``duration`` (s), ``length`` (of the path in joint space,
-    rad), ``nearer`` and ``samples`` (joints every 5 ms). ``cpu_ms`` covers everything from the problem to the timed
-    motion, including building the scene.
+    A record has these fields:
+
+    - ``id``, ``status``, ``reason``: id of the problem, result of the planner, and reason of a failure.
+    - ``cpu_ms``: CPU time of the planning call in ms. The time to build the scene is included.
+    - ``duration``: duration of the motion, s.
+    - ``length``: length of the path in joint space, rad.
+    - ``nearer``: pairs of bodies that are closer than ``margin`` at the start or at the goal, each with its distance in
+      m. The planner requires only this smaller distance for them.
+    - ``checks``: number of collision checks.
+    - ``samples``: joint positions every 5 ms, rad.
 
     Raises:
-        InputError: the robot is unknown, or a problem does not fit it.
+        InputError: the robot is unknown, or a problem does not match the robot.
 
     Example:
         ```python
@@ -162,7 +169,11 @@ def solve_motions(
                 limits="panda" if robot == "panda" else None,
             )
         except (kpam.KpamError, ValueError) as error:
-            raise InputError(str(error), field=f"problem {problem.id}", remedy="give joints within limits") from error
+            raise InputError(
+                str(error),
+                field=f"problem {problem.id}",
+                remedy="give start and goal positions within the joint limits",
+            ) from error
         trajectory, corners = motion.trajectory, motion.corners
         records.append(
             {

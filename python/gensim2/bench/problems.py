@@ -35,7 +35,7 @@ def _is_pose(rows: list[list[float]]) -> list[list[float]]:
         raise ValueError("a pose has 4 rows of 4 numbers")
     pose = np.asarray(rows)
     rotation = pose[:3, :3]
-    small = np.abs(rotation).max() <= 2.0  # products of other numbers could overflow
+    small = np.abs(rotation).max() <= 2.0  # larger entries could overflow in the product below
     if (
         not small
         or np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE
@@ -196,12 +196,12 @@ def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
             f"not JSON: {error.msg} at column {error.colno}",
             file=file,
             field=where,
-            remedy="one JSON object a line",
+            remedy="write one JSON object on each line",
         ) from error
     except (ValueError, RecursionError) as error:
-        raise InputError(str(error), file=file, field=where, remedy="numbers must be finite") from error
+        raise InputError(str(error), file=file, field=where, remedy="write finite numbers only") from error
     if not isinstance(data, dict):
-        raise InputError("not a JSON object", file=file, field=where, remedy="one JSON object a line")
+        raise InputError("not a JSON object", file=file, field=where, remedy="write one JSON object on each line")
     try:
         problem = PlanProblem.model_validate(data)
     except ValidationError as error:
@@ -249,5 +249,5 @@ def read_problems(path: Path) -> list[PlanProblem]:
         lines[problem.id] = number
         problems.append(problem)
     if not problems:
-        raise InputError("contains no problems", file=path, remedy="one JSON object a line")
+        raise InputError("contains no problems", file=path, remedy="write one JSON object on each line")
     return problems

@@ -273,6 +273,9 @@ def check_assets(folder: Path) -> Path:
     """Return ``folder``; raise InputError if the folder does not contain ``articulated_objs``."""
     if not (folder / "articulated_objs").is_dir():
         raise InputError(
-            "contains no articulated_objs", file=folder, field="--assets", remedy="name the folder of real objects"
+            "has no subfolder articulated_objs",
+            file=folder,
+            field="--assets",
+            remedy="give the folder of GenSim2's released objects",
         )
     return folder

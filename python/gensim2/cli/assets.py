@@ -115,7 +115,8 @@ def show(
 
     library = open_library(assets)
     item = select_one(library, object_, seed=seed)
-    from gensim2.objects.library.describe import describe  # imports SciPy, so bad input is refused first
+    # Import late: this module imports SciPy, and invalid arguments should be reported before this slow import.
+    from gensim2.objects.library.describe import describe
 
     progress.start(f"preparing {'/'.join(item)}", 1)
     found = {"schema_version": 1, **describe(library, library.load(*item))}

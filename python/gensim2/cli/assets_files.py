@@ -159,7 +159,8 @@ def import_(
     from gensim2.objects.library.folder import find_source
 
     folder, given = find_source(source), _positions(keypoints)
-    from gensim2.inspection.validate import check_object  # imports SciPy, so bad input is refused first
+    # Import late: these modules import SciPy, and invalid arguments should be reported before this slow import.
+    from gensim2.inspection.validate import check_object
     from gensim2.objects.library.importer import import_object
 
     model: dict[str, Any] = {"joint": joint, "scale": scale, "up": up, "keypoints": given, "license": license}

@@ -49,7 +49,8 @@ def render(
     library = open_library(assets)
     items = [select_one(library, word, seed=seed) for word in objects]
     check_writable(out)
-    from gensim2.inspection.pictures import Studio, contact_sheet, strip  # slow, so bad input is refused first
+    # Import late: this import is slow, and invalid arguments should be reported before it.
+    from gensim2.inspection.pictures import Studio, contact_sheet, strip
 
     models = [library.load(*item) for item in items]
     studio = Studio(size)

@@ -59,15 +59,22 @@ def _show_policy(result: dict[str, Any]) -> None:
 
 
 def _show_times(
-    result: dict[str, Any], heads: Sequence[str], cells: Callable[[dict[str, Any]], tuple[Any, ...]], what: str = ""
+    result: dict[str, Any], heads: Sequence[str], cells: Callable[[dict[str, Any]], tuple[Any, ...]], title: str = ""
 ) -> None:
-    """Print rows of times by stage, each preceded by its ``cells``."""
+    """Print a table with the time of each stage in ms.
+
+    Args:
+        result: result of the measurement; each entry of its ``rows`` becomes one row of the table.
+        heads: headings of the first columns.
+        cells: function that returns the values of the first columns for an entry of ``rows``.
+        title: beginning of the title above the table.
+    """
     stages = list(result["rows"][0]["p50"])
     rows = [
         (*cells(row), *(f"{row['p50'][each]:.1f} {row['p95'][each]:.1f} ({row['cpu'][each]:.1f})" for each in stages))
         for row in result["rows"]
     ]
-    title = f"{what}{result['threads']} threads, load of the machine {result['load']:.1f}"
+    title = f"{title}{result['threads']} threads, load of the machine {result['load']:.1f}"
     table((*heads, *(f"{stage}, ms: p50 p95 (CPU)" for stage in stages)), rows, title=title)
 
 
@@ -89,7 +96,8 @@ def solver(
     Args:
         problems: File with one planning problem per line.
         assets: Folder of real objects, used as obstacles.  [default: the table is the only obstacle]
-        frames: Frame of translations: original rotates them by the object's yaw, object uses the hand frame.
+        frames: Frame of the config's translations after actuation. original uses the frame of GenSim2's solver, rotated
+            by the object's yaw. object uses the frame of the hand.
         threads: Number of solver threads.
         sample_dt: Also write the joint positions at this interval in seconds.
     """

@@ -80,7 +80,7 @@ def _show_one(result: dict[str, Any]) -> None:
 
 
 def interval_of(row: dict[str, Any], verdict: str) -> str:
-    """Return the 95 % confidence interval of a verdict in words."""
+    """Format the 95 % confidence interval of the success rate by ``verdict``, such as ``"(0.42 to 0.61)"``."""
     low, high = row[f"{verdict}_interval"]
     return f"({low:.2f} to {high:.2f})"
 

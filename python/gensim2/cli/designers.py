@@ -31,7 +31,7 @@ class Designing:
         max_rounds: Maximum number of answers to a request, and of rounds that improve configs after simulation.
             [default: 3]
         visual: Send pictures of the object and of the actuation pose to the model.
-        code: Also request each task as code, which is interpreted and never executed.
+        code: Also request each task as Python code. The command reads its syntax tree and never runs the code.
         review: Ask on the terminal whether to accept each proposed task.
         prompts: Folder with your prompts; files replace built-in prompts of the same name.
         replay: Use the answers of this run folder instead of a model.

@@ -223,12 +223,13 @@ def is_given(context: click.Context, name: str) -> bool:
 
 
 def _settle(context: click.Context, given: dict[str, Any]) -> None:
-    """Apply the options that change other options or the process.
+    """Set the defaults that depend on other options, and select the task library of ``--library``.
 
     Raises:
-        UsageError: ``--resume`` without ``--out``, since a new folder has nothing to resume.
+        UsageError: ``--resume`` is given without ``--out``; the new default folder contains no run to resume.
     """
-    if given.get("resume") and given.get("out", "") is None and "folder" not in given:  # `design` has a default
+    # The command `design` has an argument `folder`, and the default of its --out is a subfolder of this folder.
+    if given.get("resume") and given.get("out", "") is None and "folder" not in given:
         raise click.UsageError("--resume continues the run in --out; give --out, too")
     if given.get("ray") is not None and not is_given(context, "workers"):
         given["workers"] = None  # None means one worker for each CPU of the cluster
@@ -243,4 +244,5 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     if (library := given.pop("library", None)) is not None:
         from gensim2.tasks.library import using_library
 
-        context.with_resource(using_library(library))  # worker processes receive tasks as values
+        # Worker processes need no library, because jobs contain complete task definitions instead of task names.
+        context.with_resource(using_library(library))

@@ -114,10 +114,10 @@ def measure(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Measure an estimator.
+    """Measure the errors of an estimator.
 
-    The command compares the estimates of the estimator DIR with the true objects, on point clouds of single objects. An
-    object that is not found counts with the largest errors.
+    The command compares the estimates of the estimator DIR with the true objects, on point clouds of single objects. If
+    the estimator does not find the object in a cloud, fixed large errors count for this cloud.
 
     Args:
         out: Folder for worst.png, a picture of the ten clouds with the largest errors.  [default: no picture]

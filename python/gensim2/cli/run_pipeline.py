@@ -20,7 +20,13 @@ Several = Annotated[int | None, click.IntRange(0, 1000)]
 
 
 def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None, long: int | None) -> None:
-    """Refuse kinds of tasks that a language model does not propose in this mode, before they cost requests."""
+    """Reject a requested number of single-step or long tasks that a language model never proposes in this mode.
+
+    This check runs before the first request to the model, because requests cost money.
+
+    Raises:
+        InputError: the mode proposes no tasks of the requested kind.
+    """
     if designer in (None, OFFLINE) and asked["config"] is None and asked["replay"] is None:
         return
     mode = asked["mode"]
@@ -30,8 +36,8 @@ def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None
     kind, other = ("long", "topdown or bottomup") if explores else ("single", "explore")
     if {"single": single, "long": long}[kind]:
         steps = "one step" if explores else "several steps"
-        message = f"a model proposes tasks of {steps} in --mode {mode or 'explore'}"
-        raise InputError(message, field=f"--{kind}", remedy=f"give --mode {other}, in a run of its own")
+        message = f"the model proposes only tasks of {steps} in --mode {mode or 'explore'}"
+        raise InputError(message, field=f"--{kind}", remedy=f"start a separate run with --mode {other}")
 
 
 def show_tasks(result: dict[str, Any]) -> None:

@@ -12,10 +12,10 @@ from gensim2.core.errors import Stopped
 
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
-#: Packages that catch BaseException, also around imports, and would take Ctrl-C for a missing module.
+#: Packages that catch BaseException, for example around imports. They would treat Ctrl-C as a missing module.
 SWALLOWING = ("networkx", "trimesh")
 
-#: Seconds after which a signal that arrived inside one of these packages is raised again.
+#: Delay in seconds before a signal is handled again that arrived while a package of ``SWALLOWING`` was running.
 AGAIN = 0.05
 
 
@@ -61,7 +61,7 @@ def stopping_signals() -> Iterator[None]:
 
 
 def _swallowed(frame: FrameType | None) -> bool:
-    """Return whether an exception raised at a frame would be caught by one of these packages."""
+    """Return whether a package of ``SWALLOWING`` is on the call stack and would catch an exception raised here."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).partition(".")[0] in SWALLOWING:
             return True

@@ -40,7 +40,8 @@ class FolderLock:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             ForeignTree(folder).refuse_links_out()
-            if path.exists():  # a pipe would keep the reader of the process id waiting
+            # If the lock file is a named pipe, reading the process id from it below would block forever.
+            if path.exists():
                 refuse_special(path.stat())
             self._lock.acquire()
         except Timeout as error:
@@ -79,10 +80,10 @@ class FolderLock:
         self._lock.release()
 
     def _require_kept(self) -> None:
-        """Refuse to call a run finished whose folder was removed: later files alone do not make a whole folder.
+        """Check that the folder was not removed or replaced during the run, because its earlier files would be lost.
 
         Raises:
-            WriteError: the lock file is not the one that this process holds.
+            WriteError: the lock file is missing, or is not the file that this process has locked.
         """
         try:
             is_kept = os.path.samestat(self._path.stat(), self._status)

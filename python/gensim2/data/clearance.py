@@ -97,7 +97,14 @@ class ClearanceMeter:
         return found
 
     def _nearest(self, q: Array, bodies: Mapping[str, _Body], held: _Body | None, instants: Indices) -> Clearance:
-        """Return the smallest clearance over the given instants, at all of which ``held`` is grasped, if not None."""
+        """Return the smallest clearance at the given instants.
+
+        Args:
+            q: (T, n) joint positions.
+            bodies: obstacles by name, with T poses each.
+            held: object that the hand grasps at all of the instants; None: no object.
+            instants: indices from 0 to T - 1.
+        """
         least = Clearance(FARTHEST, None)
         if not len(instants):
             return least

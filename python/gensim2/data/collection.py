@@ -25,7 +25,7 @@ class CollectionResult:
     Attributes:
         folder: folder of the data set.
         status: final status.
-        skipped: for each task that these objects cannot run, the reason.
+        skipped: tasks that were skipped because no available object suits them: the reason by task name.
         cpu_s: CPU time of all worker processes in this call, s, excluding their start.
     """
 

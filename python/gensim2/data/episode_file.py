@@ -166,7 +166,8 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    for name, value in sorted(tree.items()):  # HDF5's order keeps a rewritten file identical
+    # HDF5 lists names alphabetically. Writing in this order makes a file that is read and written again identical.
+    for name, value in sorted(tree.items()):
         if isinstance(value, dict):
             _write_tree(group.create_group(name), value)
         else:

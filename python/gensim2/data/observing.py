@@ -46,9 +46,10 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
 
 
 def segmentation_ids(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> dict[str, list[str]]:
-    """Return the owner (an object's name, the robot or ``table``) and the link that each segmentation id stands for.
+    """Return the meaning of each segmentation id: its owner (object name, robot or ``table``) and its link.
 
-    The ids are strings, as keys in JSON. The result is empty if the spec casts no rays.
+    The ids are strings, because JSON keys must be strings. The result is empty if the observation spec contains no
+    point cloud, depth image or segmentation image.
 
     Raises:
         InputError: an object's files cannot be used.

@@ -144,7 +144,8 @@ class Queue:
             if any(task.status.held for task in self._tasks):
                 card(self._folder.path)
         except BaseException:
-            with contextlib.suppress(InputError):  # if the disk is full, raise the original error instead
+            # If this report cannot be written (full disk), ignore the new error and raise the original one.
+            with contextlib.suppress(InputError):
                 self._report()
             raise
         self._report()

@@ -51,7 +51,8 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
         if not values.size:
             raise refuse(name, "is empty")
         if name.startswith("env_states") and values.shape[1] < ROOT:
-            raise refuse(name, f"has {values.shape[1]} numbers a step, less than a pose and its velocities ({ROOT})")
+            wrong = f"has {values.shape[1]} numbers for each step; a pose and its velocities need {ROOT}"
+            raise refuse(name, wrong)
         if episode.held and values.dtype.kind == "f" and not np.isfinite(values).all():
             step = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
             raise refuse(name, f"contains a number that is not finite at step {step}")

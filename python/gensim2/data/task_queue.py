@@ -96,7 +96,10 @@ class TaskQueue:
 
     @property
     def needed(self) -> int | None:
-        """Number of episodes, counted from index 0, that fill the quota; None while some of them are unfinished."""
+        """Number of episodes that the task needs to fill its quota.
+
+        Episodes count in the order of their indices. None while an episode is unfinished on which the number depends.
+        """
         if self.quota.held is None:
             return self.quota.limit if self.tried == self.quota.limit else None
         held = 0

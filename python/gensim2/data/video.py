@@ -129,7 +129,8 @@ class Replay:
         if found is None:
             raise InputError(f"there is no episode {episode}", file=path, field="episodes")
         reset = found.reset_kwargs
-        if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's own options can set any state
+        # Reject other options in untrusted files: ManiSkill has reset options that set any state.
+        if unknown := reset.options.keys() - RESET_OPTIONS:
             raise InputError(f"has the unknown option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
         try:
@@ -272,7 +273,8 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
 
 def _drawn(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     """Draw the recorded states with the ray caster."""
-    from gensim2.data.close_up import CloseUp  # brings the ray caster
+    # Import late: this module imports the ray caster, which other videos do not need.
+    from gensim2.data.close_up import CloseUp
     from gensim2.data.observing import objects_of
     from gensim2.perception.raycast.kinematics import state_at
     from gensim2.perception.raycast.state_drawing import VIDEO_HEIGHT, StateDrawing

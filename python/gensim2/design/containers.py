@@ -26,7 +26,7 @@ from gensim2.objects.words import belongs, camel_case
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, DistanceArticulatedRigid
 from gensim2.tasks.spec import ObjectSpec, Place, Randomization
 
-#: Ways to put an object away: name, sentence, and whether the container is opened first.
+#: Variants of putting an object away: task name, instruction, and whether the task opens the container first.
 _TIDYING = {
     "stow": ("Stow{thing}In{box}", "open the {box}, put the {thing} in and close it again", True),
     "put": ("Put{thing}In{box}", "open the {box} and put the {thing} in", True),
@@ -43,7 +43,12 @@ LARGE = 0.34
 
 
 def tidied(brief: Brief, how: str) -> Iterator[Draft]:
-    """Draft tasks that put an object into a container and also, as ``how`` says, first open or finally close it."""
+    """Draft tasks that put an object into a container.
+
+    Args:
+        brief: classes and tasks that the drafts may use.
+        how: key of ``_TIDYING``, which determines whether the task first opens the container and closes it at the end.
+    """
     # Start with a different object for each value of ``how``, so that the drafts use more objects.
     turn = list(_TIDYING).index(how)
     queues = []

@@ -59,9 +59,9 @@ class DesignRecord(Record):
     @model_validator(mode="after")
     def _says_why_nothing_was_chosen(self) -> Self:
         if (self.steps is None) != (self.chosen is None):
-            raise ValueError("chosen and steps contradict each other")
+            raise ValueError("the fields 'chosen' and 'steps' must either both be null or both have a value")
         if self.steps is None and not self.notes:
-            raise ValueError("no candidate was chosen, and notes do not give the reason")
+            raise ValueError("no candidate was chosen, but the field 'notes', which must give the reason, is empty")
         return self
 
 

@@ -74,8 +74,10 @@ ALIKE = 3
 #: Number of control steps by which each step of a long task extends the task's time limit.
 STEPS_EACH = 300
 
-#: Start positions (x, y) in the world, m, of a rigid object beside its destination, and their randomization.
+#: Start positions (x, y) in the world, m, of a rigid object: right and left of its destination, as seen from the robot.
 BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
+
+#: Random offsets in m that are added to start positions. The smaller offsets are for tasks with several rigid objects.
 ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
 CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
 

@@ -150,10 +150,12 @@ def verify(
     return verification
 
 
-#: The run ends after searches for this many proposals per requested task, even if too few tasks were kept.
+#: Maximum number of proposals for which strategies are searched, per requested task. The run then ends, even if it has
+#: kept too few tasks.
 PROPOSALS_PER_TASK = 3
 
-#: The run ends after this many consecutive proposals of a kind of which no more tasks are needed.
+#: The run ends after this many consecutive proposals that it does not need, because it has enough tasks of this kind
+#: (single-step or long).
 MAX_UNWANTED = 300
 
 #: CPU seconds between rewrites of the report, whose cost grows with the number of tasks.
@@ -364,7 +366,8 @@ class PipelineRun:
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
         """Return the strategies found by the search, now or in an earlier call, or the reason why it found none."""
         for thing in task.objects.values():
-            _ = self._classes[thing.asset_class]  # loading the class adds its notes, which belong to the result
+            # Loading a class appends warnings about its objects to ``self._classes.notes``, which the report shows.
+            _ = self._classes[thing.asset_class]
         self.folder.save()
         record = read_design(folder.path)
         if record is None:

@@ -46,7 +46,8 @@ def _directions() -> list[Direction]:
 DIRECTIONS = tuple(_directions())
 
 
-#: Contacts that often work for sliding parts: direction, gripper, roll, behind, inset, motion, tolerance.
+#: Contacts that often work for sliding parts: name of the approach direction, gripper, roll, behind (m), inset (m),
+#: motion, tolerance. The fields are explained at :class:`Manipulation`.
 LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, Motion, float], ...] = (
     ("straight down", "grasp", "z", 0.0, 0.0, "follow_joint_to", 0.15),
     ("straight down", "closed", None, 0.0, 0.0, "trace_joint_to", 0.05),
@@ -161,7 +162,10 @@ def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> 
 
 
 def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Yield grasps with a roll fixed by each axis of the joint frame; with a free roll fingers miss thin parts."""
+    """Yield grasps whose roll about the approach direction is fixed by one axis of the joint frame.
+
+    If the solver chose the roll freely, the fingers would often close beside thin parts.
+    """
     axes: Sequence[Axis] = ("x", "y", "z")
     for roll, inset in itertools.product(axes, (0.0, 0.015)):
         if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:

@@ -28,7 +28,7 @@ OPENNESS_SPREAD = 0.15
 #: Mean and maximum deviation of the initial openness: of a closed object, and of an open object.
 SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 
-#: Height in metres by which an object must be lifted: half the height of a grasp's lift.
+#: Height in metres by which an object must rise for success. The default grasp lifts it twice as high.
 LIFT = 0.06
 
 #: Maximum number of tasks that differ only in the rigid object, and the usefulness of these tasks.
@@ -106,7 +106,11 @@ def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
 
 
 def goals(thing: Affordance) -> list[Goal]:
-    """Return the goals that people ask for and that are unmet at the start; a hanging part closes by itself."""
+    """Return the joint goals that make sense for a class as tasks.
+
+    People must commonly ask for the goal. For a part that slides vertically, closing and half-way goals are included
+    only if the part starts open, because such a part falls shut by itself.
+    """
     hangs = thing.joint_type == "prismatic" and thing.joint_axis == "vertical"
     return [
         goal

@@ -174,7 +174,11 @@ def remember(run: Path, memory: Memory | None = None) -> Remembered:
         return Remembered(None, (), {})
     path = run / RUN_JSON
     if not path.is_file():
-        raise InputError("contains no run", file=run, remedy="give the folder of a run-pipeline, or of a task.yaml")
+        raise InputError(
+            "contains no run",
+            file=run,
+            remedy="give the output folder of gensim2 run-pipeline, or a folder that contains task.yaml",
+        )
     record = read_record(path, RunRecord, "restore the file")
     added, left_out = [], {}
     for folder in sorted((run / "tasks").glob("*/")):

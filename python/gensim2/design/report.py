@@ -116,7 +116,10 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
 
 
 def _films(folder: Path, verification: Verification | None) -> list[tuple[str, str]]:
-    """Return the videos of a task, except of the first demonstration: path in the run folder, and caption."""
+    """Return the path (in the run folder) and the caption of each video of a task.
+
+    The video of the first demonstration is omitted, because the report shows it separately.
+    """
     found = []
     for path in sorted(folder.glob("*_*.mp4")):
         word, _, number = path.stem.partition("_")

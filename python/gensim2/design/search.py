@@ -1,10 +1,11 @@
 """Search for strategies that work: screen by planning, select by successive halving in simulation, refine the best.
 
 Planning is cheap, so every candidate is planned on a few scenes first. Candidates with a plan are simulated for a few
-episodes each; the better half gets more episodes, and so on. If the best candidate succeeds nearly always, only this
-candidate gets more episodes, and enough of them end the search. Otherwise candidates whose success rates do not
-differ significantly get more episodes until one leads or all count as equal. The designer then varies the best
-candidates, and the variants are compared again, until no candidate is promising or the budget is spent.
+episodes each, then the better half for more episodes, and so on. If the best candidate succeeds nearly always, only
+this candidate is simulated further. The search ends once it has succeeded in enough episodes. Otherwise all candidates
+whose success rates do not differ significantly are simulated further, until one candidate leads or all count as equal.
+The designer then varies the best candidates, and the variants are compared again, until no candidate is promising or
+the budget is spent.
 
 Candidates are ranked by success rate. If the rates of the leaders do not differ significantly, the `strict` rate
 decides.

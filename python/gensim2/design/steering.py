@@ -75,12 +75,12 @@ _CAUSES: dict[str, Cause] = {cause.value: cause for cause in Cause}
 
 @dataclass(frozen=True)
 class Evidence:
-    """Trials of an alignment that tell whether it meets one of the three conditions.
+    """Trials of an alignment that show whether the alignment meets one of the three conditions.
 
     Attributes:
         question: the condition: ``reach``, ``follow`` or ``effect``.
-        parts: parts of the alignment (such as keypoint or direction) that caused the result; it counts for alignments
-            similar in them.
+        parts: parts of the alignment (such as keypoint or direction) that caused the result. The result also counts for
+            other alignments whose parts of these kinds are similar.
         yes: fraction of trials that met the condition.
         trials: number of trials.
     """
@@ -166,7 +166,15 @@ def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
 
 
 def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evidence]:
-    """Yield evidence of met conditions; a trial that tests one condition has met the conditions before it."""
+    """Yield evidence of the conditions that trials have met.
+
+    The conditions are tested in the order ``reach``, ``follow``, ``effect``. A trial that fails one condition has
+    therefore met the conditions before it.
+
+    Args:
+        stage: results of the trials.
+        no: fraction of trials that failed each condition.
+    """
     reached = 1.0 - no["reach"]
     followed = reached - no["follow"]
     worked = followed - no["effect"]

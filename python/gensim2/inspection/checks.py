@@ -93,7 +93,10 @@ def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
 
 
 def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Return findings about overlaps of both links, outside the hinge, of their meshes or only of their hulls."""
+    """Return findings about overlaps between the two links of an object.
+
+    The region around the hinge is not examined. A finding states whether the meshes overlap or only the convex hulls.
+    """
     overlap = links_overlap(instance, OVERLAP / 1000)
     found = []
     if 1000 * overlap.meshes > OVERLAP:

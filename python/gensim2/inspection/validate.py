@@ -31,7 +31,7 @@ BUDGET: kpam.Options = {
     "candidates": 4,
     "samples": 50,
     "extra_seeds": 0,
-}  # few iterations suffice, because every motion is short or impossible
+}  # the solver needs few candidates and samples here, because every tested motion is either short or impossible
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
@@ -216,7 +216,10 @@ def family(check: str) -> str:
 
 
 def physical_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Simulate an object: check its hulls, drift at rest, and motion over the joint range under 1.5 times its load.
+    """Check an object in simulation: its hulls, its drift at rest, and its motion over the joint range.
+
+    The joint is driven by 1.5 times the force or torque that its gravity and friction require.
+
 
     Raises:
         MissingExtraError: SAPIEN is not installed.

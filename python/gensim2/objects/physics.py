@@ -91,8 +91,9 @@ class Inertial:
 def hull_moments(points: Array) -> tuple[float, Array, Array]:
     """Return volume, centroid (3,) and second moments (3, 3) about the origin of the hull of (N, 3) points.
 
-    The moments are summed over tetrahedra from an inner point; the canonical second moment of a tetrahedron is (1 + δ)
-    / 120 det.
+    The hull is divided into tetrahedra with a common corner inside the hull, and the moments of the tetrahedra are
+    added. The unit tetrahedron has the second moments 1/60 on the diagonal and 1/120 elsewhere; the edges of a
+    tetrahedron map the unit tetrahedron to it.
     """
     hull = convex_hull(points)
     a = points[hull.vertices].mean(axis=0)

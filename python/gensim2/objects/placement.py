@@ -20,13 +20,13 @@ class PlacementRegion:
     """Region in front of a robot for placing objects; values are horizontal distances in metres unless noted.
 
     Attributes:
-        base_x: x in the world of the reference point under the arm's base; y of this point is 0.
+        base_x: world x of the reference point, which lies under the arm's base. Its world y is 0.
         comfortable: desired distance from the reference point to the contact keypoint, averaged over the joint's range.
-        farthest: maximum distance of the contact keypoint over the joint's range; takes precedence over clearance from
-            the hand.
+        farthest: maximum distance from the reference point to the contact keypoint over the joint's range; takes
+            precedence over the clearance from the hand.
         sideways: maximum lateral offset of the contact keypoint.
-        nearest_x: minimum x in the world of a low object.
-        hand_at_rest: x and y in the world of the hand at the start of an episode.
+        nearest_x: minimum world x of a low object.
+        hand_at_rest: world x and y of the hand at the start of an episode.
         hand_low_point: height above the table below which an object passes under the hand at rest.
         hand_clearance: distance that tall objects keep in front of the hand at rest: thickness of the hand plus
             randomization.

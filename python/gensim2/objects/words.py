@@ -20,7 +20,8 @@ Goal = Literal["articulated_open", "articulated_closed", "half_open", "half_clos
 UNKNOWN = 0.6
 """Usefulness of a task that no table lists, between common tasks (1) and rare tasks (0.1)."""
 
-#: Suffixes of class names that describe the object's motion, with a verb and a name for both ends.
+#: Task names and instructions for moving a joint to its upper and to its lower limit, by the suffix of the class name.
+#: ``{}`` stands for the object.
 MOTIONS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "cap": (("Unscrew{}Cap", "unscrew the cap of the {}"), ("Tighten{}Cap", "tighten the cap of the {}")),
     "lift": (("Lift{}", "lift the {}"), ("Lower{}", "set the {} down")),
@@ -59,8 +60,9 @@ class Purpose:
     Attributes:
         say: sentence with ``{}`` in place of the actions, such as ``"{} to tidy the desk"``.
         goals: joint goals that serve the purpose, each a class and the end (limit) to which its joint is moved.
-        errands: a joint goal, combined with an action that puts one object on or into another: support class, then
-            class of the moved object.
+        errands: pairs of a joint goal and an action that puts an object on or into another object. The joint goal has
+            the same form as in ``goals``. The action has the class of the supporting object and the class of the moved
+            object.
     """
 
     say: str

@@ -23,7 +23,12 @@ MIN_FOCAL, MAX_INTRINSIC = 0.1, 1e6
 
 
 def pinhole(width: int, height: int, fov: float) -> Array:
-    """Return the intrinsic matrix (3, 3), pixels, of a vertical field of view (rad) with a centred optical axis."""
+    """Return the intrinsic matrix (3, 3) of a pinhole camera whose optical axis meets the image centre.
+
+    Args:
+        width, height: image size, pixels.
+        fov: vertical field of view, rad.
+    """
     focal = 0.5 * height / np.tan(0.5 * fov)
     return np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
 
@@ -67,7 +72,7 @@ class Camera:
         if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
             raise self._refusal("must be a (4, 4) pose whose last row is 0, 0, 0, 1", "T_base_camera")
         turn = T[:3, :3]
-        small = np.abs(turn).max() <= 2.0  # products of other numbers could overflow
+        small = np.abs(turn).max() <= 2.0  # larger entries could overflow in the product below
         if not small or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
             raise self._refusal("must be a rotation without scaling or mirroring", "T_base_camera")
         if np.abs(T[:3, 3]).max() > MAX_DISTANCE:
@@ -170,12 +175,14 @@ def require_cameras(names: tuple[str, ...], profile: RobotProfile) -> None:
     for name in own:
         if name in PLACES:
             raise InputError(
-                f"{name!r} is the name of a fixed camera", field=f"{profile.name}.cameras", remedy="rename it"
+                f"a camera of the robot must not have the name {name!r}, which is reserved for a fixed camera",
+                field=f"{profile.name}.cameras",
+                remedy="rename the robot's camera",
             )
     for name in names:
         if name not in PLACES and name not in own:
             known = ", ".join([*PLACES, *own])
-            raise InputError(f"{profile.name} has no camera {name!r}", field="cameras", remedy=f"some of {known}")
+            raise InputError(f"{profile.name} has no camera {name!r}", field="cameras", remedy=f"choose from {known}")
 
 
 class View(Protocol):
@@ -199,7 +206,7 @@ class View(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A measured image, of a real camera or with added noise; implements :class:`View`."""
+    """Depth image from a real camera, or a simulated image with added noise. Implements :class:`View`."""
 
     camera: Camera
     depth: npt.NDArray[np.float32]

@@ -87,7 +87,7 @@ class RobotSegments:
 
 
 def candidates_for(points: int) -> int:
-    """Return the default number of candidates: four per point, at least 4,096; 0 (all pixels) above the limit."""
+    """Return the default of ``candidates``: four per point, at least 4,096; 0 (all pixels) above ``MAX_POINTS``."""
     wanted = max(4 * points, 4096)
     return wanted if wanted <= MAX_POINTS else 0
 
@@ -130,7 +130,7 @@ class CloudSettings:
         _check_count(self.candidates, "candidates", 0)
         _check_count(self.neighbors, "neighbors", 1)
         if 0 < self.candidates < self.points:
-            raise InputError(f"must be 0 or at least the setting points, {self.points}", field="candidates")
+            raise InputError(f"must be 0, or at least the number of points, {self.points}", field="candidates")
         if self.robot not in ROBOT_PARTS:
             raise InputError(f"must be one of {', '.join(ROBOT_PARTS)}, got {reprlib.repr(self.robot)}", field="robot")
         low, high = (np.asarray(corner, dtype=np.float64) for corner in (self.low, self.high))

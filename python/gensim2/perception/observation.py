@@ -50,13 +50,16 @@ Row = npt.NDArray[np.float32]
 
 
 class Proprioception(Mapping[str, Row]):
-    """Proprioception of one instant: ``state``, ``velocity``, ``tool_pose`` and ``gripper``.
+    """Proprioception at one instant: ``state``, ``velocity``, ``tool_pose`` and ``gripper``.
 
-    ``tool_pose`` and ``gripper`` are computed on first access, because few controllers need them in every step and the
-        tool pose takes a tenth of a control step. The object is pickled as a dict.
+    ``tool_pose`` and ``gripper`` are computed on first access, because few controllers need them in every step, and the
+    forward kinematics of the tool pose takes a tenth of a control step. Pickling converts the object to a dict, so
+    other processes do not need the robot's profile.
 
     Args:
-        positions, velocities: (n,) positions and velocities of all active joints, rad or m, and per second.
+        profile: profile of the robot.
+        positions: (n,) positions of all active joints, rad or m.
+        velocities: (n,) velocities of all active joints, rad/s or m/s.
         command: last gripper command, -1 to 1.
     """
 
@@ -142,7 +145,7 @@ class ObservationSpec:
                 beside = " or names of the robot's own" if name == "cameras" else ""
                 said = ", ".join(map(str, given)) or "nothing"
                 raise InputError(
-                    f"must be some of {', '.join(known)}{beside}, without repetition, not {said}", field=name
+                    f"must be a list of {', '.join(known)}{beside}, without duplicates; got {said}", field=name
                 )
             # Normalize the order of names, so that equal specs compare equal.
             object.__setattr__(self, name, tuple(word for word in known if word in given))

@@ -45,9 +45,9 @@ class Acts:
     Attributes:
         fingers: finger mode of the strategy, such as "grasp" or "release".
         command: gripper command at the start of the step, -1 to 1.
-        opening: command with which the hand arrives at a grasp, -1 to 1.
-        grip: command to which the fingers close, -1 to 1.
-        gently: whether the fingers close at ``CLOSING_SPEED``, so that they do not push a movable object away.
+        opening: gripper command while the hand approaches a grasp, -1 to 1.
+        grip: gripper command at the end of closing, -1 to 1.
+        gently: whether the fingers close slowly, at ``CLOSING_SPEED``, so that they do not push a movable object away.
         before: whether the arm waits at the start until the fingers have reached ``command``.
         lets_go: whether the hand opens and retreats at the end.
     """

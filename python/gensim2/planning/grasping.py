@@ -22,8 +22,10 @@ STRIDE = 0.06
 #: strategies.
 COMPARED = 6
 
-#: Motions that pull an object out from under an obstacle, and the number of grasps for which they are tried.
+#: Motions that pull an object out from under an obstacle before the lift.
 ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
+
+#: Number of grasps for which the motions of ``ASIDE`` are tried.
 DRAWN_OUT = 8
 
 #: Two hand poses count as the same grasp if their distance (m) and rotation angle (rad) are below these limits.
@@ -48,12 +50,12 @@ def grasps_of(
     strategy: GraspStrategy,
     lost: Sequence[Array] = (),
 ) -> list[kpam.Grasp]:
-    """Return the grasps of a rigid object among the other objects, best first, within the allowed tilt.
+    """Return collision-free grasps of a rigid object within the allowed tilt, best first.
 
-    The search ranks grasps with the friction of the strategy, not with the lower friction of a slippery scene, which
-    would overrate small misalignments of the pads. Grasps that the scene's friction cannot hold come last. In a
-    slippery scene, grasps near the object's centre of mass come first, because a carried object creeps about the line
-    between the pads.
+    The search ranks grasps by the strategy's friction. In a slippery scene the friction is lower, but ranking by the
+    lower friction would give too much weight to small misalignments of the pads. Instead, grasps that would slip with
+    the scene's friction come last, and among the others grasps near the object's centre of mass come first. The reason
+    is that a carried object slowly rotates about the line between the pads.
 
     Args:
         world: ``scene`` in the solver's form.

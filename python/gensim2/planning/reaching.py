@@ -77,5 +77,9 @@ def reach(
 
 
 def _extent(plan: kpam.Plan) -> float:
-    """Return a plan's progress: 0 without a trajectory, else 1 plus the fraction of the motion after actuation."""
+    """Return how far a plan gets, to compare partial plans.
+
+    0: the plan has no trajectory. Otherwise 1 plus the fraction, from 0 to 1, of the motions after actuation that the
+    plan completes.
+    """
     return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

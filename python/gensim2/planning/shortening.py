@@ -7,7 +7,8 @@ from typing import Any
 
 import gensim2_kpam as kpam
 
-#: The last motion of a shortened config ends before the end of the partial plan, by this fraction of that motion.
+#: Safety margin: the last motion of a shortened config ends earlier than the partial plan, by this fraction of the
+#: complete motion.
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")

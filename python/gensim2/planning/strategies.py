@@ -29,9 +29,10 @@ class KeypointStrategy:
     another object.
 
     Attributes:
-        config: plain data. Besides the solver's fields it may have ``contact_speed``, the maximum speed (m/s) of the
-            contact point from the actuation on; ``opening``, the distance between the pads (m) on the way to a grasp;
-            and ``makes_room``, another object, which is moved out of the way instead of doing the step.
+        config: plain data: the solver's fields, and these optional fields of the planner. ``contact_speed``: maximum
+            speed (m/s) of the contact point after the hand has reached the actuation pose. ``opening``: distance
+            between the pads (m) while the hand approaches a grasp. ``makes_room``: name of an obstacle. A strategy
+            with this field does not do the step; it moves the obstacle out of the way.
     """
 
     config: Mapping[str, Any]

@@ -116,10 +116,10 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
         if found is None:
             said = "is missing"
         elif not np.issubdtype(found.dtype, kind):
-            said = f"holds {found.dtype}, not {np.dtype(kind).name}"
+            said = f"has the type {found.dtype}, not {np.dtype(kind).name}"
         elif not fits(found.shape, wanted):
             said = f"has the shape {found.shape}, not {shown_shape(wanted)}"
         else:
             rows = found.shape[0] if shape else rows
             continue
-        raise InputError(f"is damaged: {name} {said}", file=path, remedy=_REMEDY)
+        raise InputError(f"is damaged: the array {name!r} {said}", file=path, remedy=_REMEDY)

@@ -1,4 +1,8 @@
-"""Augment batches: point jitter, point dropout, colour shift, yaw, and noise on the arm's joints."""
+"""Augment training batches.
+
+The augmentations are point jitter, point dropout, a colour shift, a random rotation of the whole scene about the
+vertical axis of the robot's base (yaw), and noise on the arm's joints.
+"""
 
 from __future__ import annotations
 

@@ -79,9 +79,9 @@ class PolicyConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.width % self.attention or self.width % 2:
-            raise InputError(f"must be even and a multiple of attention, {self.attention}", field="width")
+            raise InputError(f"must be even and a multiple of the setting 'attention', {self.attention}", field="width")
         if self.execute > self.horizon:
-            raise InputError(f"must be at most horizon, {self.horizon}", field="execute")
+            raise InputError(f"must be at most the setting 'horizon', {self.horizon}", field="execute")
         if self.denoise_steps > self.noise_levels:
             raise InputError(f"must be at most noise_levels, {self.noise_levels}", field="denoise_steps")
         if self.keyframes and self.head == "keypose":

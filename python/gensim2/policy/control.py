@@ -53,7 +53,9 @@ class Shuffled:
         require_shapes(arrays, {"points": (np.float32, shape), "colours": (np.uint8, shape)}, path)
         points, colours = arrays["points"], arrays["colours"]
         if points.shape != colours.shape or not points.size:
-            raise InputError("is damaged: has no clouds", file=path, remedy=remedy)
+            raise InputError(
+                "is damaged: it contains no point clouds, or not one colour for each point", file=path, remedy=remedy
+            )
         return Shuffled(points, colours)
 
     def save(self, folder: Path) -> None:

@@ -48,7 +48,7 @@ def read_controls(given: str | Sequence[str]) -> tuple[Control, ...]:
         given = given.split(",")
     for name in given:
         if name not in CONTROLS:
-            raise InputError(f"no control {name!r}", field="controls", remedy=f"some of {', '.join(CONTROLS)}")
+            raise InputError(f"no control {name!r}", field="controls", remedy=f"choose from {', '.join(CONTROLS)}")
     return tuple(name for name in CONTROLS if name in given)
 
 

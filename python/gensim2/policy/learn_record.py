@@ -69,7 +69,10 @@ class LearnRecord(RunSettings):
     episodes: dict[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the fields that differ between two records. The folder of the same starting policy may differ."""
+        """Yield the fields that differ between two records.
+
+        The starting policies are compared by their content (SHA-256), so the folder of a starting policy may be moved.
+        """
         yield from super().differences(now)
         was, given = ((each.start or (None, None))[1] for each in (self, now))
         yield from differing("start", was, given)
@@ -113,7 +116,9 @@ class LearnFolder(ResumableFolder[LearnRecord]):
         out = self.path
         folders = (out, *(out / name for name in settings.tasks))
         if not (out / LEARN_JSON).exists() and any(map(holds_training, folders)):
-            raise InputError("has a policy of another command", file=out, remedy="choose another --out")
+            raise InputError(
+                "contains a policy that another command has trained", file=out, remedy="choose another --out"
+            )
         return super()._opened(settings)
 
 
@@ -160,7 +165,8 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     record.data_cpu_s[key] = there.data_cpu_s.get(key, 0.0)
     if key in there.episodes:
         record.episodes[key] = there.episodes[key]
-    write_json(out / LEARN_JSON, record.model_dump(mode="json"))  # before the copy, which can be repeated
+    # Save the CPU time before the demonstrations are copied. If the run is killed during the copy, it is repeated.
+    write_json(out / LEARN_JSON, record.model_dump(mode="json"))
     seen_alike = there.observation == record.observation
     leave_out = None if seen_alike else OBSERVATIONS
     with new_folder(folder / DATA) as made:

@@ -28,7 +28,7 @@ def unseen_instances(given: Sequence[TaskInput]) -> str:
     raise InputError(
         "a class has neither a test split nor objects that training does not use",
         field="test_instances",
-        remedy="choose with --test-instances all|ID",
+        remedy="select the evaluation objects with --test-instances all, or with the id of an object",
     )
 
 

@@ -74,8 +74,9 @@ class Replicas:
                 self._receive(number)
         except BaseException as error:
             self._end()
-            if isinstance(error, RuntimeError) and "shared memory" in str(error):  # torch has no type of its own for it
-                remedy = "make room in /dev/shm, or train on one device"
+            # PyTorch has no exception type for a lack of shared memory, so the message is searched.
+            if isinstance(error, RuntimeError) and "shared memory" in str(error):
+                remedy = "free memory in /dev/shm, or train on one device"
                 raise InputError("the machine has too little shared memory", field="device", remedy=remedy) from error
             raise
 
@@ -84,7 +85,8 @@ class Replicas:
         if self._replicas:
             _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
-            with contextlib.suppress(BrokenPipeError):  # the caller that waits for the gradients reads the reason
+            # If a replica has died, ``mean_with`` raises the error with the reason.
+            with contextlib.suppress(BrokenPipeError):
                 pipe.send(step)
 
     def mean_with(self, loss: float) -> float:

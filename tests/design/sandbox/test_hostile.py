@@ -60,7 +60,11 @@ PROGRAMS: dict[str, tuple[str, str, int]] = {
     "by an index": (HEAD + "        x = [1][0]\n", "an index", LINE),
     "by an assignment in an expression": (HEAD + "        self.step(a := 'x', self.thing)\n", "inside an expr", LINE),
     "by arguments in a dict": (HEAD + "        self.step(**{'name': 'x'})\n", "** in a call", LINE),
-    "by a type as a value": (HEAD + "        self.step('a', Object)\n", "a task holds no value of type type", 0),
+    "by a type as a value": (
+        HEAD + "        self.step('a', Object)\n",
+        "a task cannot contain a value of type type",
+        0,
+    ),
     "by a method as a value": (HEAD + "        self.step('a', self.step)\n", "no value of type method", 0),
     # Time and memory
     "endless loop": ("while True: pass", "a while", 1),

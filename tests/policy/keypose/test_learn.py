@@ -76,10 +76,10 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     for sentence, said in (("Close the box.", "did you mean close the box"), ("close the box", "takes no instruction")):
         assert run([*told_otherwise, json.dumps({"says": {sentence: "close the box"}})]) == 2
         assert said in capfd.readouterr().err
-    # A policy of another command is not overwritten.
+    # A policy that another command has trained is not overwritten.
     (out / "learn.json").unlink()
     assert run(words) == 2
-    assert "has a policy of another command" in capfd.readouterr().err
+    assert "contains a policy that another command has trained" in capfd.readouterr().err
 
 
 def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
@@ -286,7 +286,7 @@ def test_what_cannot_be_done_is_said_before_anything_is_planned(
         (["--objects", "5", "--instances", "train"], "cannot be given together with instances"),
         (["--policy", "chunk", "--verify"], "applies only to keypose policies"),
         (["--policy", "chunk", "--generated", "5"], "generated: applies only to keypose policies"),
-        (["--generated", "5"], "generated: applies only if the tasks use the objects of a folder"),
+        (["--generated", "5"], "generated: adds generated objects to a folder's objects"),
         (["OpenBox", "--text", "clip"], "applies to multi-task policies only"),
         (["OpenBox", "--multi-task", "--text-model", "one"], "applies to pretrained encoders only"),
         (["OpenBox", "--multi-task", "--text", "sentence", "--text-model", str(tmp_path)], "it has no config.json"),

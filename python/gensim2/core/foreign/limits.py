@@ -8,8 +8,8 @@ from __future__ import annotations
 
 MIB = 2**20
 
-# Folders of objects: URDF, Wavefront OBJ, info.json.
-MAX_OBJECT_FILES = 20_000
+# Limits for the folder of one object, which contains URDF, Wavefront OBJ and info.json files.
+MAX_OBJECT_FILES = 20_000  # maximum number of files in the folder
 MAX_OBJECT = 512 * MIB  # maximum total size of an object's files, bytes
 MAX_OBJECT_JSON = MIB  # maximum size of one file, bytes
 MAX_OBJ, MAX_MATERIALS = 32 * MIB, 4 * MIB  # maximum size of one file, bytes
@@ -22,8 +22,8 @@ LONGEST_LINK_NAME = 100
 MAX_KEYPOINTS = 256
 LONGEST_TEXT = 2_000
 
-# Logs of a robot: MCAP files.
-MAX_MESSAGE = 64 * MIB
+# Limits for robot logs, which are MCAP files.
+MAX_MESSAGE = 64 * MIB  # maximum size of a message, bytes
 MAX_HEAD = MIB  # maximum size of a message's header, bytes
 MAX_CHUNK = MAX_MESSAGE + 2 * MIB  # maximum size of a chunk, compressed or not, bytes: the largest message and a margin
 MAX_CHANNELS = 100

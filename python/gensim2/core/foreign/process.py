@@ -174,14 +174,16 @@ def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
     process.join(timeout=5)
     code = process.exitcode
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
-        return InputError(f"takes longer than {bounds.cpu_s} s of CPU to read, or was ended", file=source)
+        return InputError(
+            f"needs more than {bounds.cpu_s} s of CPU time to be read, or the reading process was killed", file=source
+        )
     if code == -signal.SIGABRT:
         return _too_large(source, bounds)
     if code is None or code >= 0:  # a negative code is the number of the signal that ended the process
         guard = 'a script must import below `if __name__ == "__main__":`'
         return WorkerStartError(f"the process that reads {source} could not be started (exit code {code}; {guard})")
     fate = signal.Signals(-code).name
-    return InputError(f"is damaged so that the library that reads it died ({fate})", file=source)
+    return InputError(f"is damaged: the library that reads it crashed ({fate})", file=source)
 
 
 def _too_large(source: Path, bounds: Bounds) -> InputError:

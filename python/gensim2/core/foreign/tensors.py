@@ -89,7 +89,7 @@ def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[No
             shape = Shape.of(tensor)
             left[shape] -= 1
             if left[shape] < 0:
-                raise InputError(f"{MISMATCH}: it has another {name}, {shape}", file=path, remedy=remedy)
+                raise InputError(f"{MISMATCH}: the file has no {name} with {shape}", file=path, remedy=remedy)
 
     with contextlib.ExitStack() as hooks:
         hooks.callback(module.register_module_parameter_registration_hook(take).remove)

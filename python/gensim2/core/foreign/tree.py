@@ -104,7 +104,12 @@ def refuse_special(found: os.stat_result) -> None:
 
 
 class Reference(NamedTuple):
-    """Place that names a file: another file in the folder, and the field in that file."""
+    """The place where a file name occurs, for error messages.
+
+    Attributes:
+        file: file that mentions the file name, relative to the folder.
+        field: field of this file that contains the file name.
+    """
 
     file: str
     field: str
@@ -125,7 +130,7 @@ class ForeignTree:
 
         Args:
             max_bytes: largest size of the file.
-            named_by: place that names the file, for error messages.
+            named_by: file and field that contain the name, for error messages.
 
         Raises:
             InputError: the file is missing, outside the folder, not a regular file, too large, or cannot be read.

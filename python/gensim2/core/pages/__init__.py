@@ -33,8 +33,9 @@ def template(package: str, name: str) -> Template:
 
 
 def _visible(value: Any) -> Any:
-    """Show control characters of a text as escapes; in a page they would hide or reorder the text around them."""
-    return printable(value) if type(value) is str else value  # a macro's markup was cleaned when the macro made it
+    """Replace control characters of a text by escapes, because they can hide or reorder the text around them."""
+    # A template macro returns a value of type Markup. Its control characters were replaced inside the macro.
+    return printable(value) if type(value) is str else value
 
 
 def _openness(value: float | None) -> str:

@@ -43,7 +43,10 @@ def forget_piped_script() -> None:
 
 
 def _end_server(registered: int) -> None:
-    """Kill the fork server when the program ends; while it imports modules, it would not notice and keep files open."""
+    """Kill the fork server when the program ends.
+
+    While the server imports modules, it does not notice that the program has ended, and would keep files open.
+    """
     server: int | None = getattr(forkserver._forkserver, "_forkserver_pid", None)
     if server is not None and os.getpid() == registered:
         with contextlib.suppress(ProcessLookupError):

@@ -171,9 +171,10 @@ def start_process(
 
 
 def preload_modules(modules: Sequence[str]) -> None:
-    """Let the fork server import modules for all workers; only the first call before the first worker counts.
+    """Let the fork server import modules once, so that workers start with the modules loaded.
 
-    Modules that cannot be imported are skipped; the jobs will report them.
+    The call has an effect only before the fork server starts, which happens with the first worker. Modules that cannot
+    be imported are skipped, because the jobs that need them will report the error.
     """
     _CONTEXT.set_forkserver_preload(list(modules))
 

@@ -65,7 +65,8 @@ class _Environment:
     """Ray actor that imports modules, prepares its environment, and runs jobs."""
 
     def __init__(self, path: Sequence[str], modules: Sequence[str], prepare: bytes) -> None:
-        sys.path.extend(folder for folder in path if folder not in sys.path)  # jobs are pickled as names of functions
+        # A pickled job contains only the module and name of its function, so this process must find the same modules.
+        sys.path.extend(folder for folder in path if folder not in sys.path)
         for name in modules:
             with contextlib.suppress(ImportError):  # importing fails again in the jobs, which report the error
                 importlib.import_module(name)

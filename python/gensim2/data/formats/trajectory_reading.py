@@ -101,7 +101,8 @@ def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) 
     if record != origin.dataset:
         raise InputError("belongs to another data set than the tasks before it", file=file, field="gensim2.dataset")
     if len(origin.indices) != len(document.episodes):
-        raise InputError("must be as long as episodes", file=file, field="gensim2.indices", remedy=REMEDY)
+        counts = f"has {len(origin.indices)} entries, but the list 'episodes' has {len(document.episodes)}"
+        raise InputError(counts, file=file, field="gensim2.indices", remedy=REMEDY)
     if any(later <= earlier for earlier, later in zip(origin.indices, origin.indices[1:], strict=False)):
         raise InputError("must increase from episode to episode", file=file, field="gensim2.indices", remedy=REMEDY)
     spec = parse_task(origin.task, str(file))

@@ -107,7 +107,8 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
     file = f"{name}/.zarray"
     found = parse_record(tree.read(file, MAX_DESCRIPTION), TypeAdapter(_ArrayDescription), tree.path / file, REMEDY)
     if len(found.shape) != len(found.chunks):
-        raise InputError("must be as long as shape", file=tree.path / file, field="chunks", remedy=REMEDY)
+        wrong = f"has {len(found.chunks)} entries, but the list 'shape' has {len(found.shape)}"
+        raise InputError(wrong, file=tree.path / file, field="chunks", remedy=REMEDY)
     if _bytes(found.chunks, found.dtype) > MAX_CHUNK:
         wrong = f"has {shown(found.chunks)}: more than {MAX_CHUNK // 2**20} MiB"
         raise InputError(wrong, file=tree.path / file, field="chunks", remedy=REMEDY)

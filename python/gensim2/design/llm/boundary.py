@@ -206,7 +206,7 @@ def _read(httpx: Any, response: Any) -> bytes:
     """Return the body of a response, cut off after ``MAX_BYTES``."""
     coding = response.headers.get("content-encoding", "identity").strip().lower()
     if coding not in ("", "identity"):
-        raise httpx.DecodingError("the answer is compressed, though it was asked not to be")
+        raise httpx.DecodingError("the answer is compressed, although the request forbids compression")
     data = bytearray()
     for chunk in response.iter_raw():
         data += chunk

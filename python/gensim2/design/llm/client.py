@@ -189,10 +189,9 @@ class Client:
             return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
         if isinstance(error, library.NotFoundError):
             message = f"{self.endpoint} has no model {given.model!r}: {said}"
-            known = given.model in said  # otherwise the address may be wrong
-            remedy = (
-                None if known else "is the model's name right, and does --base-url end as it should, mostly in /v1?"
-            )
+            # An endpoint that names the model in its error exists. Any other 404 error may come from a wrong address.
+            known = given.model in said
+            remedy = None if known else "check the model's name, and the end of --base-url, which is usually /v1"
             return InputError(message, field="designer", remedy=remedy)
         if isinstance(error, library.APITimeoutError):
             return ModelError(f"{self.endpoint}: no answer within {given.timeout:g} s, {self._tries()}")

@@ -91,7 +91,10 @@ class LLMDesigner:
 
     @property
     def patience(self) -> int:
-        """All rounds, because the model sees the diagnosis of each failure."""
+        """Maximum number of refinements of a task whose candidates nearly always fail: all allowed rounds.
+
+        Every round may help, because the model gets the diagnosis of each failure.
+        """
         return self.asking.max_rounds
 
     def open(self, folder: Path) -> None:
@@ -128,7 +131,10 @@ class LLMDesigner:
                     return
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Ask for configs of the steps without a known or rule-based strategy; candidate n has config n of each.
+        """Ask the model for configs of all steps without a known or rule-based strategy, and combine them.
+
+        Candidate n uses the n-th config of every step. A task of several steps gets one more candidate, which tries all
+        configs of each step in turn.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -255,7 +261,8 @@ class LLMDesigner:
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
         """Return the task that the model's code for ``task`` describes."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-        if not known:  # good examples may be shown even if stored tasks are hidden
+        # Fall back to the prompt's examples. Showing them is allowed even if the run hides the stored tasks.
+        if not known:
             known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
         found, _ = self.talk.ask(code_stage.code(self.prompts, task, references))

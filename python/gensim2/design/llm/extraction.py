@@ -22,7 +22,7 @@ MAX_PIECES = 40
 #: Maximum nesting of the data.
 MAX_DEPTH = 20
 
-#: Maximum nesting of brackets in a text to repair, since the time of a repair grows with its square.
+#: Maximum nesting depth of brackets in a text to repair. The time of the repair grows with the square of the depth.
 MAX_BRACKETS = 200
 
 #: Field name for a top-level list.

@@ -46,7 +46,7 @@ def motion(thing: Affordance) -> str:
 
 
 def reached(thing: Affordance, goal: End) -> str:
-    """Return the instruction that brings a joint to one end, in quotes."""
+    """Return the instruction to move the joint to one limit, in quotes, such as ``"open the drawer"``."""
     return quoted(words(thing.asset_class, goal, thing.joint_type or "revolute").sentence)
 
 
@@ -62,7 +62,10 @@ def place(thing: Affordance) -> str:
 
 
 def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> str:
-    """Describe a keypoint's position, the part at it and its motion, for a list of keypoints."""
+    """Return a phrase about a keypoint for a list of keypoints.
+
+    The phrase gives the keypoint's position, the size of the convex part on which it lies, and its direction of motion.
+    """
     facts = geometry.get(name)
     if facts is None:
         return ""

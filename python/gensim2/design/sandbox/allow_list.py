@@ -164,7 +164,7 @@ class Reader:
             if len(nodes) > MAX_NODES:
                 raise Refused(None, f"the program has more than {MAX_NODES} parts")
             if depth > MAX_DEPTH:
-                raise Refused(node, "it is nested too deeply")
+                raise Refused(node, "the program is nested too deeply")
             children = list(ast.iter_child_nodes(node))
             if isinstance(node, ast.Assign):  # Python evaluates the value before it defines the name
                 children = [node.value, *node.targets]
@@ -216,7 +216,7 @@ class Reader:
 
     def look_at_FunctionDef(self, node: ast.FunctionDef, parent: ast.AST | None) -> None:
         if not isinstance(parent, ast.ClassDef) or node.name != "__init__":
-            raise Refused(node, f"a function is not allowed but __init__ of the class, not {_short(node.name)}")
+            raise Refused(node, f"the only function allowed is __init__ of the class, not {_short(node.name)}")
         given = node.args
         others = (given.posonlyargs, given.kwonlyargs, given.vararg, given.kwarg, given.defaults)
         if [arg.arg for arg in given.args] != ["self"] or any(others):

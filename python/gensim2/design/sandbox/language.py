@@ -223,7 +223,7 @@ class _Plain:
         """
         self._size += 1 + (len(value) if isinstance(value, str) else 0)
         if self._size > MAX_SIZE:
-            raise ValueError(f"the task holds more than {MAX_SIZE} values and characters")
+            raise ValueError(f"the task contains more than {MAX_SIZE} values and characters")
         if depth > MAX_DEPTH:
             raise ValueError("values are nested too deeply")
         if isinstance(value, Object):
@@ -238,4 +238,4 @@ class _Plain:
             return [self.of(inner, depth + 1) for inner in value]
         if value is None or isinstance(value, (str, int, float)):
             return value
-        raise ValueError(f"a task holds no value of type {type(value).__name__}")
+        raise ValueError(f"a task cannot contain a value of type {type(value).__name__}")

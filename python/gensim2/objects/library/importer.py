@@ -152,7 +152,7 @@ def import_object(
         size = model.scale() if scale == "auto" else scale
         info = model.info(size, given) | {"license": license}
         if file != source:
-            info["collision"] = "convex"  # all shapes that collide in MuJoCo are
+            info["collision"] = "convex"  # MuJoCo treats every collision shape as convex
 
         def write(folder: Path) -> None:
             model.copy_files(folder)

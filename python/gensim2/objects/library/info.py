@@ -200,10 +200,13 @@ def read_keypoints(
 
     Args:
         info: content of ``info.json``.
-        scale: length in metres of one unit.
-        T_link_object: (4, 4) frame in which the keypoints are given.
-        link, kind, axis, hulls: moving link, joint type, unit joint axis and collision hulls; both in the link's frame.
-        warnings: list to which a line is appended for each keypoint that is derived by a rule.
+        scale: length in metres of one unit of the keypoints' coordinates.
+        T_link_object: (4, 4) pose, in the moving link's frame, of the frame in which the keypoints are given.
+        link: name of the moving link.
+        kind: joint type, ``"revolute"`` or ``"prismatic"``.
+        axis: (3,) unit joint axis in the moving link's frame.
+        hulls: collision hulls of the moving link, each (N, 3) in its frame.
+        warnings: list; the function appends a line for each keypoint that it derives by a rule.
     """
     # Import late: naming objects does not need SciPy.
     from scipy.spatial import cKDTree

@@ -112,7 +112,11 @@ class _Converter:
                 if child.tag == "include":
                     file = str(child.get("file"))
                     if file in self._included or len(self._included) >= MAX_INCLUDES:
-                        raise AssetError("is included twice, or after too many", file=self._file, field=file[:80])
+                        raise AssetError(
+                            f"is included twice, or more than {MAX_INCLUDES} files are included",
+                            file=self._file,
+                            field=file[:80],
+                        )
                     self._included.add(file)
                     parent[place : place + 1] = list(self._read(file))
         for element in root.iter():

@@ -132,8 +132,11 @@ def _engines_drop(meshes: list[Mesh]) -> bool:
 
 
 def license_of(folder: ObjectFolder) -> str:
-    """Return the licence terms of an instance from ``info.json``, or PartNet-Mobility's if ``meta.json`` marks such a
-    model of a released class. Faulty files are ignored here; loading the object reports them.
+    """Return the licence terms of an object.
+
+    The terms come from ``info.json``. If they are missing there, an object of a class of the GenSim2 release with a
+    file ``meta.json`` has the terms of PartNet-Mobility. A faulty ``info.json`` is ignored here, because loading the
+    object reports it.
     """
     try:
         stated = read_info(folder).license
@@ -180,7 +183,10 @@ def read_model(
     axis = unit_axis(joint, urdf.file)
     if joint.child == ROOT_LINK:
         raise AssetError(
-            "a moving link must have another name", file=urdf.file, field=f"link {ROOT_LINK}", remedy="rename"
+            f"the name {ROOT_LINK!r} is reserved for the fixed link, but the moving link has it",
+            file=urdf.file,
+            field=f"link {ROOT_LINK}",
+            remedy="rename the moving link",
         )
     kind: Literal["revolute", "prismatic"] = "revolute" if joint.type == "revolute" else "prismatic"
     if expected_type and expected_type != kind:
@@ -294,7 +300,7 @@ def within(what: str, value: float, file: Path, field: str) -> None:
             f"its {what} reaches to {value:.3g}, which is implausible for a table-top object",
             file=file,
             field=field,
-            remedy=f"stay within {FARTHEST:g} m or rad: see the scale, the range and the joint's origin",
+            remedy=f"keep all values within {FARTHEST:g} m or rad; check the scale, joint range and joint origin",
         )
 
 

@@ -108,7 +108,8 @@ class FolderRigidShelf(RigidShelf):
         folder = ObjectFolder(self._folder / asset_class)
         info = read_info(folder)
         if info.scale is None:
-            raise AssetError("no scale", file=info.file, field="scale", remedy="write metres a unit, such as 1.0")
+            remedy = "write the length in metres of one unit of the meshes, such as 1.0"
+            raise AssetError("is missing", file=info.file, field="scale", remedy=remedy)
         keypoints = {
             point: (info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
             for point, at in info.keypoints.items()

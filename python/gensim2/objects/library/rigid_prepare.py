@@ -89,7 +89,8 @@ def resting_sides(points: Array, center: Array) -> Array:
     """
     shell = trimesh.convex.convex_hull(points).convex_hull
     corners, normals = np.asarray(shell.triangles), np.asarray(shell.face_normals)
-    across = np.zeros(shell.faces.shape, dtype=int)  # the triangle beyond the edge that faces a corner
+    # For each corner of each triangle: index of the neighbouring triangle at the edge opposite to this corner.
+    across = np.zeros(shell.faces.shape, dtype=int)
     for column, alone in enumerate(shell.face_adjacency_unshared.T):
         here, beyond = shell.face_adjacency[:, column], shell.face_adjacency[:, 1 - column]
         across[here, np.argmax(shell.faces[here] == alone[:, None], axis=1)] = beyond
@@ -282,7 +283,10 @@ def load_from_meshes(
     code: str,
     rule: Hulls = "default",
 ) -> RigidObject:
-    """Prepare a real object; connected pieces become their convex hulls, and pieces with cavities are decomposed.
+    """Prepare a real rigid object from its meshes.
+
+    Each connected piece of the collision mesh becomes its convex hull. Pieces with cavities are decomposed into several
+    hulls.
 
     Args:
         name: class of the object.
@@ -297,7 +301,7 @@ def load_from_meshes(
         rule: method that converts meshes to convex parts; ``"original"`` replaces each piece by its hull.
 
     Raises:
-        AssetError: the object cannot be used; gives the reason.
+        AssetError: the object cannot be used; the message gives the reason.
     """
     warnings: list[str] = []
     file = folder.path / collision

@@ -166,7 +166,11 @@ def _refuse_mimic_loops(joints: dict[str, UrdfJoint], file: Path) -> None:
                 raise AssetError(f"joints mimic each other: {loop}", file=file, field=f"joint {leader}: mimic")
             chain.append(leader)
             if len(chain) > MAX_MIMICS:
-                raise AssetError(f"a chain of over {MAX_MIMICS} joints mimics", file=file, field=f"joint {joint.name}")
+                raise AssetError(
+                    f"more than {MAX_MIMICS} joints mimic each other in a chain",
+                    file=file,
+                    field=f"joint {joint.name}: mimic",
+                )
             leader = joints[leader].mimics
 
 
@@ -193,7 +197,11 @@ def _joint(written: Mapping[str, Any], file: Path) -> UrdfJoint:
 def _bounded(numbers: npt.ArrayLike, file: Path, field: str) -> Array:
     value = np.array(numbers, float)
     if not np.abs(value).max() <= LARGEST_VALUE:
-        raise AssetError(f"{np.abs(value).max():.3g} is beyond {LARGEST_VALUE:g}", file=file, field=field)
+        raise AssetError(
+            f"contains a number of magnitude {np.abs(value).max():.3g}; the limit is {LARGEST_VALUE:g}",
+            file=file,
+            field=field,
+        )
     return value
 
 
@@ -253,7 +261,11 @@ def _mesh_file(paths: Sequence[str], folder: Path) -> str:
 
 
 def _color(urdf: Urdf, element: Mapping[str, Any], is_mesh: bool) -> Array | None:
-    """Return the colour of an element's material; only primitives may use materials defined for the robot."""
+    """Return the colour (4,) of a shape element; None if it has no colour.
+
+    A shape can refer by name to a material that is defined at the top of the URDF. For meshes these materials are
+    ignored, because meshes have their own colours.
+    """
     if element["rgba"] is not None:
         return np.array(element["rgba"])
     return None if is_mesh else urdf.materials.get(element["material"])

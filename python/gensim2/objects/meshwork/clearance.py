@@ -58,9 +58,9 @@ class Motion:
     lower: float
     upper: float
 
-    def at(self, share: float) -> Array:
-        """Return the pose (4, 4) of the moving link in the root frame at an openness."""
-        q = self.lower + share * (self.upper - self.lower)
+    def at(self, openness: float) -> Array:
+        """Return the pose (4, 4) of the moving link in the root frame at an openness from 0 to 1."""
+        q = self.lower + openness * (self.upper - self.lower)
         return np.asarray(self.T_root_link @ (pose(axis=self.axis, angle=q) if self.revolute else pose(q * self.axis)))
 
     def off_hinge(self, points: Array) -> npt.NDArray[np.bool_]:
@@ -154,18 +154,22 @@ class _Parts:
         self.hulls = list(hulls)
         self.blocks = [ConvexBlock.of(hull) for hull in hulls]
         self._owned = [surface[_near(surface, block)] for block in self.blocks]
-        self._settled = [False] * len(self.hulls)  # stays True: the other link's hulls only shrink
+        # Whether a hull is known to be free of collisions. It stays free, because the other link's hulls only shrink.
+        self._settled = [False] * len(self.hulls)
 
     def cut_free(
         self, others: _Parts, poses: Sequence[Array], counts: Callable[[Array, int], npt.NDArray[np.bool_]]
     ) -> bool:
-        """Cut off the parts of the hulls that lie where the other link's hulls move; return whether any hull was cut.
+        """Cut off the parts of this link's hulls that collide with the other link's hulls.
 
         Args:
             others: hulls of the other link, in its frame.
-            poses: (4, 4) of the other link in this link's frame, at each joint value.
-            counts: function of points (N, 3) in this link's frame and the index of a pose that returns a mask of the
-                points outside the hinge region.
+            poses: (4, 4) poses of the other link in this link's frame, one for each examined joint value.
+            counts: function that returns a mask (N,) of the points outside the hinge region; only these points count as
+                collisions. Its arguments are points (N, 3) in this link's frame and the index of a pose.
+
+        Returns:
+            Whether any hull was cut.
         """
         samples = [surface_samples(hull) for hull in others.hulls]
         placed = [[transform(T, points) for points in samples] for T in poses]
@@ -208,9 +212,19 @@ def _intruders(
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """Return the points (N, 3) inside ``hull`` and the other link, in this link's frame; empty for a small overlap.
+    """Return surface points (N, 3) in the overlap of one hull of this link with the hulls of the other link.
 
-    ``placed`` holds samples of the other link's hulls in this link's frame, at each of ``poses``.
+    Args:
+        hull: (K, 3) vertices of the hull.
+        block: the same hull, for depth queries.
+        placed: surface samples of each hull of the other link, for each of ``poses``.
+        shapes: hulls of the other link, in its frame.
+        poses: (4, 4) poses of the other link.
+        counts: see :meth:`_Parts.cut_free`.
+
+    Returns:
+        The points at all poses. All coordinates without another note are in this link's frame. The result is empty if
+        the overlap is nowhere deeper than ``NOTICED``.
     """
     own = surface_samples(hull)
     found = []

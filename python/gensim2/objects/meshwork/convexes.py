@@ -24,7 +24,8 @@ def planes_of(hull: Array) -> Array:
 def heights(points: Array, planes: Array) -> Array:
     """Return the largest signed distance (K,) of points (K, 3) from outward planes (M, 4); negative inside the hull.
 
-    Points are stored in columns because a maximum over short rows takes six times as long.
+    The distances are computed as an (M, K) array, because the maximum over the rows of a (K, M) array with few planes
+    takes six times as long.
     """
     above = planes[:, :3] @ points.T
     above += planes[:, 3, None]

@@ -31,12 +31,14 @@ MAX_VERTICES = 64
 MAX_HULLS = 40  # maximum number of hulls for each link
 MAX_HULLS_FOR_CLEARANCE = 60  # maximum number of hulls of a link if, with fewer hulls, the other link would be blocked
 FREE_SHARE = 0.01  # fraction of a hull's volume that may be free space of the mesh
-FREE_VOLUME = 1e-6  # m³ of free space that a hull may fill, while the number of hulls allows
+FREE_VOLUME = 1e-6  # m³, maximum free space that a hull may fill; ignored if the link has too many hulls
 PATCH_ANGLE = np.cos(np.radians(15))
 PATCH_OFFSET = 0.002  # m, maximum distance of a patch's vertices from the plane of its first face
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
-MANY_PATCHES = 100  # with more patches in one piece, vertices within one, two or three cells are merged
+# Maximum number of patches of a piece. A piece with more patches is simplified by merging vertices that are closer than
+# one cell of the grid; if this is not enough, two or three cells.
+MANY_PATCHES = 100
 
 
 @dataclass(frozen=True)
@@ -220,8 +222,9 @@ def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]
 class _Merger:
     """Merges hulls pair by pair: first the pair that fills the least free space, then the smallest pair.
 
-    A pair is queued with lower bounds of its cost (no filled space, volume of the bigger hull), and measured only when
-    it comes first in the queue, because one hull of most pairs has been merged by then.
+    Computing the common hull of a pair is expensive. Therefore a pair is first queued with lower bounds of its cost (no
+    filled space, volume of the bigger hull), and its common hull is computed only when the pair comes first in the
+    queue. Most pairs are dropped before that, because one of their hulls has been merged with another hull.
     """
 
     def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:

@@ -80,7 +80,14 @@ class VoidSpace:
         return found
 
     def is_free_finely(self, points: Array, finest: float) -> npt.NDArray[np.bool_]:
-        """Like ``is_free``, but with a grid of ``finest`` metres around points in cells that are not free."""
+        """Return a mask of the points (N, 3) that can be reached from outside, more exactly than ``is_free``.
+
+        Points in cells that are not free are tested again on a finer grid around them.
+
+        Args:
+            points: (N, 3) points in the link's frame, m.
+            finest: cell size of the finer grid, m. The cells are larger if the grid would need too much memory.
+        """
         found = self.is_free(points)
         doubtful = points[~found]
         if not len(doubtful):
@@ -185,7 +192,7 @@ class VoidSpace:
 OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
 MESH_SPACING = 0.002  # m, distance between neighbouring sample points on a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
-SKIN = 0.0032  # m, layer around a mesh that its convex parts may fill, because they are thicker than sheets
+SKIN = 0.0032  # m, distance from a mesh that its convex parts may fill, because parts of thin sheets are thickened
 NEAREST = 8  # number of candidate triangles that are compared to find the triangle closest to a point
 
 
@@ -200,13 +207,15 @@ def _off_hinge(instance: ArticulatedObject, points: Array) -> Array:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Penetration depth in metres between the links of an object, outside the hinge, at any of ``OPENNESS``.
+    """Maximum penetration depths, in metres, between the two links of an object.
+
+    Each depth is the maximum over the joint positions ``OPENNESS``. The region around the hinge is not examined.
 
     Attributes:
-        parts: depth of the convex parts.
-        filled: depth of the convex parts in space that is free in at least one mesh (not within ``SKIN`` of the mesh):
-            the overlap that the decomposition adds.
-        meshes: depth of one link's mesh in the space that the other link's mesh encloses.
+        parts: penetration depth of the convex parts.
+        filled: penetration depth of the convex parts, counting only points that at least one link's mesh leaves free
+            (farther than ``SKIN`` from the mesh). This overlap is caused by the convex decomposition.
+        meshes: penetration depth of one link's mesh into the space that the other link's mesh encloses.
     """
 
     parts: float
@@ -248,9 +257,10 @@ def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
 
 
 def _common_points(instance: ArticulatedObject, threshold: float) -> list[tuple[Array, Array, Array]]:
-    """Return points outside the hinge region where convex parts of both links overlap by more than ``threshold``, m.
+    """Return points at which the convex parts of both links overlap by more than ``threshold`` metres.
 
-    Each entry stands for one openness: pose (4, 4) of the moving link, points (N, 3) in the root frame, depths (N,).
+    The region around the hinge is not examined. The list has one entry for each openness with such points: the pose
+    (4, 4) of the moving link, the points (N, 3) in the root frame, and the depth of each point (N,) in m.
     """
     joint = instance.joint
     body = next((list(h) for link, h in instance.hulls.items() if link != joint.child_link), [])

@@ -103,8 +103,9 @@ class PerceivingChain:
         self._profile, self._threads = robot(robot_name), threads
         self._estimator = SceneEstimator.load(estimator, self._profile)
         if len(self._task.objects) != 1:
-            message = f"{self._task.name} has {len(self._task.objects)} objects; one articulated object is estimated"
-            raise InputError(message, field="objects", remedy="use the true scene")
+            message = f"{self._task.name} has {len(self._task.objects)} objects, but an estimator supports only one"
+            remedy = "run the task without an estimator, on the true scene"
+            raise InputError(message, field="objects", remedy=remedy)
         [(self._name, spec)] = self._task.objects.items()
         self._class = self._estimator.classes[by_name(self._estimator.classes, spec.asset_class)].name
         ways = load_strategies(self._task.name) if strategies is None else strategies
@@ -186,7 +187,11 @@ class PerceivingChain:
         return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
 
     def _measurement(self, found: ObjectEstimate, q: Array) -> Measurement:
-        """Return a measurement of the estimated scene, with the joint moved away from the goal by the uncertainty."""
+        """Return the estimated scene as a measurement of a task's criteria.
+
+        The openness is shifted away from the goal in proportion to its standard deviation, so that an uncertain
+        estimate does not count as success.
+        """
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
         doubt = DISTRUST * found.joint.openness_deviation / max(self._motions, 1)

@@ -54,8 +54,8 @@ class ClassConstants(BaseModel):
             InputError: the object has more keypoints than an estimator predicts.
         """
         if len(model.keypoints) > SLOTS:
-            message = f"{model.asset_class} has {len(model.keypoints)} keypoints; an estimator predicts {SLOTS}"
-            raise InputError(message, field="classes", remedy="leave the class out")
+            message = f"{model.asset_class} has {len(model.keypoints)} keypoints; an estimator predicts at most {SLOTS}"
+            raise InputError(message, field="classes", remedy="train the estimator without this class")
         turn = model.placement.rotation @ model.joint.T_root_child[:3, :3] @ model.T_link_object[:3, :3]
         return ClassConstants(
             name=model.asset_class,

@@ -242,10 +242,20 @@ def _posture(profile: RobotProfile, thing: PlacedObject, generator: np.random.Ge
 def example(look: LabelledCloud, classes: Sequence[str], profile: RobotProfile) -> Example:
     """Return a labelled cloud as arrays: points with labels, and the true state of the object.
 
-    ``points`` (N, 3) int16 by :func:`~gensim2.perception.cloud.to_steps`, ``group`` (N,), ``moving`` (N,), ``class``,
-    ``direction``: row of ``DIRECTIONS``, ``revolute``, ``axis`` and ``origin`` (3,) in the base frame, ``yaw`` (2,)
-    cosine and sine, ``openness``, ``value``, ``limits`` (2,), ``keypoints`` (SLOTS, 3) m with ``known`` (SLOTS,),
-    ``size`` (3,) m.
+    Returns:
+        These arrays; positions and directions are in the base frame:
+
+        - ``points`` (N, 3): points as int16, by :func:`~gensim2.perception.cloud.to_steps`.
+        - ``group`` (N,): label of each point.
+        - ``moving`` (N,): whether the point lies on the moving link.
+        - ``class``: index of the object's class in ``classes``.
+        - ``direction``: row of ``DIRECTIONS``.
+        - ``revolute``: whether the joint is revolute.
+        - ``axis`` (3,), ``origin`` (3,): joint axis, and a point on the axis in m.
+        - ``yaw`` (2,): cosine and sine of the object's yaw.
+        - ``openness``, ``value``, ``limits`` (2,): openness, joint position, and joint limits in m or rad.
+        - ``keypoints`` (SLOTS, 3), ``known`` (SLOTS,): keypoints in m, and whether the object has each keypoint.
+        - ``size`` (3,): extents of the object in m, along axes that are rotated by the object's yaw.
     """
     thing, model = look.placed, look.placed.model
     assert isinstance(model, ArticulatedObject)

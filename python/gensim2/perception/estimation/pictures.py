@@ -100,6 +100,16 @@ def _circle(
 
 
 def _pixels(points: Array, at: Array, axes: list[int], middle: Array) -> Array:
-    """Return the pixel coordinates (N, 2) of points in the view whose upper left corner is ``at``."""
+    """Project points to pixels of one view (from the robot or from above) of the picture.
+
+    Args:
+        points: (N, 3) points in the base frame, m.
+        at: (2,) pixel of the view's upper left corner in the picture.
+        axes: indices of the two coordinates that point left and up in the view.
+        middle: (3,) point in the base frame that is drawn at the centre of the view.
+
+    Returns:
+        (N, 2) pixel coordinates in the picture. Points outside the view are moved to its edge.
+    """
     seen = (np.asarray(points, dtype=np.float64) - middle)[:, axes] * [-1.0, -1.0] * SIDE / FRAME + SIDE / 2
     return np.asarray(at + np.clip(seen, 0, SIDE - 1))

@@ -99,7 +99,8 @@ def train_estimator(
     for name in names:
         library.check_kind(name, "articulated")
     if objects * looks * len(names) > ROOM:
-        raise InputError(f"would be more than {ROOM} clouds", field="objects", remedy="give fewer objects or looks")
+        message = f"the training set would have {objects * looks * len(names)} clouds; the maximum is {ROOM}"
+        raise InputError(message, field="objects", remedy="reduce objects or looks")
     settings = PerceiveSettings(
         classes=names,
         assets=str(library.location),

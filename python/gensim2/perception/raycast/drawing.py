@@ -37,7 +37,8 @@ def shaded(view: RaycastView) -> npt.NDArray[np.uint8]:
     rays = view.camera.rays.reshape(-1, 3)
     seen = np.flatnonzero(view.face >= 0)
     normals = view.normals_at(seen)
-    normals *= -np.sign((normals * rays[seen]).sum(axis=1, keepdims=True))  # the side that faces the camera
+    # Flip normals that point away from the camera, so that the visible side of each triangle is shaded.
+    normals *= -np.sign((normals * rays[seen]).sum(axis=1, keepdims=True))
     light = np.full(len(seen), AMBIENT)
     for direction, brightness in LAMPS:
         lamp = -np.asarray(direction, np.float32) / np.float32(np.linalg.norm(direction))

@@ -133,7 +133,7 @@ def state_rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> n
     except KeyError as error:
         raise InputError("the states of this object are missing", field=f"env_states/{kind}/{name}") from error
     if rows.ndim != 2 or rows.shape[1] != width:
-        raise InputError(f"must be (T, {width}), is {rows.shape}", field=f"env_states/{kind}/{name}")
+        raise InputError(f"must have the shape (T, {width}), but has {rows.shape}", field=f"env_states/{kind}/{name}")
     if not np.isfinite(rows).all():
         raise InputError("must be finite", field=f"env_states/{kind}/{name}")
     return rows

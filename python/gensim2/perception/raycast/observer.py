@@ -60,8 +60,8 @@ class KnownPoints:
                 link = name if model.joint is None else keypoint.link
                 self._points.append((name, link, np.asarray(keypoint.position, dtype=np.float64)))
         if len(self._points) > count:
-            message = f"is {count}, and the objects' keypoints and corners are {len(self._points)}"
-            raise InputError(message, field="observation.points", remedy=f"give at least {len(self._points)}")
+            message = f"is {count}, but the objects have {len(self._points)} keypoints and bounding box corners"
+            raise InputError(message, field="observation.points", remedy=f"set it to at least {len(self._points)}")
         self._rows = np.arange(count) % len(self._points)
         self._ids = np.array([scene.ids(name, [link])[0] for name, link, _ in self._points], dtype=np.int16)
 

@@ -43,10 +43,16 @@ class StateDrawing:
         self._scene = RaycastScene(profile, objects, (camera,))
 
     def of(self, state: Mapping[str, Any]) -> npt.NDArray[np.uint8]:
-        """Return the picture (H, W, 3) of a state: ManiSkill's ``env_states`` with one row in each array.
+        """Draw the scene in one state.
+
+        Args:
+            state: ManiSkill's ``env_states`` with one row in each array.
+
+        Returns:
+            Image (H, W, 3).
 
         Raises:
-            InputError: the state is not of this scene.
+            InputError: the state lacks an object of this scene, or an array has a wrong shape.
         """
         (view,) = self._scene.see(self._scene.poses(state)[0])
         return shaded(view)
@@ -58,7 +64,7 @@ class StateDrawing:
             states: ManiSkill's ``env_states``; each array has T rows.
 
         Raises:
-            InputError: the states are not of this scene.
+            InputError: the states lack an object of this scene, or an array has a wrong shape.
         """
         found = []
         for name, model in self._objects.items():

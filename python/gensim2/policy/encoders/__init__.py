@@ -35,7 +35,8 @@ def make_encoder(config: PolicyConfig) -> PointEncoder:
     more: dict[str, Any] = {"blocks": config.blocks} if config.encoder == "pointnext" else {}
     if config.encoder == "state":
         if config.points is None:
-            raise InputError("is required for the encoder state, as the number of points in the data", field="points")
+            message = "is missing; the encoder 'state' needs the number of points of a cloud in the data set"
+            raise InputError(message, field="points")
         more = {"points": config.points}
     encoder: PointEncoder = _KINDS[config.encoder](cloud_size(config), **more)
     return encoder

@@ -19,10 +19,12 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 @dataclass(frozen=True)
 class Rate:
-    """Number of successful episodes and number of all episodes.
+    """Success rate, as the number of successful episodes among all episodes.
 
     Attributes:
-        held, episodes: number of episodes that pass the ``held`` verdict, and of all episodes.
+        held: number of episodes that meet the success criterion ``held``: the goal is true at the end, with the scene
+            at rest.
+        episodes: number of all episodes.
     """
 
     held: int
@@ -56,7 +58,7 @@ def difference(one: Rate, other: Rate) -> tuple[float, tuple[float, float]]:
         ValueError: one of the rates has no episodes.
     """
     if one.mean is None or other.mean is None:
-        raise ValueError("a success rate without episodes has no difference to another")
+        raise ValueError("cannot compare two success rates if one of them has no episodes")
     gap = one.mean - other.mean
     (low_1, high_1), (low_2, high_2) = one.interval, other.interval
     below = sqrt((one.mean - low_1) ** 2 + (high_2 - other.mean) ** 2)

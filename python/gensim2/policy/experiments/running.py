@@ -137,7 +137,8 @@ class ExperimentResult:
         out: output folder.
         record: settings of the run.
         arms: results of the policies, in the order in which the configuration lists them.
-        skipped: for each policy or task (``policy/task``) that was not run, or not on real objects, the reason.
+        skipped: reason for each skipped policy (key ``policy``), each skipped task (key ``policy/task``), and each task
+            whose evaluation on real objects was skipped (key ``policy/task on real objects``).
         remaining: number of training runs still to be done.
     """
 
@@ -269,7 +270,8 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in found:
         _, lacking = _transferred(arm, record)
         skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
-        for one in _measurements(arm, record, 0):  # one tenth stands for all
+        # Check the split of the first seed only: all seeds use the same classes, with other training and test objects.
+        for one in _measurements(arm, record, 0):
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
                 raise InputError(f"{one.title}: {reason}", field=f"arms.{arm.name}.{name}")
@@ -428,7 +430,8 @@ class _Measurement:
 def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_Measurement]:
     config, assets = record.config, _assets(arm, record)
     train, unseen = config.words(arm, number)
-    if arm.is_split:  # an evaluation needs a split
+    # Seen objects are evaluated only if the policy trains on a split of objects into training and test objects.
+    if arm.is_split:
         yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, train)
     there, _ = _transferred(arm, record)
     if there:

@@ -47,8 +47,10 @@ ROUNDS = 2
 """Number of times that the second stage runs; each run is centred on the place predicted by the previous run."""
 METRE, CENTIMETRES = 0.05, 0.1
 """Lengths (m) by which positions are divided to normalize them."""
-FORCE_SCALE = 2.0  # N
-SOONEST = 0.02  # s
+FORCE_SCALE = 2.0
+"""Gripping force (N) by which forces are divided to normalize them."""
+SOONEST = 0.02
+"""Time (s) that is added to the time of a keypose before its logarithm is taken, so that a time of 0 is possible."""
 
 GROWING = ("way.2.weight", "way.2.bias", "hears.weight", "hears.bias", "of_way.weight")
 """Names of weights with one row for each class."""

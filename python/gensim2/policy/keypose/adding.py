@@ -177,8 +177,9 @@ def inputs_beside(
         InputError: ``given`` has generated objects already, or generated objects suit no task.
     """
     if any(one.scene.assets == GENERATED for one in given):
-        message = "applies only if the tasks use the objects of a folder"
-        raise InputError(message, field="generated", remedy="give a folder with --assets, or --objects")
+        message = "adds generated objects to a folder's objects, but the tasks already use generated objects"
+        remedy = "give a folder with --assets, or set the number of generated objects with --objects"
+        raise InputError(message, field="generated", remedy=remedy)
     found = []
     for task, one in zip(tasks, given, strict=True):
         try:

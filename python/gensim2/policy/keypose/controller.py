@@ -98,7 +98,8 @@ class KeyposeController:
         self._folder, self._sight = folder, Sight.of(sees, folder)
         self._policy = PolicyCheckpoint.load(folder)
         if self._policy.action.kind != "keypose":
-            raise InputError(f"has the head {self._policy.config.head}", file=folder, remedy="give a keypose policy")
+            message = f"is a policy with the head {self._policy.config.head!r}, not a keypose policy"
+            raise InputError(message, file=folder, remedy="give a keypose policy")
         self._ways = read_ways(folder, self._policy)
         self._profile = robot(self._policy.robot)
         self._executor = Executor(self._profile)
@@ -228,7 +229,8 @@ class KeyposeController:
             self.told["cut short"] += 1
         self._rows = deque(found.actions)
         step, takes = self._step(answer), program.force > HOLDS
-        self._expected = {step, step + 1}  # the step again, or the next one (None after the last)
+        # The next prediction may repeat this step or begin the next one. After the last step, "done" is expected.
+        self._expected = {step, step + 1}
         if takes:
             self._taking = step
             self._force, self._until_gripped = program.force, found.gripped

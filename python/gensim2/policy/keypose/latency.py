@@ -51,9 +51,10 @@ def measure_looks(
     tasks = [task for name in task_names() if (task := load_task(name)).description in controller.sentences]
     if not tasks:
         raise InputError(
-            f"knows the sentence of no task of the library, but those of {', '.join(map(repr, controller.sentences))}",
+            "was trained on no task of the task library; its training instructions are "
+            f"{', '.join(map(repr, controller.sentences))}",
             file=folder,
-            remedy="add them with gensim2 tasks add FOLDER, and say which library: --library DIR",
+            remedy="add the tasks with gensim2 tasks add FOLDER, and select the library with --library DIR",
         )
     progress.start("looks", looks + WARM_UP)
     environments = [HeadlessEnv(task, assets=assets, robot=controller.robot) for task in tasks]

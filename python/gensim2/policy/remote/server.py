@@ -95,7 +95,8 @@ class PolicyServer:
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
-        self._observation = spec_of(self._controller).to_dict()  # now, because it may need fewer inputs while it acts
+        # Read the observation spec before the first episode, because a controller may reduce it between predictions.
+        self._observation = spec_of(self._controller).to_dict()
         self._is_warm = False
         self._busy = threading.Lock()
         self._connections: set[Any] = set()
@@ -168,7 +169,8 @@ class PolicyServer:
     def _handle(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
-        who = str(self._peer.address[0])  # a closed socket no longer knows it
+        # The address was stored when the connection was accepted, because a closed socket does not return it.
+        who = str(self._peer.address[0])
         try:
             hello = decode(connection.recv(timeout=GREETING), MAX_HELLO, who)
             refused = self._greet(hello, who)

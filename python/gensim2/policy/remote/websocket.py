@@ -40,7 +40,8 @@ def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
             if self.control_frames > self.max_control_frames or (is_data and not event.fin):
                 self.dropped = True
                 self.close_socket()
-            elif not self.dropped:  # frames of the same chunk
+            # One received chunk may contain further frames after the frame that closed the connection. Ignore them.
+            elif not self.dropped:
                 super().process_event(event)
 
     return Unfragmented
