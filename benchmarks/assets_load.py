@@ -1,11 +1,11 @@
-"""Measure the CPU time for loading an object into a scene without rendering, with a warm cache.
+"""Measure the CPU time for loading a prepared object into a scene without rendering.
 
     python benchmarks/assets_load.py --assets builtin --assets DIR [--raw DIR]
 
-Each object is checked against its prepared files, read from the cache, and built in an empty PhysX scene; its hulls are
-checked and its friction is set. Objects that are not in the cache are prepared first. ``--raw`` also measures SAPIEN's
-own loader on the unprepared URDFs of a folder of real objects. The script prints CPU milliseconds of one process:
-median, 90th percentile, worst.
+Objects that are not in the cache are prepared before the measurement. The measured time includes checking that the
+prepared files are up to date, reading them from the cache, checking the hulls, building the object in an empty PhysX
+scene, and setting its friction. ``--raw`` also measures SAPIEN's own loader on the unprepared URDFs of a folder of real
+objects. The script prints CPU milliseconds of one process: median, 90th percentile and maximum.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def _no_pictures() -> object:
 
 
 def into_scene(library: Library, asset_class: str, instance_id: str) -> None:
-    """Load an object as an environment does on first use."""
-    instance = copy.copy(library).load(asset_class, instance_id)  # a copy holds nothing that was loaded
+    """Load an object into a new scene, as an environment does when it uses the object for the first time."""
+    instance = copy.copy(library).load(asset_class, instance_id)  # the copy has an empty cache of loaded objects
     if isinstance(instance, RigidObject):
         load_rigid(empty_scene(), instance)
         return
@@ -80,12 +80,12 @@ def cpu_ms(work: Callable[[], object], repeats: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--assets", action="append", help="builtin or a folder; more than once if need be")
-    parser.add_argument("--raw", type=Path, help="folder in the layout of the release")
+    parser.add_argument("--assets", action="append", help="builtin, or a folder of objects; can be repeated")
+    parser.add_argument("--raw", type=Path, help="folder of real objects, in the layout of the GenSim2 release")
     parser.add_argument(
-        "--repeats", type=int, default=3, help="times a library's instance is loaded; the median counts"
+        "--repeats", type=int, default=3, help="number of measurements of each object; the median counts"
     )
-    parser.add_argument("--core", type=int, default=0, help="core that everything is pinned to")
+    parser.add_argument("--core", type=int, default=0, help="CPU core on which the measurement runs")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
 
@@ -100,7 +100,7 @@ def main() -> None:
                 usable += [item] if reason is None else []
                 progress.advance()
             os.sched_setaffinity(0, {options.core})
-            into_scene(library, *usable[0])  # imports, the first scene
+            into_scene(library, *usable[0])  # the first call also imports modules, so it is not measured
             progress.start(f"{library.name}: load", len(usable))
             table[library.name] = {}
             for item in usable:

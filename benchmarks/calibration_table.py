@@ -1,7 +1,7 @@
 """Write the table of docs/results/calibration.md from the JSON of `benchmarks/original_configs.py --json FILE`.
 
-    python benchmarks/calibration_table.py FILE...       # takes the figures of these runs in, and writes the table
-    python benchmarks/calibration_table.py               # writes the table from the figures that there are
+    python benchmarks/calibration_table.py FILE...       # stores the results of these runs, and writes the table
+    python benchmarks/calibration_table.py               # writes the table from the stored results
 
 The results are stored in ``calibration.json`` in this folder: one run for each source of scenes, with rows but without
 episodes.
@@ -25,7 +25,7 @@ ROW = ("name", "paper", "release", "p_value", "causes", "instances")
 
 
 def figures_of(found: dict[str, Any]) -> dict[str, Any]:
-    """Return the results of a run: rows and sums, without episodes and without paths of the machine."""
+    """Return the results of a run for storage: rows and sums, without episodes and without local file paths."""
     provenance = dict(found["provenance"])
     provenance["command"] = re.sub(r" --(out|resume|workers|json)( [^-]\S*)?", "", provenance["command"])
     provenance["command"] = re.sub(r"\S*/(\S+)", r"\1", provenance["command"])
@@ -34,7 +34,7 @@ def figures_of(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def share(counted: dict[str, Any] | None) -> str:
-    """Return a count with its rate and interval as text; empty without trials."""
+    """Format a success count with its 95 % interval, such as ``"8/10 (0.49 to 0.94)"``; empty without trials."""
     if counted is None:
         return ""
     low, high = interval(counted["count"], counted["of"])
@@ -46,7 +46,8 @@ def table(figures: dict[str, Any]) -> str:
     parts = []
     for scenes, found in sorted(figures.items(), reverse=True):
         told = found["provenance"]
-        given = re.sub(r"^.*\s(?=\S+\.jsonl)", "", told["command"])  # of any version, whatever the command was called
+        # Show only the arguments, because the command had other names in earlier versions.
+        given = re.sub(r"^.*\s(?=\S+\.jsonl)", "", told["command"])
         parts.append(f"**Scenes {scenes}**, commit {told['commit'][:7]}, {told['date']}, with `{given}`\n")
         parts.append("| task | here (95 %) | its release (95 %) | p | causes of our failures |\n|---|---|---|---|---|")
         for row in found["rows"]:

@@ -1,11 +1,12 @@
-"""Check the output of ``gensim2 bench motion`` with Pinocchio's kinematics and coal's distances, without gensim2.
+"""Check the motions of ``gensim2 bench motion`` independently, with Pinocchio's kinematics and coal's distances.
 
     python benchmarks/check_motions.py --problems FILE.jsonl --motions OUT.jsonl [--margin 0.005] [--every 1]
 
-Each motion must begin at the start, end at a goal, and keep the joint limits. Every checked pair of a link and an
-obstacle, or of two links, must keep the margin at every sample; a pair that is closer at the start or end must keep
-that distance, less 0.2 mm. Samples are 5 ms apart. The script prints errors, and the ratio of path lengths to the
-reference of the problems. The exit code is 1 if a motion is invalid.
+Each motion must begin at the start, end at a goal, and keep the joint limits. The distance between a link and an
+obstacle, or between two links, must be at least the margin at every sample. If two bodies are closer than the margin at
+the start or end of a motion, they must keep the smaller distance. All distances have a tolerance of 0.2 mm. Samples are
+5 ms apart. The script prints errors, and the path lengths relative to the reference paths of the problem file. The exit
+code is 1 if a motion is invalid.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from peers import Arm, pose_from
 
 Array = np.ndarray
 
-#: Rounding, and what a pair that is near at an end may come nearer (m).
+#: Tolerance of distances between bodies, m.
 SLACK = 2e-4
-#: Ends and limits are met within this (rad).
+#: Tolerance of joint positions, for the start, the goal and the joint limits, rad.
 AT = 1e-5
 SAMPLE_DT = 0.005
 
@@ -81,7 +82,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--problems", type=Path, required=True)
     parser.add_argument("--motions", type=Path, required=True)
     parser.add_argument("--margin", type=float, default=0.005)
-    parser.add_argument("--every", type=int, default=1, help="check every so many motions")
+    parser.add_argument("--every", type=int, default=1, help="check only every Nth motion")
     options = parser.parse_args(arguments)
     problems = {entry["id"]: entry for entry in map(json.loads, options.problems.read_text().splitlines())}
     motions = [json.loads(line) for line in options.motions.read_text().splitlines()]
@@ -110,9 +111,9 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{record['id']}: {sentence}")
         if "vamp" in problem:
             ratios.append(np.linalg.norm(np.diff(samples[:, :7], axis=0), axis=1).sum() / problem["vamp"]["length"])
-    print(f"{checked} motions checked, {false} false")
+    print(f"{checked} motions checked, {false} invalid")
     if ratios:
-        print(f"path length over the reference's: median {np.median(ratios):.3f}, mean {np.mean(ratios):.3f}")
+        print(f"path length relative to the reference: median {np.median(ratios):.3f}, mean {np.mean(ratios):.3f}")
     return int(false > 0)
 
 

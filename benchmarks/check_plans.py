@@ -1,10 +1,11 @@
-"""Check the output of ``gensim2 bench solver`` with independent code: Pinocchio's kinematics and coal's distances.
+"""Check the plans of ``gensim2 bench solver`` independently, with Pinocchio's kinematics and coal's distances.
 
     python benchmarks/check_plans.py --problems plans.jsonl --plans out.jsonl --assets DIR [--frames original|object]
 
-All values of a plan are recomputed from the problem file: constraints, cost, keyframes, limits, the hand's path, and
-the distances that the contact rules concern. Samples are so dense that no point of a link moves more than 1 mm between
-two of them. The script prints a table and, with ``--json``, writes JSON. The exit code is 1 if a check fails.
+The script recomputes all values of a plan from the problem file: constraints, cost, keyframes, joint limits, the path
+of the hand, and the distances between bodies that must not touch. The distance between samples is so small that no
+point of a link moves more than 1 mm from one sample to the next. The script prints a table and, with ``--json``, writes
+JSON. The exit code is 1 if a check fails.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ from rules import (
 
 Array = np.ndarray
 
-#: What may be missed: metres and radians.
+#: Tolerances of the hand pose at a keyframe, m and rad.
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 1e-3, 0.03
-#: How far the hand may leave its line or arc, metres.
+#: Maximum distance of the hand from the line or arc between two keyframes, m.
 STRAIGHT_TOLERANCE = 3e-3
 
 
@@ -61,7 +62,7 @@ class Finding:
 
 
 def check_pose(problem: dict[str, Any], record: dict[str, Any], arm: Arm, finding: Finding) -> None:
-    """Check q_actuation, q_plan, and the cost."""
+    """Check the joint positions ``q_actuation`` and ``q_plan``, and the cost; append errors to ``finding``."""
     for name in ("q_actuation", "q_plan"):
         if record[name] is None:
             continue
@@ -94,7 +95,7 @@ def check_path(
     keyframes: list[Keyframe],
     finding: Finding,
 ) -> None:
-    """Check limits, velocities, straightness and distances of a polyline."""
+    """Check limits, velocities, hand motion and distances of a path in joint space; append errors to ``finding``."""
     if path.ndim != 2 or path.shape[1] != 9 or len(path) != len(times) or not np.isfinite(path).all():
         finding.errors.append(f"{what} are not {len(times)} times 9 finite numbers")
         return
@@ -102,7 +103,7 @@ def check_path(
         finding.errors.append(f"{what}: times do not increase")
         return
     if np.abs(path[0] - problem["q_current"]).max() > NUMERICAL:
-        finding.errors.append(f"{what}: the first is not q_current")
+        finding.errors.append(f"{what}: the first entry is not q_current")
     finding.errors += limit_errors(arm, path, what)
     share = (np.abs(np.diff(path, axis=0)) / np.diff(times)[:, None] / arm.velocity).max() if len(path) > 1 else 0.0
     finding.velocity_share = max(finding.velocity_share, float(share))
@@ -146,7 +147,7 @@ def check_trajectory(
     obstacles: list[Obstacle] | None,
     finding: Finding,
 ) -> None:
-    """Check keyframes, waypoints and samples."""
+    """Check the keyframes, waypoints and samples of a plan; append errors to ``finding``."""
     if record["waypoints"] is None:
         if record["status"] == "solved":
             finding.errors.append("solved, but no waypoints")
@@ -167,7 +168,9 @@ def check_trajectory(
     for keyframe, frame in zip(keyframes, stated, strict=True):
         pose = np.asarray(frame["T_base_hand"])
         if np.abs(pose - keyframe.pose).max() > 1e-4:
-            finding.errors.append(f"keyframe at {keyframe.time}: stated pose is not what q_plan and the config give")
+            finding.errors.append(
+                f"keyframe at {keyframe.time}: the stated pose does not follow from q_plan and the config"
+            )
         if not frame["reached"]:
             continue
         at = np.flatnonzero(np.abs(times - keyframe.time) < 1e-9)
@@ -204,7 +207,9 @@ def check_record(
         obstacles, missing = scene_obstacles(problem, assets, hand)
         told = sum("missing mesh" in warning for warning in record["warnings"])
         if len(missing) != told:
-            finding.errors.append(f"{len(missing)} missing meshes, {told} warnings of them")
+            finding.errors.append(
+                f"{len(missing)} meshes are missing, but the plan has {told} warnings about missing meshes"
+            )
     check_trajectory(problem, record, frames, arm, obstacles, finding)
     return finding
 
@@ -232,16 +237,16 @@ def print_table(findings: list[Finding]) -> None:
         ),
         ("hand off its line by at most", f"{max(f.straight_mm for f in findings):.3f} mm"),
         ("share of the velocity limit at most", f"{max(f.velocity_share for f in findings):.3f}"),
-        *((f"smallest distance judged, {name}", f"{min(values):.2f} mm") for name, values in groups.items() if values),
+        *((f"smallest distance checked, {name}", f"{min(values):.2f} mm") for name, values in groups.items() if values),
         ("configurations checked", str(sum(f.checks for f in findings))),
-        ("plans with something wrong", str(len(wrong))),
+        ("invalid plans", str(len(wrong))),
     ]
     for name, value in rows:
         print(f"{name:40s} {value}")
 
 
 def lines(path: Path) -> list[dict[str, Any]]:
-    """JSON Lines."""
+    """Read a JSON Lines file; skip blank lines."""
     return [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
 
 
@@ -249,11 +254,11 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=Path, required=True)
-    parser.add_argument("--plans", type=Path, required=True, help="what gensim2 bench solver wrote")
-    parser.add_argument("--assets", type=Path, help="without it, distances are not judged")
+    parser.add_argument("--plans", type=Path, required=True, help="output of gensim2 bench solver")
+    parser.add_argument("--assets", type=Path, help="folder of real objects; without it, distances are not checked")
     parser.add_argument("--frames", choices=["original", "object"], default="original")
-    parser.add_argument("--json", type=Path, help="write the findings there")
-    parser.add_argument("--limit", type=int, help="only the first so many")
+    parser.add_argument("--json", type=Path, help="write the results to this file")
+    parser.add_argument("--limit", type=int, help="check only the first N plans")
     options = parser.parse_args(arguments)
     problems, records = lines(options.problems), lines(options.plans)
     if len(problems) != len(records):

@@ -1,13 +1,13 @@
-"""Measure a collection: episodes per second with one and two workers, memory of all processes, size on disk.
+"""Measure ``gensim2 collect``: episodes per second with one and two workers, memory of all processes, size on disk.
 
     python benchmarks/collection.py                        # 10 tasks of one step x 20 episodes
     python benchmarks/collection.py OpenBox OpenSafe --episodes 100 --workers 1 2
     python benchmarks/collection.py --single-step --episodes 40 --workers 1 2 1 2
 
-The script prints two rates: episodes per second of the complete command, and from the first to the last finished
-episode, which excludes importing the simulator. Wall time depends on other processes on the machine, CPU time per
-episode does not. Memory is the resident set, sampled every 0.5 s; its peak in each quarter of a run shows whether it
-grows.
+The script prints two rates in episodes per second: of the complete command, and between the first and the last
+finished episode, which excludes the import of the simulator. Other processes on the machine change these rates, but not
+the CPU time per episode. The script samples the resident memory every 0.5 s. The peak in each quarter of a run shows
+whether the memory grows.
 """
 
 from __future__ import annotations
@@ -133,11 +133,17 @@ def _row(values: tuple[float, ...]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tasks", nargs="*", default=TASKS)
-    parser.add_argument("--single-step", action="store_true", help="all tasks of the suite with one step")
-    parser.add_argument("--episodes", type=int, default=20, help="of each task")
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="in this order, also one more than once")
+    parser.add_argument("--single-step", action="store_true", help="use all single-step tasks of the paper's suite")
+    parser.add_argument("--episodes", type=int, default=20, help="number of episodes of each task")
+    parser.add_argument(
+        "--workers",
+        type=int,
+        nargs="+",
+        default=[1, 2],
+        help="numbers of workers to measure, in this order; a number can be repeated",
+    )
     parser.add_argument("--assets", default="builtin")
-    parser.add_argument("--out", type=Path, help="keep the data sets here; default: a temporary folder")
+    parser.add_argument("--out", type=Path, help="folder for the data sets; default: a temporary folder")
     options = parser.parse_args()
     if options.single_step:
         options.tasks = single_step_tasks()

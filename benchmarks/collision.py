@@ -1,11 +1,12 @@
-"""Compare a collision check of the Panda among convex hulls with coal's, alternately on one core.
+"""Compare the CPU time of collision checks by gensim2 and by coal, for a Panda among convex hulls.
 
     python benchmarks/collision.py [--hulls 100] [--configurations 2000] [--repeats 5]
 
 Both libraries get the same robot hulls, self-collision pairs and obstacles: random hulls of 24 points, 3 to 8 cm in
-diameter, within the arm's reach. coal uses Pinocchio's broad phase (a dynamic AABB tree) and stops at the first
-contact. The script prints CPU microseconds for a configuration (medians), the ratio, the time in units of a Pinocchio
-frame Jacobian, and the number of configurations on which the results differ.
+diameter, within the arm's reach. The libraries are measured alternately on one core. coal uses Pinocchio's broad phase
+(a dynamic AABB tree) and stops at the first contact. The script prints the median CPU time for a configuration
+(microseconds), the ratio, the time in units of a Pinocchio frame Jacobian, and the number of configurations on which
+the results differ.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ import gensim2_kpam as kpam
 
 Array = np.ndarray
 
-#: A problem needs a config; collisions do not depend on it.
+#: Solver config, which a problem must have. Collision checks do not depend on the config.
 CONFIG = {
     "constraint_list": [
         {
@@ -76,7 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--hulls", type=int, default=100)
     parser.add_argument("--configurations", type=int, default=2000)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--core", type=int, default=0, help="core that everything is pinned to")
+    parser.add_argument("--core", type=int, default=0, help="CPU core on which the measurement runs")
     options = parser.parse_args(arguments)
     os.sched_setaffinity(0, {options.core})
     arm, draw = Arm(), np.random.default_rng(0)
@@ -118,7 +119,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{'our check in Pinocchio Jacobians':45s} {ours / jacobian:.1f}")
     hits, expected = np.asarray(problem.scene.in_collision(q)), np.asarray(in_coal())
     print(f"{'configurations in collision':45s} {expected.sum()} of {len(q)}")
-    print(f"{'configurations on which the two disagree':45s} {(hits != expected).sum()}")
+    print(f"{'configurations with different results':45s} {(hits != expected).sum()}")
     return int((hits != expected).mean() > 0.01)
 
 

@@ -12,15 +12,16 @@ from parts import Moved, Part
 
 Array = np.ndarray
 
-#: A look at a keyframe may be off its time by rounding, seconds.
+#: Tolerance for comparing the time of a sample with the time of a keyframe, s.
 INSTANT = 1e-9
 
 
 @dataclass
 class Obstacle:
-    """A rigid body of a scene: ``role`` is table, object_body, moving_link, rigid, target or attached.
+    """A rigid body of a scene.
 
-    ``pose`` (4, 4) is in the base frame; of an attached body, in the hand frame.
+    ``role`` is table, object_body, moving_link, rigid, target or attached. ``pose`` (4, 4) is in the base frame; the
+    pose of an attached body is in the hand frame.
     """
 
     name: str
@@ -31,7 +32,7 @@ class Obstacle:
 
 @dataclass
 class Hinge:
-    """The object's joint in the base frame: it turns about, or slides along, ``axis`` (3,) through ``origin`` (3,)."""
+    """Joint of the object: rotation about, or motion along, ``axis`` (3,) through ``origin`` (3,), base frame."""
 
     turns: bool
     origin: Array

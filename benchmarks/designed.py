@@ -4,7 +4,7 @@
         --seed 7 --library none --out runs/designed
     python benchmarks/designed.py runs/designed
 
-Without a folder, only the table is rewritten.
+Without a folder, the script only rewrites the page from the tasks stored in the package.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def main(arguments: list[str]) -> int:
     """Store the tasks of the given run, if any, in the package, and write the page."""
     if arguments:
         done = shelve(Path(arguments[0]), SHELF)
-        print(f"{len(done.tasks)} tasks on the shelf; left out: {', '.join(done.left_out) or 'none'}")
+        print(f"{len(done.tasks)} tasks are stored in the package; left out: {', '.join(done.left_out) or 'none'}")
     tasks = [load_task_file(folder) for folder in sorted(SHELF.glob("*/")) if (folder / "task.yaml").is_file()]
     made = json.loads((SHELF / MADE_JSON).read_text(encoding="utf-8"))
     PAGE.write_text("\n".join([HEAD, *_made(made), *_summary(tasks), *_tables(tasks)]) + "\n", encoding="utf-8")

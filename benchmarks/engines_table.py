@@ -1,11 +1,11 @@
-"""Tables of docs/results/engines.md: success rates in both physics engines.
+"""Create the tables of docs/results/engines.md, which compare the success rates in both physics engines.
 
-    python benchmarks/engines_table.py FILE... --commit HASH            # takes in runs of designed tasks or of a policy
+    python benchmarks/engines_table.py FILE... --commit HASH            # stores runs of designed tasks or of a policy
     python benchmarks/results_table.py --into docs/results/engines.md   # writes the tables
 
-Rows of the suite are the package's figures, which ``benchmarks/figures.py`` takes in. Runs of ``gensim2 benchmark
---origin offline`` and ``gensim2 evaluate --checkpoint`` stand in ``engines.json`` beside this file; a row replaces an
-earlier one of the same task, controller and engine.
+Results of the paper's tasks come from the package, where ``benchmarks/figures.py`` stores them. Results of ``gensim2
+benchmark --origin offline`` and ``gensim2 evaluate --checkpoint`` are stored in ``engines.json`` in this folder. A new
+row replaces an older row with the same task, controller and engine.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from gensim2.tasks.library import load_task, task_names
 
 FILE = Path(__file__).with_name("engines.json")
 CHANCE = 0.05
-"""p-value (Fisher's exact test) below which two rates differ by more than chance."""
+"""p-value of Fisher's exact test below which two success rates count as different."""
 KEPT = 0.8
-"""Success rate from which a designed task holds in an engine."""
+"""Minimum success rate at which a designed task counts as solved in an engine."""
 NAMES = {"sapien": "SAPIEN", "mujoco": "MuJoCo"}
 
 Count = tuple[int, int]
-"""Number of held episodes, and of all."""
+"""Number of successful episodes (verdict ``held``) and number of all episodes."""
 
 
 def differs(one: Count, other: Count) -> float:
@@ -44,7 +44,7 @@ def differs(one: Count, other: Count) -> float:
 
 
 def suite(rows: Sequence[Figure]) -> str:
-    """Return the tables of the suite under the paper's protocol and default physics: held episodes in each engine."""
+    """Return tables of the paper's tasks: successful episodes in each engine, with the paper's protocol."""
     counts: dict[tuple[str, str, str], Count] = {}
     for row in rows:
         condition = row.condition
@@ -74,7 +74,7 @@ def suite(rows: Sequence[Figure]) -> str:
 
 
 def designed(_: Sequence[Figure]) -> str:
-    """Return the designed tasks whose rates differ by more than chance, or that hold in one engine only."""
+    """Return a table of the designed tasks with different success rates, or solved in one engine only."""
     counts = _taken_in("chain")
     pairs = {}
     for name in task_names("offline"):
@@ -103,7 +103,7 @@ def designed(_: Sequence[Figure]) -> str:
 
 
 def policy(_: Sequence[Figure]) -> str:
-    """Return the rates of the package's keypose policy in both engines."""
+    """Return a table with the success rates of the package's keypose policy in both engines."""
     counts = _taken_in("policy")
     lines = [line(["task", "SAPIEN", "MuJoCo", "p"]), line(["---"] * 4)]
     columns: list[list[Count]] = [[], []]
@@ -142,7 +142,7 @@ def _sum(counts: Iterable[Count]) -> Count:
 
 
 def _mean(counts: Sequence[Count]) -> str:
-    """Return the share of held episodes with its 95 % interval."""
+    """Format the fraction of successful episodes with its 95 % interval."""
     held, of = _sum(counts)
     if not of:
         return ""
@@ -158,7 +158,7 @@ def _taken_in(controller: str) -> dict[tuple[str, str], Count]:
 
 
 def take_in(found: dict[str, Any], commit: str) -> list[dict[str, Any]]:
-    """Return the rows of one document of ``gensim2 benchmark`` or ``gensim2 evaluate``."""
+    """Return the rows to store from one JSON output of ``gensim2 benchmark`` or ``gensim2 evaluate``."""
     return [
         {
             "task": task["name"],
@@ -176,7 +176,7 @@ def take_in(found: dict[str, Any], commit: str) -> list[dict[str, Any]]:
 
 
 def main() -> int:
-    """Take the given runs in."""
+    """Store the results of the given runs."""
     given = runs_to_take_in(__doc__)
     before = json.loads(FILE.read_text(encoding="utf-8"))["rows"] if FILE.exists() else []
     rows = {(row["task"], row["controller"], row["engine"]): row for row in before}

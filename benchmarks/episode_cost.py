@@ -1,9 +1,10 @@
-"""Measure the CPU time of an episode by part: mean over the task library on generated objects, ms.
+"""Measure how much CPU time each part of an episode takes: mean over all library tasks on generated objects, ms.
 
     python benchmarks/episode_cost.py --episodes 10 [--physics original] [--core 1]
 
-The process is pinned to one core. The rows add up to the total, because the time of a part excludes the parts inside
-it. The row for PhysX contains only ``PhysxCpuSystem.step``; the no-op baseline has its own row.
+The process is pinned to one core. Parts are nested, and the time of a part excludes the parts inside it, so the rows
+add up to the total. The row PhysX contains only ``PhysxCpuSystem.step``. The no-op baseline, which runs the scene
+without the robot, has its own row.
 """
 
 from __future__ import annotations
@@ -112,7 +113,7 @@ def instrument(watch: Stopwatch) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--assets", default="builtin")
-    parser.add_argument("--episodes", type=int, default=10, help="of each task")
+    parser.add_argument("--episodes", type=int, default=10, help="number of episodes of each task")
     parser.add_argument("--physics", default="default")
     parser.add_argument("--core", type=int, default=0)
     parser.add_argument("--tasks", nargs="*", default=None)
@@ -127,7 +128,9 @@ def main() -> None:
         task, strategies = load_task(name), load_strategies(name)
         env = HeadlessEnv(task, assets=options.assets, physics=options.physics)
         seeds = scene_seeds(0, task.name, "benchmark", options.episodes + 1)
-        run(env, ChainController(task, strategies, env.profile), seed=seeds[-1])  # imports, caches
+        run(
+            env, ChainController(task, strategies, env.profile), seed=seeds[-1]
+        )  # the first episode also imports modules and fills caches, so it is not measured
         watch.is_running = True
         start = clock()
         for seed in seeds[:-1]:
@@ -146,7 +149,7 @@ def main() -> None:
     print(f"| **whole** | **{1e3 * whole / count:.1f}** | {whole / physx:.2f} x PhysX |")
     first = "reset, an object for the first time"
     later = whole - watch.seconds[first]
-    print(f"\n{watch.calls[first]} objects were met for the first time; without these resets:")
+    print(f"\n{watch.calls[first]} resets loaded an object for the first time; without these resets:")
     print(f"{1e3 * later / count:.1f} ms an episode, {later / physx:.2f} x PhysX")
     substeps = watch.calls["PhysX"]
     print(f"\nPhysX: {1e6 * watch.seconds['PhysX'] / substeps:.0f} us a substep, {substeps / count:.0f} substeps")

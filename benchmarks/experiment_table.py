@@ -1,10 +1,10 @@
 """Write the tables of docs/results/generalization.md from the JSON of `gensim2 experiment NAME --json FILE`.
 
-    python benchmarks/experiment_table.py FILE... --commit HASH   # takes the arms of these runs in, and writes tables
-    python benchmarks/experiment_table.py                         # writes the tables from the figures that there are
+    python benchmarks/experiment_table.py FILE... --commit HASH   # stores the results, and writes the tables
+    python benchmarks/experiment_table.py                         # writes the tables from the stored results
 
-The results are stored in ``experiments.json`` in this folder: for each policy an entry with counts of each task. A
-policy replaces an earlier one with the same name and first seed.
+The results are stored in ``experiments.json`` in this folder, with the episode counts of each policy and task. A policy
+replaces an earlier policy with the same name and first seed.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ Arm = dict[str, Any]
 
 
 def arms_of(found: Mapping[str, Any], commit: str) -> list[Arm]:
-    """Return the policies of one run, without paths of the machine."""
+    """Return the results of the policies of one run, without local file paths."""
     return [
         {
             **{name: arm[name] for name in KEPT},
             "seed": found["seed"],
-            "seeds": len(arm["checkpoints"]),  # of a run that is not at its end, those that there are
+            "seeds": len(arm["checkpoints"]),  # an unfinished run has fewer checkpoints than requested seeds
             "commit": commit,
             "tasks": {row["name"]: row["counts"] for row in found["tasks"] if row["arm"] == arm["name"]},
         }
@@ -61,7 +61,7 @@ def _about(arm: Arm) -> list[str]:
         ]
     )
     lost = ""
-    if told["lost_mean"] is not None:  # of tasks that were measured on both
+    if told["lost_mean"] is not None:  # the mean is over tasks that were measured both on seen and unseen objects
         gap, (low, high) = told["lost_mean"], told["lost_interval"]
         lost = f"{100 * gap:+.1f} ({100 * low:+.1f} to {100 * high:+.1f}) points"
     taught = sum(bool({"seen", "unseen"} & set(counts)) for counts in arm["tasks"].values())

@@ -1,13 +1,13 @@
 """Store benchmark results in the package; tables, pages and `tasks show` use them.
 
 .venv/bin/python benchmarks/figures.py results/*.json
-.venv/bin/python benchmarks/figures.py --remake DIR --assets OBJECTS [--shown]     # run what DIR lacks, then put it in
-.venv/bin/python benchmarks/figures.py --page by_instance.html                     # each row by its episodes' objects
+.venv/bin/python benchmarks/figures.py --remake DIR --assets OBJECTS [--shown]     # runs missing benchmarks, stores all
+.venv/bin/python benchmarks/figures.py --page by_instance.html                     # writes a page of results by object
 
 Each file is the output of `gensim2 benchmark --json FILE`. A row replaces an earlier row of the same task and
-condition; with `--only`, rows that no given file contains are removed. The archive stores the episodes of each row, one
-on a line. `--remake` repeats the episodes of all rows, with one command for all rows that share condition and seed; an
-interrupted command is continued.
+condition. With `--only`, rows that no given file contains are removed. The archive stores the episodes of each row, one
+episode on each line. `--remake` repeats the episodes of all rows, with one command for all rows that have the same
+condition and seed. A command that was interrupted continues when the script is run again.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def command_of(rows: Sequence[Figure], assets: str | None) -> list[str]:
     """
     first, condition = rows[0], rows[0].condition
     if condition.objects == "real" and assets is None:
-        raise InputError("these figures are of real objects", field="assets", remedy="name their folder")
+        raise InputError("these figures are of real objects", field="assets", remedy="give the folder of the objects")
     given = {
         "--runs": first.runs,
         "--episodes": first.episodes // first.runs,
@@ -164,7 +164,7 @@ def made_together(rows: Sequence[Figure]) -> list[list[Figure]]:
 
 
 LOW = 0.5
-"""Share of episodes that hold below which the page sets an instance in bold."""
+"""Success rate below which the page prints an object in bold."""
 
 
 def page_by_instance(rows: Sequence[Figure]) -> str:
@@ -285,15 +285,26 @@ def _joined(things: Iterable[ObjectRecord], openness: Callable[[ObjectRecord], f
 def main() -> None:
     """Read the arguments and store the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("results", type=Path, nargs="*", help="JSON files of gensim2 benchmark")
-    parser.add_argument("--only", action="store_true", help="keep no other rows")
-    parser.add_argument("--remake", type=Path, metavar="DIR", help="run what made the figures, into DIR")
-    parser.add_argument("--assets", metavar="DIR", help="of --remake: folder of the real objects")
-    parser.add_argument("--shown", action="store_true", help="of --remake: say the commands and run none")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write a page of all rows by instance")
-    parser.add_argument("--out", type=Path, default=FILE, help="file of figures  [default: the package's]")
+    parser.add_argument("results", type=Path, nargs="*", help="JSON output files of gensim2 benchmark")
+    parser.add_argument("--only", action="store_true", help="remove rows that no given file contains")
     parser.add_argument(
-        "--archive", type=Path, default=ARCHIVE, metavar="DIR", help="of episodes  [default: the project's]"
+        "--remake",
+        type=Path,
+        metavar="DIR",
+        help="repeat all benchmarks whose output is not in DIR, and write the outputs to DIR",
+    )
+    parser.add_argument("--assets", metavar="DIR", help="folder of the real objects, for --remake")
+    parser.add_argument("--shown", action="store_true", help="only print the commands of --remake")
+    parser.add_argument(
+        "--page", type=Path, metavar="FILE", help="write an HTML page with the results of each row by object"
+    )
+    parser.add_argument("--out", type=Path, default=FILE, help="file of results  [default: the file in the package]")
+    parser.add_argument(
+        "--archive",
+        type=Path,
+        default=ARCHIVE,
+        metavar="DIR",
+        help="folder of the archive of episodes  [default: the archive of the project]",
     )
     options = parser.parse_args()
     if not (options.results or options.remake or options.page):
@@ -318,7 +329,7 @@ def put_in(results: Sequence[Path], out: Path, archive: Path, only: bool) -> Non
     before = Figures(schema_version=1, rows=()) if fresh else read_figures(out)
     keys = [(row.task, row.condition) for row in rows]
     if len(set(keys)) < len(keys):
-        raise InputError("two of the files have the same task under the same condition", field="results")
+        raise InputError("two files contain the same task with the same condition", field="results")
     found = before.with_rows(rows)
     put_into_archive(archive, counted)
     write_json(out, found.model_dump(mode="json"))

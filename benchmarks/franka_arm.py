@@ -1,4 +1,7 @@
-"""A Panda in SAPIEN that takes torques at 1 kHz, and the reflexes that stop it, by a checker of their own."""
+"""Simulate a torque-controlled Panda at 1 kHz in SAPIEN, with the safety reflexes of a real arm.
+
+A reflex stops the arm when a command or the motion violates a limit. The checks do not use the tested code.
+"""
 
 from __future__ import annotations
 
@@ -15,29 +18,29 @@ from gensim2.sim.physics import named_physics
 Array = npt.NDArray[np.float64]
 
 STEP = 1e-3
-"""Seconds of a cycle."""
-#: The Panda's, as its maker publishes them; nothing is asked of the code that is judged.
+"""Duration of a control cycle, s."""
+#: Limits of the Panda as published by its manufacturer: rad/s, rad and N m. They are not taken from the tested code.
 VELOCITY = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
 LOWER = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
 UPPER = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
 TORQUE = np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0])
 TORQUE_RATE = 1000.0
-"""N m/s."""
+"""Maximum rate of change of a torque, N m/s."""
 SINGLE = 1e-5
-"""Share of a limit that rounding may add: the arm tells its client the last torque as single floats."""
+"""Relative tolerance of limits: the arm reports the last torque to its client in single precision."""
 BRAKES = 50.0
-"""N m s/rad that hold an arm which is sent no torque."""
+"""Damping (N m s/rad) of each joint while the brakes hold the arm, because it gets no torque command."""
 ROTOR = 0.1
-"""kg m^2 of a motor's rotor behind its gear, as public models of the arm have it; the URDF says none."""
+"""Inertia of a motor's rotor at the joint side of the gear, kg m^2, as in public models; the URDF has no value."""
 
 
 @dataclass(frozen=True)
 class Reflex:
-    """The reason of an arm that has stopped by itself.
+    """The reason why the arm has stopped by itself.
 
     Attributes:
-        error: as the FCI names it.
-        said: the joint and its share of the limit.
+        error: name of the error in the FCI, Franka's control interface.
+        said: the joint, and the value as a fraction of the limit, as text.
     """
 
     error: str
@@ -46,16 +49,21 @@ class Reflex:
 
 @dataclass
 class Checker:
-    """The checks of the arm's controller in each cycle.
+    """Checks the limits in each control cycle, as the arm's controller does.
 
     Attributes:
-        largest: greatest share of each limit that was used.
+        largest: largest value of each quantity so far, as a fraction of its limit.
     """
 
     largest: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("torque", "torque rate", "velocity"), 0.0))
 
     def reflex(self, torque: Array, last: Array, q: Array, v: Array) -> Reflex | None:
-        """The reflex that a torque raises after the last one, (7,) N m each, at (7,) rad and rad/s; None: none."""
+        """Return the reflex that a torque command raises; None if all limits are kept.
+
+        Args:
+            torque, last: (7,) torques of this cycle and of the last cycle, N m.
+            q, v: (7,) joint positions and velocities, rad and rad/s.
+        """
         shares = {
             "torque": ("tau_j_range_violation", np.abs(torque) / TORQUE),
             "torque rate": ("controller_torque_discontinuity", np.abs(torque - last) / (TORQUE_RATE * STEP)),
@@ -64,7 +72,7 @@ class Checker:
         found = None
         for name, (error, share) in shares.items():
             self.largest[name] = max(self.largest[name], float(share.max()))
-            if not (share <= 1.0 + SINGLE).all():  # nor what is no number
+            if not (share <= 1.0 + SINGLE).all():  # the negation also catches NaN
                 found = Reflex(error, f"{name} of joint {int(share.argmax()) + 1}: {share.max():.2f} of its limit")
         if not ((q >= LOWER) & (q <= UPPER)).all():
             found = Reflex("joint_position_limits_violation", "a joint is at the end of its range")
@@ -72,14 +80,14 @@ class Checker:
 
 
 class TorqueArm:
-    """The arm: balanced against its weight, as a Franka's controller does, and not against what its own motion asks.
+    """The simulated arm. It compensates its weight, as a Franka's controller does, but not its inertial forces.
 
     Attributes:
-        now: s.
-        reflex: why it has stopped by itself; None: it has not.
-        torque: (7,) N m that its client asked for in the last cycle; 0 where none did.
-        width: m between the fingers that the hand goes to.
-        speed: m/s at which it goes there.
+        now: simulated time, s.
+        reflex: reason why the arm has stopped by itself; None: the arm has not stopped.
+        torque: (7,) torques that the client commanded in the last cycle, N m; 0 without a command.
+        width: target distance between the fingers, m.
+        speed: speed at which the distance between the fingers changes, m/s.
     """
 
     def __init__(self) -> None:
@@ -104,21 +112,21 @@ class TorqueArm:
 
     @property
     def q(self) -> Array:
-        """(7,) rad."""
+        """(7,) joint positions, rad."""
         return np.array(self._arm.qpos[:7], dtype=np.float64)
 
     @property
     def v(self) -> Array:
-        """(7,) rad/s."""
+        """(7,) joint velocities, rad/s."""
         return np.array(self._arm.qvel[:7], dtype=np.float64)
 
     @property
     def opening(self) -> float:
-        """Metres between the fingers."""
+        """Distance between the fingers, m."""
         return float(self._arm.qpos[7:].sum())
 
     def step(self, torque: Array | None) -> None:
-        """One millisecond with (7,) N m; None: its brakes hold it."""
+        """Simulate one millisecond with (7,) torques in N m; None: the brakes hold the arm."""
         q, v = self.q, self.v
         if torque is not None and self.reflex is None:
             self.reflex = self.checker.reflex(torque, self.torque, q, v)

@@ -1,24 +1,27 @@
-"""Does the stream raise an arm's reflexes? The Franka driver and ``franky-control`` against an FCI over SAPIEN.
+"""Test that the commands of the Franka driver never raise a safety reflex of the arm, on a simulated arm.
 
     fci/bin/python benchmarks/franka_chain.py [--runs 100] [--speed 0.1 0.5] [--pace 1] [--json OUT]
 
-in an environment of its own, with ``franky-sim`` and ``franky-control`` beside the clone's packages;
+The script needs a virtual environment with ``franky-sim``, ``franky-control`` and the packages of this repository;
 docs/results/robot.md has the commands.
 
-The whole chain as it drives an arm, but for the arm: commands 100 a second through the limits, our driver, the maker's
-client with its 1 kHz loop, UDP and TCP, and in a process of its own a server that speaks the FCI and moves an arm in
-SAPIEN by the torques that come (``franka_server.py``). Its checker raises a reflex where a torque, its change within a
-millisecond, a velocity or a position passes what the maker publishes for the Panda (``franka_arm.py``): the motion is
-aborted and the state says so, as the arm does.
+The test contains all software that drives a real arm: 100 commands per second, the motion limits, our driver, and the
+manufacturer's client with its 1 kHz loop, UDP and TCP. A server in another process replaces the arm
+(``franka_server.py``). The server speaks the FCI, Franka's control interface, and moves an arm in SAPIEN by the torques
+of the client. A torque, a change of a torque within a millisecond, a velocity or a position beyond the manufacturer's
+limits for the Panda raises a reflex (``franka_arm.py``). The server then aborts the motion and reports the reflex in
+its state, as a real arm does.
 
-The server's cycle waits for the client (``--patience``) and takes ``--pace`` milliseconds by the wall at least, and all
-times on this side are those of the arm's states: on a machine that is busy the arm is slow, and both go on together;
-the client's two threads in Python have no more time than a real arm leaves them, unless it is paced slower.
+In each cycle the server waits for the client, at most ``--patience`` seconds. A cycle takes at least ``--pace``
+milliseconds of wall time. The client uses the time of the arm's states as its clock, so that on a busy machine the arm
+and the client slow down together. With the default pace, the two Python threads of the client have no more time than
+with a real arm.
 
-Each run is one second of the arm's time towards a random pose, as hostile as the limits let it be, the hand closing and
-opening. Last, the same step of 0.3 rad around the limits, and also around the client's own limit of a torque's change,
-must raise reflexes that the driver tells: else the chain is blind. Ends with 1 where a run raised a reflex or was
-refused, a command passed a limit, or such a step was not told.
+Each run drives the arm for one second of simulated time towards a random pose, with noise and full speed within the
+motion limits, while the hand closes or opens. Finally, the script sends two steps of 0.3 rad to check that violations
+are detected: one step bypasses the motion limits, and the other step also bypasses the client's limit on the change of
+a torque. The driver must report both reflexes. The exit code is 1 if a run raised a reflex or was refused, if a command
+exceeded a limit, or if such a step was not reported.
 """
 
 from __future__ import annotations
@@ -49,20 +52,20 @@ from gensim2_robot.drivers import franka, streamed
 from gensim2_robot.drivers.franka import FrankaArm
 
 SPREAD = 1.0
-"""Rad about the start within which poses are drawn."""
+"""Maximum distance of the random poses from the start pose in each joint, rad."""
 WILD = 0.2
-"""Rad, standard deviation of what is added to every target for a fifth of a second."""
+"""Standard deviation (rad) of the noise added to the targets; the noise changes every fifth of a second."""
 MADE_UP = 0.1
-"""Seconds of commands that are late which are sent all at once, as the loop does."""
+"""Maximum delay (s) that late commands catch up by being sent without a pause, as in the control loop."""
 LEAP = 0.3
-"""Rad, a step around the limits."""
+"""Size of the step that bypasses the limits, rad."""
 
 
 class Clock:
-    """The arm's time in the place of the machine's: that of the newest state which the client has.
+    """Clock that shows the arm's time, from the newest state of the client, instead of the machine's time.
 
     Attributes:
-        library: the client; None: none is connected yet.
+        library: the client; None before it is connected.
     """
 
     def __init__(self) -> None:
@@ -78,10 +81,10 @@ class Clock:
 
 
 class Driver(FrankaArm):
-    """Ours, by the arm's time.
+    """Our driver, which also records the start of each of its cycles.
 
     Attributes:
-        cycles: seconds of the arm at which its own cycles began.
+        cycles: start times of the driver's cycles in the arm's time, s.
     """
 
     def __init__(self, host: str, clock: Clock) -> None:
@@ -99,7 +102,7 @@ class Driver(FrankaArm):
 
 @dataclass
 class Chain:
-    """A driver, the arm's time, and what the server says at the end."""
+    """A connected driver, the clock with the arm's time, and the server's final report."""
 
     driver: Driver
     clock: Clock
@@ -108,7 +111,7 @@ class Chain:
 
 @contextmanager
 def chain(options: argparse.Namespace) -> Iterator[Chain]:
-    """A server in a process of its own, and a driver that is connected to it."""
+    """Start the server in another process, and connect a driver to it."""
     from franka_server import serve
 
     context = multiprocessing.get_context("spawn")
@@ -131,7 +134,7 @@ def chain(options: argparse.Namespace) -> Iterator[Chain]:
 
 
 def standing(arm: LimitedArm, clock: Clock) -> np.ndarray:
-    """(m,) joints where it stands."""
+    """Wait for a state of the arm, and return the current joint positions (m,)."""
     until = clock.monotonic() + 1.0
     while not arm.poll() and clock.monotonic() < until:
         clock.sleep(CYCLE)
@@ -141,7 +144,7 @@ def standing(arm: LimitedArm, clock: Clock) -> np.ndarray:
 
 
 def drive(runs: int, speed: float, options: argparse.Namespace) -> dict[str, Any]:
-    """Runs through the limits, until a reflex or a refusal ends them."""
+    """Drive the arm through the motion limits for ``runs`` seconds; stop at a reflex or a refused command."""
     limits = ArmLimits.of(robot("panda"), speed=speed)
     limits.prepare()
     draw, done, off, late, mode = rng(options.seed, "franka chain"), 0, [], [], "ready"
@@ -188,7 +191,7 @@ def drive(runs: int, speed: float, options: argparse.Namespace) -> dict[str, Any
 
 
 def spread(seconds: list[float] | npt.NDArray[np.float64]) -> list[float]:
-    """Median, 99th percentile and worst, ms."""
+    """Return the median, 99th percentile and maximum, ms."""
     return [1e3 * float(each) for each in np.quantile(seconds, (0.5, 0.99, 1.0))]
 
 
@@ -197,7 +200,7 @@ def leap(options: argparse.Namespace, unlimited: bool) -> dict[str, Any]:
 
     Args:
         options: options of the command line.
-        unlimited: whether the client's limit of a torque's change is gone, too.
+        unlimited: whether the step also bypasses the client's limit on the change of a torque.
     """
     with chain(options) as ours:
         clock, driver = ours.clock, ours.driver
@@ -216,13 +219,13 @@ def leap(options: argparse.Namespace, unlimited: bool) -> dict[str, Any]:
 
 
 def tell(found: dict[str, Any]) -> None:
-    """Print the figures of a speed."""
+    """Print the results for one speed."""
     server = found["server"]
     shares = ", ".join(f"{name} {share:.2f}" for name, share in server["largest"].items())
     said = f"{found['mode']}, reflex: {server['reflex']}, trouble: {found['trouble']}"
     print(f"speed {found['speed']}: {found['runs']} runs, {said}")
     print(f"    at most {shares} of the limits; {1e3 * (found['off_rad'] or 0.0):.1f} mrad off at most")
-    print(f"    {found['passed']} commands passed a limit; a second of the arm took {found['slower']:.1f} by the wall")
+    print(f"    {found['passed']} commands passed a limit; one simulated second took {found['slower']:.1f} s")
     print(f"    {server['cycles']} cycles, {server['lost']} packets lost")
     for name, milliseconds in (
         ("a command late", found["late_ms"]),
@@ -238,12 +241,10 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--speed", type=float, nargs="*", default=[0.1, 0.5])
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--patience", type=float, default=1.0, help="seconds that a state waits for its answer")
+    parser.add_argument("--patience", type=float, default=1.0, help="maximum wait for the client in a cycle, s")
+    parser.add_argument("--pace", type=float, default=1.0, help="minimum wall time of a cycle during a motion, ms")
     parser.add_argument(
-        "--pace", type=float, default=1.0, help="ms by the wall that a cycle of a motion takes at least"
-    )
-    parser.add_argument(
-        "--cores", action="store_true", help="the server keeps to the last core, the client to the others"
+        "--cores", action="store_true", help="bind the server to the last CPU core and the client to the others"
     )
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()

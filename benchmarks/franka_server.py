@@ -1,8 +1,9 @@
-"""A Franka's controller over SAPIEN: the FCI at 1 kHz, as ``franky-sim`` speaks it, with reflexes.
+"""Serve the FCI, Franka's control interface, at 1 kHz for an arm in SAPIEN, with the safety reflexes of a real arm.
 
-Torques are taken, and no other commands. A cycle is a millisecond of the arm's time, and at least as long by the wall:
-the next one begins when the client has answered the last state, or has had the time for it, so that the arm's time
-stands still while the machine is busy. A state that is not answered is a lost packet, as an arm counts them.
+The implementation of the protocol is ``franky-sim``. The server accepts only torque commands. A cycle is one
+millisecond of simulated time and takes at least as much wall time. The next cycle begins when the client has answered
+the last state, or after a timeout, so the simulated time stands still while the machine is busy. A state without an
+answer counts as a lost packet, as on a real arm.
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ ERRORS = {
 }
 """Index of each checked error among the flags of the FCI's state."""
 LOST = 20
-"""Packets lost in a row at which the arm stops."""
+"""Number of consecutive lost packets after which the arm stops."""
 BEGINNING = 0.005
-"""Seconds that a state waits for its answer until the first of a motion has come: a client that begins gives none."""
+"""Maximum wait (s) for an answer before the first answer of a motion, because a starting client does not answer."""
 
 
 class Robot(BaseRobot):  # type: ignore[misc]
-    """``franky-sim``'s side of the arm."""
+    """Adapter that connects the simulated arm to ``franky-sim``."""
 
     def __init__(self, arm: TorqueArm) -> None:
         super().__init__()
@@ -80,7 +81,7 @@ class Robot(BaseRobot):  # type: ignore[misc]
         self.asked = np.array(torques, dtype=np.float64)
 
     def joint_position_control(self, target_q: npt.ArrayLike, has_new_command: bool = True) -> None:
-        self.asked = None  # no motion: the brakes hold it
+        self.asked = None  # position commands are not supported: the brakes hold the arm
 
     def _torque_control(self, torques: npt.NDArray[np.float64]) -> None:
         raise AssertionError("the base's own controllers are not used")
@@ -93,11 +94,11 @@ class Robot(BaseRobot):  # type: ignore[misc]
 
 
 class Server(FrankaRobotServer):  # type: ignore[misc]
-    """The FCI of one arm.
+    """FCI server of one arm.
 
     Args:
         arm: simulated arm to move.
-        patience: seconds by the wall that a state waits for its answer.
+        patience: maximum wait for the client's answer to a state, s of wall time.
 
     Attributes:
         lost: number of lost packets.
@@ -114,7 +115,7 @@ class Server(FrankaRobotServer):  # type: ignore[misc]
         super().__init__(Robot(arm), LocalHostnames())
 
     def cycle(self) -> None:
-        """One: commands in, a step, the state out, and its answer waited for."""
+        """Run one control cycle: read commands, simulate a step, send the state, and wait for the answer."""
         self.process_commands()
         self._arm.step(self.robot.asked)
         if self._arm.reflex is not None and not self._stopped:
@@ -144,7 +145,7 @@ class Server(FrankaRobotServer):  # type: ignore[misc]
         if self._arm.reflex is not None:
             raise ValueError(f"the arm has stopped: {self._arm.reflex.said}")
         if controller_mode != MoveCommandControllerMode.kExternalController:
-            raise ValueError("this arm takes torques alone")
+            raise ValueError("this arm accepts only torque commands")
         self._began, self._in_a_row = False, 0
         super().start_motion(controller_mode, motion_generator_mode, motion_id)
 
@@ -159,7 +160,7 @@ class Server(FrankaRobotServer):  # type: ignore[misc]
         return state.replace(robot_mode=RobotMode.kReflex, errors=flags, reflex_reason=flags)
 
     def _stop(self) -> None:
-        """End the motion as the arm does: its state says why, and the client is told that it was aborted."""
+        """Abort the motion as a real arm does: the state contains the reason, and the client gets an abort message."""
         self._stopped = True
         motion = self.current_motion_id
         self.stop_motion(send_preemption_signal=False)
@@ -182,12 +183,12 @@ class Server(FrankaRobotServer):  # type: ignore[misc]
 
 
 def serve(pipe: Connection, patience: float, pace: float, core: int | None) -> None:
-    """Serve until the pipe says so: sends the address first, and last a record of what happened.
+    """Run a server until a message arrives on the pipe. Send the server's address first, and a final report at the end.
 
     Args:
-        pipe: to who started this process.
-        patience: seconds by the wall that a state waits for its answer.
-        pace: seconds by the wall that a cycle of a motion takes at least.
+        pipe: connection to the parent process.
+        patience: maximum wait for the client's answer to a state, s of wall time.
+        pace: minimum duration of a cycle during a motion, s of wall time.
         core: CPU core to which this process is bound; None: any.
     """
     if core is not None:

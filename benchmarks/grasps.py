@@ -41,13 +41,13 @@ from gensim2.sim.rigid import build_table, load_rigid, resting_pose
 
 Array = npt.NDArray[np.float64]
 
-#: Where objects lie: distance from the robot's base beyond what is comfortable (m), and angle about it (rad).
+#: Ranges of random object positions: distance from the robot's base minus the comfortable distance (m), angle (rad).
 DISTANCE, ANGLE = (-0.15, 0.1), (-0.6, 0.6)
 LIFT, RAISED, HOLD_SECONDS = 0.15, 0.10, 2.0
 SETTLE_STEPS = 4
-#: Beyond the lag of the drives.
+#: Number of control steps to wait at the end of a motion, because the drives lag behind their targets.
 ARRIVE_STEPS = 4
-#: Of a closing finger, m/s.
+#: Speed of a closing finger, m/s.
 FINGER_SPEED = 0.06
 
 
@@ -131,7 +131,7 @@ class Lift:
 
 
 def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tuple[float, float, float]:
-    """Draw position x, y (world frame, m) and yaw (rad) of an object."""
+    """Sample the position x, y (world frame, m) and the yaw (rad) of an object."""
     random = rng(seed, f"grasps/{name}", episode)
     distance = STANDARD_REGION.comfortable + random.uniform(*DISTANCE)
     angle = random.uniform(*ANGLE)
@@ -140,7 +140,7 @@ def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tupl
 
 
 def lift(robot_name: str, name: str, seed: int, episode: int) -> dict[str, Any]:
-    """Plan and execute a grasp of an object in the pose with a number."""
+    """Plan and execute a grasp of an object in its random pose number ``episode``."""
     return asdict(_lift(robot(robot_name), open_library("builtin").load_rigid(name), seed, episode))
 
 
@@ -181,7 +181,7 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
 
 
 def press(profile: RobotProfile) -> float:
-    """Return the target (m) at which a finger joint presses."""
+    """Return the position target (m) of a finger joint that makes the closed fingers press on the object."""
     assert isinstance(profile.gripper, SlidingGripper)
     return profile.gripper.closed
 

@@ -1,4 +1,4 @@
-"""One plan, executed as the original executes it: hand poses 0.8 s of the plan's clock apart, one every 0.85 s."""
+"""Execute a plan as the original GenSim2 does: step by step, with one hand pose of the plan for each step."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from gensim2.tasks.spec import TaskSpec
 Array = npt.NDArray[np.float64]
 
 PLAN_SECONDS = 0.8
-"""Of the plan's clock, that one step of the hand goes on."""
+"""Time between the hand poses of two consecutive steps in the plan, s."""
 STEP_SECONDS = 0.85
-"""Of physics, that one step takes; the original's take 0.81 to 0.9."""
+"""Simulated duration of one step, s; in the original, a step takes 0.81 to 0.9 s."""
 MAX_STEPS = 50
-"""Steps after which an episode ends."""
+"""Maximum number of hand steps in an episode."""
 STRIDE = 0.1
-"""Most rad that a joint goes between two points of a screw motion at which limits and self collision are checked."""
+"""Maximum joint motion (rad) between two points of a screw motion at which limits and collisions are checked."""
 ARRIVED = 1e-4
-"""m and rad within which a screw motion has arrived."""
+"""Tolerance of the hand pose at the end of a screw motion, m and rad."""
 
 PLAN_OPTIONS: kpam.Options = {
     "timing": "config",
@@ -39,22 +39,23 @@ PLAN_OPTIONS: kpam.Options = {
     "avoid_collisions": False,
     "allow_partial": False,
 }
-"""The original's plans know of no collisions; its motions are in frames of its own (docs/reference/solver.md)."""
+"""The original's planner ignores collisions, and uses other frames for motions (docs/reference/solver.md)."""
 
 
 class HandStepsController:
-    """Plans a config once, at the start, and steps the hand along the plan, fingers open.
+    """Controller that plans a config once, at the start, and moves the hand along the plan in steps, with open fingers.
 
-    The joints go straight from keyframe to keyframe, which is the original's shortest trajectory. Where one of them
-    cannot be had, the hand goes straight to the actuation pose and no further, as there. Each step is a screw motion of
-    the hand from where it is; where that leaves the joint limits or the arm would touch itself, the arm stays where it
-    is. The episode ends after a step at whose end the goal holds, or after ``MAX_STEPS``.
+    The plan interpolates the joints linearly between keyframes, like the shortest trajectory of the original. If a
+    keyframe cannot be reached, the hand moves directly to the actuation pose and stops there, as in the original. Each
+    step is a screw motion of the hand from its current pose. If this motion would leave the joint limits or make the
+    arm collide with itself, the arm does not move in this step. The episode ends when the goal is met at the end of a
+    step, or after ``MAX_STEPS``.
 
     Args:
-        task: one of one step.
-        profile: the robot.
+        task: single-step task.
+        profile: profile of the robot.
         config: config of the keypoint solver, with the times of its keyframes.
-        object_yaw: rad by which list-type motions are turned; None: what the scene drew.
+        object_yaw: angle (rad) by which motions given as lists are rotated; None: the object's random yaw in the scene.
     """
 
     privileged = True
@@ -70,7 +71,7 @@ class HandStepsController:
         self._alone = kpam.Scene(profile.model)
 
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
-        """Plan; nothing is drawn."""
+        """Plan the motion in the scene of ``observation``; ``seed`` is not used."""
         scene = observation.scene()
         plan = self._plan(scene)
         self._hand = None if plan is None else self._poses(scene.q, plan)
@@ -102,7 +103,7 @@ class HandStepsController:
             return None
 
     def _poses(self, q: Array, plan: kpam.Plan) -> tuple[Slerp, Array, Array] | None:
-        """Rotations, times (N,) and positions (N, 3) of the hand along the plan; None where there is no pose at all."""
+        """Return rotations, times (N,) and positions (N, 3) of the hand on the plan; None without an actuation pose."""
         model = self._profile.model
         if plan.trajectory is None:
             if plan.q_actuation is None:
@@ -122,22 +123,22 @@ class HandStepsController:
 
     @property
     def turn(self) -> str:
-        """Name of the step whose turn it is."""
+        """Name of the task step that is executed now."""
         return self._step.name
 
     @property
     def history(self) -> list[StepRecord]:
-        """The one step, with its one plan."""
+        """Record of the task's only step, with its only plan."""
         plan = PlanRecord("original config", *self._status, 0, START, self._ran)
         return [StepRecord(self._step.name, [plan], paper=False, done=False)]
 
     @property
     def events(self) -> list[Event]:
-        """The hand at the actuation pose."""
+        """Events so far: the hand has reached the actuation pose."""
         return list(self._events)
 
     def act(self, observation: PrivilegedObservation) -> Action | None:
-        """The next action, (m + 1,); None: done, or there is no plan."""
+        """Return the next action (m + 1,); None at the end of the episode, or without a plan."""
         if self._hand is None:
             return None
         count, within = divmod(self._ran, self._length)
@@ -163,7 +164,10 @@ class HandStepsController:
         self._before, self._target = q[self._columns], (q if found is None else found)[self._columns]
 
     def _screw(self, q: Array, pose: Array) -> Array | None:
-        """(n,) joints with the hand at ``pose`` (4, 4), along its Jacobian; None where it does not come there."""
+        """Return joint positions (n,) with the hand at ``pose`` (4, 4), by following the Jacobian from ``q``.
+
+        None if the motion leaves the joint limits, collides, or does not reach the pose.
+        """
         model, columns = self._profile.model, self._columns
         q = q.copy()
         low, high = model.lower[columns], model.upper[columns]
@@ -181,5 +185,5 @@ class HandStepsController:
 
 
 def control_steps(profile: RobotProfile) -> int:
-    """Control steps in one step of the hand."""
+    """Return the number of control steps in one step of the hand."""
     return profile.steps(STEP_SECONDS)

@@ -1,4 +1,4 @@
-"""Check that bodies stay apart along a motion, with samples so dense that no collision is missed."""
+"""Check that bodies keep their distance along a motion, with samples so dense that no collision is missed."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from parts import Moved, least_distance
 
 Array = np.ndarray
 
-#: No point of a link moves further between two looks, metres.
+#: Maximum motion of any point of a link between two samples, m.
 STEP = 1e-3
-#: Distances beyond this are not computed, metres.
+#: Distances above this value are not computed, m.
 CUTOFF = 0.03
-#: An overlap up to this is let pass, metres.
+#: Maximum depth of an overlap that is not reported, m.
 PENETRATION_TOLERANCE = 1e-3
-#: A margin may be missed by this, metres: 0.1 mm of the planner's, the resolution of looks, what moves between two.
+#: Tolerance of the margin, m: 0.1 mm tolerance of the planner, plus the motion between two samples.
 MARGIN_TOLERANCE = 4e-4
 
 
@@ -125,9 +125,9 @@ def too_near(pair: Pair, legs: Sequence[Array], margin: float) -> Overlap | None
     In each segment the bodies keep ``margin``, or their distance at the segment's start or end if it is smaller.
 
     Args:
-        pair: the bodies, and where they are judged.
+        pair: the bodies, and the samples at which they are checked.
         legs: increasing sample numbers of each leg, both ends included.
-        margin: metres.
+        margin: required distance, m.
 
     Returns:
         The distance as a negative depth, and its sample.

@@ -1,9 +1,10 @@
-"""Compare batched forward kinematics and the hand's Jacobian with Pinocchio, alternately on one core.
+"""Compare the CPU time of forward kinematics and hand Jacobians in batches with Pinocchio's.
 
     python benchmarks/kinematics.py [--count 100000] [--repeats 5]
 
-The script prints the CPU microseconds for a configuration (medians), their ratio, and the largest difference. Pinocchio
-is called from Python for each configuration, which adds some tenths of a microsecond for each call.
+The libraries are measured alternately on one core. The script prints the median CPU time for a configuration
+(microseconds), the ratio, and the largest difference of the results. Pinocchio is called from Python for each
+configuration, which adds some tenths of a microsecond to each call.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ def spent_us(work: Callable[[], object], count: int) -> float:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return 1 if the results differ by more than 1e-9."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=100_000, help="configurations a call")
+    parser.add_argument("--count", type=int, default=100_000, help="number of configurations in a batch")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--core", type=int, default=0, help="core that everything is pinned to")
+    parser.add_argument("--core", type=int, default=0, help="CPU core on which the measurement runs")
     options = parser.parse_args(arguments)
     os.sched_setaffinity(0, {options.core})
     arm = Arm()
@@ -82,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
         float(np.abs(robot.forward_kinematics(sample) - poses).max()),
         float(np.abs(robot.jacobian(sample) - jacobians).max()),
     )
-    print(f"{'largest disagreement, 1000 configurations':40s} {off:.2e}")
+    print(f"{'largest difference, 1000 configurations':40s} {off:.2e}")
     return int(off > 1e-9)
 
 

@@ -1,11 +1,12 @@
-"""Final openness of objects left alone half open for 5 s under the original's friction, in SAPIEN 2 or in SAPIEN 3.
+"""Measure whether half-open objects move by themselves in 5 s, with the original's joint friction.
 
     python benchmarks/left_alone.py                 # SAPIEN 3, PGS
     python benchmarks/left_alone.py --tgs           # SAPIEN 3, TGS
     SAPIEN2/bin/python benchmarks/left_alone.py     # in a virtual environment with sapien==2.2.2 and numpy<2
 
-Needs nothing of the project but prepared objects in its cache (``gensim2 assets prepare``), so that both SAPIENs read
-the same hulls; prints class, instance and openness at the end.
+The script runs in SAPIEN 2 or SAPIEN 3 and does not import this project. It reads prepared objects from the cache
+(``gensim2 assets prepare``), so that both versions use the same hulls. It prints the class, the id and the final
+openness of each object.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ DENSITY, STEPS = 100.0, 500
 
 
 def weightless_urdf(folder: Path) -> str:
-    """The URDF of a prepared object without masses, pictures and joint dynamics, its meshes by absolute paths."""
+    """Return the URDF of a prepared object with absolute mesh paths, without masses, visuals and joint dynamics."""
     text = (folder / "mobility.urdf").read_text()
     for element in (r"<inertial>.*?</inertial>", r"<visual>.*?</visual>", r"<dynamics[^>]*/>"):
         text = re.sub(element, "", text, flags=re.DOTALL)
@@ -57,7 +58,7 @@ def scene_of_3(tgs: bool) -> Any:
 
 
 def end_openness(scene: Any, urdf: str, facts: dict[str, Any], friction: float) -> float:
-    """Openness of the object that was left at 0.5."""
+    """Return the openness of an object 5 s after it was released at openness 0.5."""
     loader = scene.create_urdf_loader()
     loader.fix_root_link = True
     if hasattr(loader, "set_density"):
@@ -80,7 +81,7 @@ def end_openness(scene: Any, urdf: str, facts: dict[str, Any], friction: float) 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tgs", action="store_true")
-    parser.add_argument("--instances", type=int, default=5, help="of each class and source")
+    parser.add_argument("--instances", type=int, default=5, help="number of objects of each class and source")
     options = parser.parse_args()
     is_2 = not hasattr(sapien, "physx")
     with tempfile.TemporaryDirectory() as scratch:

@@ -8,9 +8,9 @@
     gensim2 data export runs/night --to lerobot --out runs/lerobot
     lerobot/bin/python benchmarks/lerobot_reads.py runs/lerobot
 
-Reads every frame (pictures need the FFmpeg libraries), a shuffled batch, and one episode through the visualizer; makes
-a data set of the same features, and one without the first episode. Prints what it found; ends with 1 where something is
-amiss.
+The script reads every frame (images need the FFmpeg libraries), a shuffled batch, and one episode with the visualizer.
+It creates an empty data set with the same features, and a copy of the data set without the first episode. It prints the
+results. The exit code is 1 if a check fails.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def main() -> int:
         lengths[number] += 1
     told = [dataset.meta.episodes[number]["length"] for number in range(dataset.num_episodes)]
     if lengths != told:
-        print("lengths are not those that the data set tells")
+        print("episode lengths differ from the metadata of the data set")
         return 1
     batch = next(iter(torch.utils.data.DataLoader(dataset, batch_size=8, shuffle=True)))
     print({name: tuple(value.shape) for name, value in batch.items() if hasattr(value, "shape")})
@@ -55,7 +55,7 @@ def main() -> int:
 
 
 def edited(dataset: Any) -> int:
-    """Use the editing tools, which refuse names with a slash; 1 where they do not give what they should."""
+    """Test the editing tools, which refuse names with a slash; return 1 if a result is wrong, else 0."""
     from lerobot.datasets.dataset_tools import delete_episodes
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
@@ -72,10 +72,10 @@ def edited(dataset: Any) -> int:
         first, same = left[0], dataset[dataset.meta.episodes[0]["length"]]
         for key, value in same.items():
             if key.startswith(("observation.", "action")) and first[key].shape != value.shape:
-                print(f"{key} has another shape")
+                print(f"{key} has a different shape")
                 return 1
         if not (first["action"] == same["action"]).all():
-            print("another action")
+            print("the actions differ")
             return 1
     return 0
 

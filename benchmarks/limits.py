@@ -2,11 +2,11 @@
 
     python benchmarks/limits.py [--actions 1000000] [--seed 0] [--speed 0.1] [--robot panda|fr3] [--json OUT]
 
-Targets are drawn from steps, ramps, noise, bang-bang between the ends of the joints' range, poses in the table and in
-the robot itself, circles faster than the arm, NaN and infinity. What comes out is judged from positions alone: their
-first, second and third differences, a kinematics of its own for the tool, and coal's distances of the links' hulls to
-one another and to the table at every command. Prints the largest share of each limit that was used, and how many
-commands passed one; ends with 1 where any did.
+Random targets are steps, ramps, noise, jumps between the joint limits, poses inside the table and inside the robot,
+oscillations faster than the arm, NaN and infinity. The resulting commands are checked by independent code, from joint
+positions only: the first, second and third differences, the tool speed by other kinematics, and coal's distances of the
+link hulls to each other and to the table. The script prints the largest value of each quantity as a fraction of its
+limit, and the number of commands beyond each limit. The exit code is 1 if a command exceeded a limit.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from gensim2_robot.limits import RefusedError, begin, limit
 Array = np.ndarray
 
 SHARE = 1e-6
-"""Of a limit that rounding may add, in differences of positions."""
+"""Relative tolerance of limits, because differences of positions have rounding errors."""
 NEARER = 2e-4
-"""Metres that coal's distances may be less, as in the other checks."""
+"""Tolerance of coal's distances, m, as in the other checks."""
 BLOCK = 20_000
 
 
@@ -45,8 +45,10 @@ class Published:
     """Published limits of an arm, independent of the tested code.
 
     Attributes:
-        velocity, acceleration, jerk, lower, upper: (7,) rad/s, rad/s^2, rad/s^3, rad.
-        gain, offset, end_lower, end_upper: (7,) of velocities that depend on the position; infinite gains: none do.
+        velocity, acceleration, jerk: (7,) maximum velocity, acceleration and jerk, rad/s, rad/s^2 and rad/s^3.
+        lower, upper: (7,) joint limits, rad.
+        gain, offset, end_lower, end_upper: (7,) parameters of velocity limits that decrease near the ends of a joint's
+            range: sqrt(gain * distance to the end) - offset. An infinite gain means a constant velocity limit.
     """
 
     velocity: Array
@@ -60,7 +62,7 @@ class Published:
     end_upper: Array = field(default_factory=lambda: np.full(7, 10.0))
 
     def fastest(self, q: Array, sign: Array) -> Array:
-        """(N, 7) rad/s at (N, 7) positions, in the direction of the signs."""
+        """Return the maximum speed (N, 7), rad/s, at joint positions (N, 7), in the direction of ``sign`` (N, 7)."""
         room = np.where(sign > 0.0, self.end_upper - q, q - self.end_lower)
         return np.minimum(self.velocity, np.maximum(0.0, np.sqrt(self.gain * np.maximum(room, 0.0)) - self.offset))
 
@@ -105,9 +107,9 @@ def hostile(count: int, draw: np.random.Generator, start: Array, arm: Published)
             elif kind == 3:
                 target = np.where(draw.random(7) < 0.5, arm.lower, arm.upper)
             elif kind == 4:
-                target = np.array([goal[0], 1.7, 0.0, -1.0, 0.0, 2.5, 0.0])  # into the table
+                target = np.array([goal[0], 1.7, 0.0, -1.0, 0.0, 2.5, 0.0])  # a pose inside the table
             elif kind == 5:
-                target = np.array([goal[0], -1.7, 0.0, -3.0, goal[4], 0.2, 0.0])  # into itself
+                target = np.array([goal[0], -1.7, 0.0, -3.0, goal[4], 0.2, 0.0])  # a pose inside the robot
             elif kind == 6:
                 target = here + 0.4 * np.sin(rate * CYCLE * step + phase)
             elif kind == 7:
@@ -121,8 +123,12 @@ def hostile(count: int, draw: np.random.Generator, start: Array, arm: Published)
 
 
 def commands(count: int, seed: int, speed: float, name: str, margin: float) -> tuple[Array, Counter[str], float]:
-    """Return what the limits let through of hostile targets: (N, 7) positions one cycle apart, what was clipped or
-    refused, and CPU seconds a command."""
+    """Send hostile targets through the tested limits.
+
+    Returns:
+        The resulting commands, (N, 7) joint positions one cycle apart; the number of clipped and refused targets by
+        limit; the CPU time per command, s.
+    """
     limits = ArmLimits.of(robot(name), speed=speed, margin=margin)
     start = np.array(robot(name).reset_qpos[:7])
     sent, told = begin(start, limits), Counter[str]()
@@ -154,7 +160,7 @@ def judge(
     velocity = np.diff(np.concatenate([rest, q]), axis=0) / CYCLE
     acceleration = np.diff(velocity, axis=0) / CYCLE
     jerk = np.diff(acceleration, axis=0) / CYCLE
-    # Less 1e-8 rad/s that rounding adds where a joint may not move at all.
+    # Subtract 1e-8 rad/s: rounding causes such velocities when a joint must not move at all.
     pace, fastest = np.abs(velocity[2:]) - 1e-8, speed * published.fastest(q, velocity[2:])
     shares = {
         "velocity": np.abs(velocity) / (speed * published.velocity),
@@ -195,7 +201,7 @@ def judge(
 
 
 def run(actions: int, seed: int, speed: float, name: str = "panda", margin: float = 0.1) -> dict[str, Any]:
-    """Return the results for a number of hostile targets."""
+    """Return the results of ``actions`` hostile targets."""
     q, told, cost = commands(actions, seed, speed, name, margin)
     found = judge(q, speed, margin, speed * 1.7, 0.005, name)
     return {

@@ -1,6 +1,7 @@
-"""Any URDF arm for the checks: tree by NumPy for whole motions at once, collision parts for coal, Pinocchio beside it.
+"""Kinematics and collision shapes of any URDF arm, for checks that are independent of gensim2's solver.
 
-Nothing here knows gensim2's solver. Joint vectors follow the order of the URDF's joints; fixed joints are left out.
+Forward kinematics is computed with NumPy for all samples of a motion at once, and can be compared with Pinocchio.
+Collision shapes are coal objects. Joint vectors follow the order of the URDF's joints, without fixed joints.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from parts import Part, hull, part, shape_distance, transform
 
 Array = np.ndarray
 
-#: Links nearer than this at the middle of all joint ranges count as touching there (m), as far as rounding may tell.
+#: Two links count as touching at the middle of all joint ranges if they are closer than this distance, m.
 TOUCHING = 1e-3
 
 
 @dataclass(frozen=True)
 class MovingJoint:
-    """A joint that moves: revolute (rad, continuous ones without limits) or prismatic (m)."""
+    """A joint that is not fixed: revolute (rad; a continuous joint has infinite limits) or prismatic (m)."""
 
     name: str
     turns: bool
@@ -36,7 +37,7 @@ class MovingJoint:
 
 @dataclass(frozen=True)
 class Coupling:
-    """``value = factor * value of source + offset``; the source is no mimic itself."""
+    """A mimic joint: ``value = factor * value of source + offset``. The source is never a mimic joint itself."""
 
     source: int
     factor: float
@@ -45,7 +46,7 @@ class Coupling:
 
 @dataclass(frozen=True)
 class TreeLink:
-    """A link with its joint frame in the parent; parents come first."""
+    """A link, with the frame of its joint in the parent link. In lists, a parent precedes its children."""
 
     name: str
     parent: int
@@ -54,12 +55,12 @@ class TreeLink:
 
 
 def numbers(text: str | None, default: str) -> Array:
-    """The numbers of an attribute."""
+    """Parse the numbers of an XML attribute."""
     return np.array([float(value) for value in (text or default).split()])
 
 
 def pose_of(element: ElementTree.Element | None) -> Array:
-    """(4, 4) of an ``origin`` element."""
+    """Return the pose (4, 4) of an ``origin`` element."""
     pose = np.eye(4)
     if element is not None:
         pose[:3, :3] = pin.rpy.rpyToMatrix(*numbers(element.get("rpy"), "0 0 0"))
@@ -68,7 +69,7 @@ def pose_of(element: ElementTree.Element | None) -> Array:
 
 
 def collision_part(element: ElementTree.Element, folder: Path) -> Part:
-    """The coal shape of a ``collision`` element; meshes become their convex hulls."""
+    """Return the coal shape of a ``collision`` element; a mesh becomes its convex hull."""
     geometry = element.find("geometry")
     assert geometry is not None
     kind = geometry[0]
@@ -87,7 +88,7 @@ def collision_part(element: ElementTree.Element, folder: Path) -> Part:
 
 
 def mesh_file(name: str, folder: Path) -> Path:
-    """Return the path of a mesh: beside the URDF or, for ``package://``, in a folder above it."""
+    """Return the path of a mesh: relative to the URDF's folder or, for ``package://``, to one of its parent folders."""
     plain = name.removeprefix("file://")
     if not plain.startswith("package://"):
         return folder / plain
@@ -104,10 +105,11 @@ class Mechanism:
 
     Args:
         text: the URDF.
-        folder: where relative mesh paths begin.
+        folder: folder to which mesh paths are relative.
         hand: name of the hand link.
-        srdf: SRDF text; without one, neighbours and links that touch at the middle of all ranges are not judged.
-        base: name of the base link; what is not below it is left out. By default the root.
+        srdf: SRDF text with the pairs of links that are not checked. Without SRDF, neighbours and pairs of links that
+            touch at the middle of all joint ranges are not checked.
+        base: name of the base link; links that are not its descendants are ignored. Default: the root.
     """
 
     def __init__(self, text: str, folder: Path, hand: str, srdf: str | None = None, base: str | None = None) -> None:
@@ -130,17 +132,19 @@ class Mechanism:
             parts = [collision_part(element, folder) for element in link.findall("collision")]
             if parts:
                 self.parts[link.get("name", "")] = parts
-        #: links with shapes that some joint moves
+        #: Names of the links that have collision shapes and are moved by a joint.
         self.moving_links = [name for name in self.parts if self.movers(name)]
-        #: what holds: the hand and what is below it; where that is a bare frame, with the link that carries it
+        #: Links that hold an attached object: the hand and its descendants. If the hand has no collision shapes, also
+        #: the link that carries it, with the descendants of that link.
         self.holding_links = self.below(self._holder())
-        #: what may touch: the same, unless a joint carries that link, which makes it the arm's own
+        #: Links that may touch the manipulated object: ``holding_links``. If a joint moves the carrying link, this link
+        #: belongs to the arm, so only the hand and its descendants may touch.
         own = self.links[self.index[self._holder()]].joint >= 0
         self.touching_links = self.below(hand) if own else self.holding_links
         self.self_pairs = self._checked_pairs(srdf)
 
     def above(self, name: str) -> list[str]:
-        """A link and those between it and the base, the base last."""
+        """Return the names of a link and all its ancestors, up to the base."""
         found, index = [], self.index[name]
         while index >= 0:
             found.append(self.links[index].name)
@@ -148,11 +152,11 @@ class Mechanism:
         return found
 
     def below(self, name: str) -> set[str]:
-        """A link and all that hangs on it."""
+        """Return the names of a link and all its descendants."""
         return {link.name for link in self.links if name in self.above(link.name)}
 
     def _holder(self) -> str:
-        """The hand or, where that has no shapes, the link with shapes that carries it rigidly, if there is one."""
+        """Return the nearest link with collision shapes that is the hand, or carries the hand; else the hand."""
         for name in self.above(self.hand_link):
             if name in self.parts:
                 return name
@@ -161,19 +165,19 @@ class Mechanism:
         return self.hand_link
 
     def movers(self, name: str) -> frozenset[int]:
-        """Independent joints that move a link."""
+        """Return the indices of the independent joints that move a link."""
         joints = {self.links[self.index[each]].joint for each in self.above(name)} - {-1}
         return frozenset(self.couplings[j].source if j in self.couplings else j for j in joints)
 
     def coupled(self, q: Array) -> Array:
-        """Joint vectors (..., n) with every mimic joint where its source puts it."""
+        """Return joint vectors (..., n) in which every mimic joint has the value that follows from its source joint."""
         q = np.array(q, dtype=float)
         for joint, coupling in self.couplings.items():
             q[..., joint] = coupling.factor * q[..., coupling.source] + coupling.offset
         return q
 
     def place(self, q: Array) -> dict[str, Array]:
-        """Poses (M, 4, 4) of every link in the base frame at joint vectors (M, n)."""
+        """Return the poses (M, 4, 4) of every link in the base frame at joint vectors (M, n)."""
         placed: list[Array] = []
         for link in self.links:
             if link.parent < 0:
@@ -184,11 +188,11 @@ class Mechanism:
         return {link.name: pose for link, pose in zip(self.links, placed, strict=True)}
 
     def hand_poses(self, q: Array) -> Array:
-        """Poses (M, 4, 4) of the hand at joint vectors (M, n)."""
+        """Return the poses (M, 4, 4) of the hand in the base frame at joint vectors (M, n)."""
         return self.place(np.atleast_2d(q))[self.hand_link]
 
     def pinocchio(self) -> pin.Model:
-        """Pinocchio's model, every joint independent; its joint order is its own."""
+        """Return Pinocchio's model, with mimic joints as independent joints; its joint order may differ."""
         root = ElementTree.fromstring(re.sub(r"<mimic[^>]*/>", "", self.text))
         for link in root.findall("link"):
             for element in list(link):
@@ -205,7 +209,7 @@ class Mechanism:
         return pin.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"))
 
     def disagreement(self, q: Array) -> float:
-        """Largest difference (m, or entry of a rotation) from Pinocchio's link poses at joint vectors (M, n)."""
+        """Return the largest difference (matrix entry) from Pinocchio's link poses at joint vectors (M, n)."""
         model = self.pinocchio()
         data, worst = model.createData(), 0.0
         order = [self.joint_names.index(name) for name in list(model.names)[1:]]
@@ -217,7 +221,7 @@ class Mechanism:
         return worst
 
     def _checked_pairs(self, srdf: str | None) -> list[tuple[str, str]]:
-        """Pairs of links that may not touch: they move against each other and nothing says that they may."""
+        """Return the pairs of links that must not touch: pairs with relative motion that no rule excludes."""
         disabled: set[frozenset[str | None]] = set()
         if srdf is not None:
             entries = ElementTree.fromstring(srdf).findall("disable_collisions")
@@ -242,7 +246,7 @@ class Mechanism:
 
 
 def keep_below(root: ElementTree.Element, base: str) -> None:
-    """Remove the links and joints of a URDF that are not below a link."""
+    """Remove the links and joints of a URDF that are not descendants of the link ``base``."""
     kept, joints = {base}, root.findall("joint")
     for _ in joints:
         kept |= {link_of(joint, "child") for joint in joints if link_of(joint, "parent") in kept}
@@ -255,14 +259,14 @@ def keep_below(root: ElementTree.Element, base: str) -> None:
 
 
 def link_of(joint: ElementTree.Element, which: str) -> str:
-    """Name of a joint's parent or child link."""
+    """Return the name of a joint's parent or child link."""
     element = joint.find(which)
     assert element is not None
     return element.get("link", "")
 
 
 def touches(ones: list[Part], at_one: Array, twos: list[Part], at_two: Array) -> bool:
-    """Whether two bodies come within ``TOUCHING``."""
+    """Return whether the distance of two bodies is at most ``TOUCHING``."""
     return any(
         shape_distance(a.shape, transform(at_one @ a.pose), b.shape, transform(at_two @ b.pose)) < TOUCHING
         for a in ones
@@ -312,7 +316,7 @@ def _tree(root: ElementTree.Element, moving: list[str]) -> list[TreeLink]:
 
 
 def _couplings(moving: list[ElementTree.Element], names: list[str]) -> dict[int, Coupling]:
-    """Mimic joints by their place, each referred to the independent joint that it follows in the end."""
+    """Return the mimic joints by their index, each expressed by the independent joint at the end of its mimic chain."""
     raw: dict[int, Coupling] = {}
     for index, joint in enumerate(moving):
         mimic = joint.find("mimic")
@@ -330,7 +334,7 @@ def _couplings(moving: list[ElementTree.Element], names: list[str]) -> dict[int,
 
 
 def motion(joint: MovingJoint, values: Array) -> Array:
-    """(M, 4, 4) of the child in the joint frame."""
+    """Return the poses (M, 4, 4) of the child link in the joint frame at joint values (M,)."""
     out = np.broadcast_to(np.eye(4), (len(values), 4, 4)).copy()
     if not joint.turns:
         out[:, :3, 3] = values[:, None] * joint.axis

@@ -96,12 +96,12 @@ def watch(name: str, count: int, reports: int, call: Callable[[int], object]) ->
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--queries", type=int, default=1_000_000, help="inverse kinematics queries")
+    parser.add_argument("--queries", type=int, default=1_000_000, help="number of inverse kinematics queries")
     parser.add_argument("--plans", type=int, default=20_000)
-    parser.add_argument("--reports", type=int, default=10, help="lines printed a part")
-    parser.add_argument("--max-growth", type=float, default=4.0, help="growth that is let pass, MB")
+    parser.add_argument("--reports", type=int, default=10, help="number of memory readings printed for each part")
+    parser.add_argument("--max-growth", type=float, default=4.0, help="maximum allowed growth, MB")
     options = parser.parse_args(arguments)
-    # What leaks does so at every call: few starts make a million of them a matter of minutes.
+    # Use few solver starts per query, so that a million queries take minutes. A leak would occur in every query anyway.
     panda = robots.robot("panda").model
     quick, whole = problems(panda, 50, {"num_seeds": 4, "num_refinements": 1}), problems(panda, 50, {})
     grown = {

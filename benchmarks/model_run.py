@@ -1,12 +1,13 @@
-"""A whole run with a model that sees, over HTTP, in physics; what it is shown is kept for people to look at.
+"""Test a complete design run with a scripted vision-language model over HTTP, including simulation and replay.
 
     python benchmarks/model_run.py --out runs/model
 
-No model is asked: a script on loopback answers with strategies of our library (`tests/common`), so this says nothing
-of how good anybody's tasks are, but every stage, picture, search, episode and replay is real. It proposes to open a
-drawer, put a golf ball into it and close it; that is taken apart, written as code, planned, tried and
-verified, and then once more from the recorded answers. Whether the task is kept is up to physics. Needs a Vulkan
-driver, and minutes of CPU on a software one.
+No real model is used. A script on localhost answers with strategies of the task library (`tests/common`), so the result
+says nothing about the quality of a model's tasks. All other parts are real: prompts, pictures, search, episodes and
+replay. The script proposes to open a drawer, put a golf ball into it, and close it. The pipeline decomposes this task,
+requests it as code, plans, simulates and verifies it, and then repeats the run from the recorded answers. Simulation
+decides whether the task is kept. The pictures that the model receives are saved for inspection. The test needs a Vulkan
+driver, and takes some minutes of CPU time with a software driver.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from llm_server import KEY, ModelServer
 
 from gensim2.cli.main import run as gensim2
 
-#: What of a report says when and where.
+#: Parts of a report that contain times and paths, which differ between two runs.
 WHEN_AND_WHERE = re.compile(r"started [^ ]+|finished [^ <]+|<pre class=\"command\">.*?</pre>", re.DOTALL)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns 1 where a run did not get to its end, or the replay ends in another report."""
+    """Run the command line; return 1 if a run fails, or if the replay writes a different report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=2)
@@ -41,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ |= {"OPENAI_API_KEY": KEY, "GENSIM2_LIBRARY": "none"}
     common = ["--num-tasks", "1", "--assets", "builtin", "--seed", str(options.seed), "--from-empty", "--workers", "1"]
     common += ["--verify", str(options.verify), "--episodes", "0", "--videos", "0"]
-    # What answers are kept by has the model's name in it: a new name is asked anew.
+    # Stored answers are found by the model's name. A new name prevents the use of answers from earlier runs.
     with ModelServer(Learner(LONG)) as server:
         asking = ["--mode", "topdown", "--target-object", "drawer", "--trials", "1", "--visual", "--code"]
         asked = [
@@ -63,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         WHEN_AND_WHERE.sub("", (options.out / name / "report.html").read_text()) for name in ("run", "again")
     )
     kept = (options.out / "run" / "tasks" / "StowGolfBall" / "verification.json").exists()
-    print(f"kept: {kept}; the replay ends in the same report: {first == second}")
+    print(f"kept: {kept}; the replay writes the same report: {first == second}")
     return int(done != 0 or again != 0 or first != second)
 
 

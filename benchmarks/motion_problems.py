@@ -1,12 +1,13 @@
-"""Joint-to-joint problems for the Panda that are like MotionBenchMaker's and none of them: held out, to tune on.
+"""Generate motion planning problems for the Panda, for tuning the planner. They resemble MotionBenchMaker's problems.
 
     python benchmarks/motion_problems.py --out FILE.jsonl [--each 20] [--seed 0]
 
-Seven kinds of scenes by our own code: shelves of three builds with cylinders on their boards, an open box, a barred
-cage, and a table with clutter, from above and from below. Sizes are those of such furniture, places and turns are
-drawn. From rest (below the table: from under it) to a hand pose about something to be grasped, by inverse kinematics
-from drawn starts. Start and goal keep the margin. The format is that of ``gensim2 bench motion``
-(docs/reference/benchmarks.md); the same seed gives the same file.
+The problems are not part of MotionBenchMaker, so that its problems remain a test set. There are seven kinds of scenes:
+three kinds of shelves with cylinders on their boards, an open box, a barred cage, and a cluttered table, with the start
+above or below the table. Sizes are realistic; positions and yaws are random. The motion begins at the rest pose, or
+below the table, and ends at a random grasp pose of an object, which is computed by inverse kinematics from random start
+values. Start and goal keep a distance of 6 mm from all obstacles. The file has the format of ``gensim2 bench motion``
+(docs/reference/benchmarks.md). The same seed gives the same file.
 """
 
 from __future__ import annotations
@@ -28,18 +29,18 @@ from gensim2.core.seeding import rng
 Array = np.ndarray
 Obstacle = dict[str, Any]
 
-#: Where the arm rests (rad), and what start and goal keep from everything (m).
+#: Rest pose of the arm (rad), and minimum distance of start and goal from obstacles (m).
 READY = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 CLEARANCE = 0.006
-#: From the hand's origin to between the fingertips (m).
+#: Distance from the hand's origin to the point between the fingertips, m.
 REACH = 0.1034
-#: Hand poses that are tried about one target, and scenes until one has a goal.
+#: Maximum number of hand poses that are tried for one grasp position, and of scenes that are tried for one problem.
 POSES = 60
 SCENES = 200
 
 
 def turned(angle: float, axis: int = 2) -> Array:
-    """Rotation (3, 3) by ``angle`` (rad) about a coordinate axis."""
+    """Return the rotation (3, 3) by ``angle`` (rad) about a coordinate axis."""
     c, s = np.cos(angle), np.sin(angle)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     out = np.eye(3)
@@ -48,14 +49,14 @@ def turned(angle: float, axis: int = 2) -> Array:
 
 
 class Furniture:
-    """Obstacles that stand together: given in a frame of their own, written in the base frame."""
+    """A group of obstacles. They are given in the frame of the group, and stored in the base frame."""
 
     def __init__(self, place: Array, yaw: float) -> None:
         self.place, self.turn = np.asarray(place, dtype=float), turned(yaw)
         self.obstacles: list[Obstacle] = []
 
     def at(self, point: Array) -> Array:
-        """A point (3,) in the base frame."""
+        """Transform a point (3,) from the frame of the group to the base frame."""
         return self.turn @ np.asarray(point, dtype=float) + self.place
 
     def _add(self, kind: str, point: Array, turn: Array, **size: Any) -> None:
@@ -68,21 +69,25 @@ class Furniture:
         self.obstacles.append({"type": kind, **size, "position": position, "quaternion_wxyz": [float(v) for v in q]})
 
     def box(self, half: tuple[float, float, float], point: Array, turn: Array | None = None) -> None:
-        """Add a box."""
+        """Add a box with half extents ``half`` (m) at ``point`` (3,), in the frame of the group."""
         self._add("box", point, np.eye(3) if turn is None else turn, half_extents=[float(h) for h in half])
 
     def cylinder(self, radius: float, length: float, point: Array) -> None:
-        """Add an upright cylinder."""
+        """Add an upright cylinder at ``point`` (3,), in the frame of the group; lengths in m."""
         self._add("cylinder", point, np.eye(3), radius=radius, length=length)
 
 
-#: Obstacles, the place (3,) to be grasped, draws of the hand's rotation there, and the place (3,) where the motion
-#: begins where that is not at rest; base frame.
+#: Obstacles; position (3,) to be grasped; function that samples the hand's rotation at the grasp; start position (3,)
+#: of the hand, or None for the rest pose. Positions are in the base frame, m.
 Scene = tuple[list[Obstacle], Array, Callable[[np.random.Generator], Array], Array | None]
 
 
 def pointing(yaw: float, aside: float, down: tuple[float, float]) -> Callable[[np.random.Generator], Array]:
-    """Draws of hand rotations (3, 3) that point along ``yaw``, up to ``aside`` off it and ``down`` below level."""
+    """Return a function that samples hand rotations (3, 3).
+
+    The hand points in the direction ``yaw``, with a deviation of at most ``aside``, and ``down`` (minimum, maximum)
+    below the horizontal plane. All angles are in rad.
+    """
 
     def draw(random: np.random.Generator) -> Array:
         azimuth, dip = yaw + random.uniform(-aside, aside), random.uniform(*down)
@@ -95,13 +100,13 @@ def pointing(yaw: float, aside: float, down: tuple[float, float]) -> Callable[[n
 
 
 def _around(random: np.random.Generator, distance: tuple[float, float]) -> tuple[Array, float]:
-    """A place in the plane at a distance from the base, and the direction there (rad)."""
+    """Return a random point (2,) with a distance from the base in the range ``distance`` (m), and its yaw (rad)."""
     yaw = random.uniform(-2.0, 2.0) if random.random() < 0.8 else random.uniform(-2.8, 2.8)
     return random.uniform(*distance) * np.array([np.cos(yaw), np.sin(yaw)]), yaw
 
 
 def shelf(kind: str) -> Callable[[np.random.Generator], Scene]:
-    """Scenes with a shelf: ``small`` has two boards, ``tall`` four, ``thin`` six and a wall in the middle."""
+    """Return a function that samples scenes with a shelf: two boards (small), four (tall), or six and a wall (thin)."""
 
     def draw(random: np.random.Generator) -> Scene:
         deep, wide = (0.31, 0.5) if kind == "thin" else (0.6, 0.5)
@@ -137,7 +142,7 @@ def shelf(kind: str) -> Callable[[np.random.Generator], Scene]:
 
 
 def box(random: np.random.Generator) -> Scene:
-    """An open box with something in it, its lid tilted up."""
+    """Sample a scene with an open box that contains an object; the lid is tilted up."""
     middle, yaw = _around(random, (0.5, 0.7))
     out = Furniture(np.array([*middle, random.uniform(-0.55, -0.4)]), yaw + random.uniform(-0.2, 0.2))
     out.box((0.35, 0.35, 0.02), np.zeros(3))
@@ -156,7 +161,7 @@ def box(random: np.random.Generator) -> Scene:
 
 
 def cage(random: np.random.Generator) -> Scene:
-    """A cage with bars across its front, a cube in it."""
+    """Sample a scene with a cage that contains a cube and has bars across its front."""
     middle, yaw = _around(random, (0.72, 0.85))
     yaw += random.uniform(-0.2, 0.2)
     out = Furniture(np.array([*middle, random.uniform(0.15, 0.35)]), yaw)
@@ -173,7 +178,7 @@ def cage(random: np.random.Generator) -> Scene:
 
 
 def table(below: bool) -> Callable[[np.random.Generator], Scene]:
-    """Scenes with a cluttered table; from ``below`` the motion begins under it."""
+    """Return a function that samples scenes with a cluttered table; with ``below`` the motion begins below it."""
 
     def draw(random: np.random.Generator) -> Scene:
         middle, yaw = _around(random, (0.95, 1.15))
@@ -215,7 +220,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Scene]] = {
 def joints_at(
     scene: kpam.Scene, place: Array, rotations: Callable[[np.random.Generator], Array], random: np.random.Generator
 ) -> Array | None:
-    """Joints with ``place`` between the fingertips that keep the clearance; none where no drawn pose has such."""
+    """Return joint positions with ``place`` between the fingertips and ``CLEARANCE``; None if none are found."""
     robot = scene.robot
     for _ in range(POSES):
         pose = np.eye(4)
@@ -232,7 +237,7 @@ def joints_at(
 
 
 def problem(kind: str, number: int, seed: int) -> dict[str, Any]:
-    """A problem of a kind: the first drawn scene that has a start and a goal."""
+    """Return a problem of a kind: the first sampled scene with a valid start and a valid goal."""
     model = robots.robot("panda").model
     ready = np.array([*READY, FINGERS_OPEN, FINGERS_OPEN])
     for attempt in range(SCENES):
@@ -263,7 +268,7 @@ def problem(kind: str, number: int, seed: int) -> dict[str, Any]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--each", type=int, default=20, help="problems of each kind")
+    parser.add_argument("--each", type=int, default=20, help="number of problems of each kind")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     problems = [problem(kind, k, arguments.seed) for kind in KINDS for k in range(arguments.each)]

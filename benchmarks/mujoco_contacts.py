@@ -1,9 +1,10 @@
-"""Rolling friction of the engine mujoco, calibrated against PhysX: how far balls roll, and which tasks hold.
+"""Calibrate the rolling friction of the engine ``mujoco`` against PhysX, by rolling balls and success rates of tasks.
 
     python benchmarks/mujoco_contacts.py [--episodes 10] [--tasks StoreLemonInRefrigerator SecureGoldInSafe]
 
-A ball rolls without slipping at the start; the script prints how far it has rolled after 5 s, in both engines. Then it
-runs each task with several radii of rolling friction, and of the torsional friction of all contacts.
+First, a ball starts to roll without slipping, and the script prints the distance after 5 s in both engines. Then the
+script runs each task with several rolling friction coefficients, and with several torsional friction coefficients of
+all contacts. In MuJoCo these coefficients are lengths (m).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ TORSION = (0.01, 0.1)
 
 @contextmanager
 def friction(rolling: float, torsion: float = 0.0) -> Iterator[None]:
-    """Build models with other radii (m) of rolling and torsional friction."""
+    """Build MuJoCo models with other coefficients (m) of rolling and torsional friction in this context."""
 
     def build(*given: Any) -> Any:
         found = build_model(*given)
@@ -48,7 +49,7 @@ def friction(rolling: float, torsion: float = 0.0) -> Iterator[None]:
 
 
 def rolled(task: str, asset_class: str, engine: str, speed: float) -> float:
-    """Return the metres that a ball rolls in 5 s along x."""
+    """Return the distance (m) that a ball rolls along x in 5 s."""
     env = HeadlessEnv(task, assets="builtin", engine=engine)
     env.reset(0, robot=False)
     name = next(name for name, spec in env.task.objects.items() if spec.asset_class == asset_class)
@@ -71,7 +72,7 @@ def rolled(task: str, asset_class: str, engine: str, speed: float) -> float:
 
 
 def held(task_name: str, episodes: int) -> str:
-    """Return how many episodes of a task hold, and their CPU time."""
+    """Return the number of successful episodes of a task, and their CPU time, as text."""
     task = load_task(task_name)
     strategies = {name: parse_strategy(data, name) for name, data in load_strategies(task_name).items()}
     env = HeadlessEnv(task, assets="builtin", engine="mujoco")

@@ -1,15 +1,17 @@
-"""A night's collection, once undisturbed and once killed again and again: the same bytes, or it ends with 1.
+"""Test that a collection of demonstrations that is killed and resumed many times gives the same files.
 
     python benchmarks/night.py --out /data/night                        # 24 tasks x 417 episodes, 100 kills
     python benchmarks/night.py --episodes 20 --tasks 10 --kills 10      # 200 episodes
-    python benchmarks/night.py --out /data/night --hours 2.5            # so long, then the same line goes on with it
+    python benchmarks/night.py --out /data/night --hours 2.5            # stops; repeat the command to go on
     python benchmarks/night.py --out /data/night --at-once              # both runs at the same time
 
-Both runs are of all tasks of the suite with one step, or the first so many of them. Kills are planned before: one in
-each equal part of the run, when a certain number of episodes is finished; one of five comes sooner, a random time after
-the one before, and meets starts too. They hit drivers by SIGKILL and SIGTERM, single workers, and the server that
-forks them. With --out the same line goes on with what was cut short, the night itself included: ``night.json`` says how
-far it is. Ends with 3 where --hours are over and the night is not.
+The script collects the same data set twice: without disturbance, and with kills. Both runs use the first --tasks
+single-step tasks of the paper's suite. The times of the kills are fixed before the run. The run is divided into equal
+parts, and one kill comes in each part, when a random number of episodes is finished. One kill in five comes earlier, at
+a random time after the previous kill, so that some kills hit a run while it starts. The victims are the driver process
+(SIGKILL or SIGTERM), single workers, and the fork server that starts the workers. With --out, the same command
+continues a test that was interrupted; ``night.json`` stores its progress. The exit code is 1 if files differ or kills
+are missing, and 3 if the time of --hours is over before the end of the test.
 """
 
 from __future__ import annotations
@@ -37,23 +39,23 @@ import collection
 
 import gensim2
 
-import kill_runs  # isort: skip - found by collection
+import kill_runs  # isort: skip - importing collection adds the folder of this module to sys.path
 
 START_SECONDS = 15.0
-"""Within which a kill comes that waits for no episode: about what a start takes."""
+"""Maximum delay (s) of a kill that does not wait for an episode; about the duration of a start."""
 
 NO_VICTIM_SECONDS = 60.0
-"""After which a kill whose worker or server is not to be found hits the driver."""
+"""Time (s) after which a kill hits the driver instead, because its worker or server was not found."""
 
 LAST = 0.98
-"""Share of the episodes that are finished at the latest when a kill comes, so that there is something to hit."""
+"""Maximum fraction of finished episodes at a kill, so that the run is still active when the last kill comes."""
 
 NOT_OVER = 3
 
 
 @dataclass(frozen=True)
 class Kill:
-    """One kill: when ``after`` episodes are finished, or ``delay`` seconds after the last kill if that is sooner."""
+    """A kill, due when ``after`` episodes are finished, or earlier: ``delay`` seconds after the previous kill."""
 
     victim: str
     after: int
@@ -61,7 +63,7 @@ class Kill:
 
 
 def planned(kills: int, episodes: int, seed: int) -> list[Kill]:
-    """Return the kills of a run of ``episodes``, in order; the same for the same arguments."""
+    """Return the kills of a run with ``episodes`` episodes, in order; equal arguments give equal kills."""
     dice = random.Random(seed)
     found = []
     for number in range(kills):
@@ -74,7 +76,13 @@ def planned(kills: int, episodes: int, seed: int) -> list[Kill]:
 
 @dataclass
 class Night:
-    """Progress of a night: what it was begun with, and the kills so far as (what was hit, episodes finished then)."""
+    """Progress of a test.
+
+    Attributes:
+        begun: arguments of the test and digest of the tested program.
+        kills: kills so far: (victim, number of episodes finished at that time).
+        stretches: number of calls of the script for this test.
+    """
 
     begun: dict[str, Any]
     kills: list[tuple[str, int]] = field(default_factory=list)
@@ -82,23 +90,23 @@ class Night:
 
     @staticmethod
     def at(path: Path, begun: dict[str, Any]) -> Night:
-        """Read ``path``, or begin; a night of other words or another program is not gone on with."""
+        """Read the progress from ``path``, or begin; exit if the arguments or the program have changed since then."""
         if not path.exists():
             return Night(begun)
         kept = json.loads(path.read_text())
         if kept["begun"] != begun:
-            raise SystemExit(f"{path} was begun with {kept['begun']}, not {begun}: choose another --out")
+            raise SystemExit(f"{path} was begun with {kept['begun']}, not with {begun}: choose another --out")
         return Night(begun, [(str(hit), int(count)) for hit, count in kept["kills"]], int(kept["stretches"]))
 
     def write(self, path: Path) -> None:
-        """Keep it: a night that is itself killed loses nothing but the kill under way."""
+        """Store the progress; if this script is killed, it loses only the kill in progress."""
         temporary = path.with_suffix(".tmp")
         temporary.write_text(json.dumps(asdict(self)))
         temporary.replace(path)
 
 
 def program() -> str:
-    """Return a digest of the package that collects, solver included."""
+    """Return a digest of the tested program: all files of gensim2 and of its solver."""
     found = hashlib.sha256()
     for package in (Path(str(gensim2.__file__)).parent, Path(str(gensim2.__file__)).parents[1] / "gensim2_kpam"):
         for path in sorted(path for path in package.rglob("*") if path.is_file() and path.suffix != ".pyc"):
@@ -107,26 +115,30 @@ def program() -> str:
 
 
 def finished(out: Path) -> int:
-    """Count episodes that are finished; quickly, for it is asked all the time."""
+    """Return the number of finished episodes, counted by file names, because this function is called often."""
     folders = [folder for kept in ("episodes", "failures") for folder in out.glob(f"*/{kept}")]
     return sum(1 for folder in folders for each in os.scandir(folder) if each.name[:1].isdigit())
 
 
 def undisturbed(line: list[str], out: Path, until: float) -> bool:
-    """Collect without disturbance until then, and say what it took; whether it is over."""
+    """Collect without disturbance until the time ``until``, print the cost, and return whether the run is complete."""
     told, log = out.with_suffix(".json"), out.with_suffix(".log")
     before = finished(out)
     watched = collection.watch([*line, "--json", str(told)], log, until - time.monotonic())
     if watched.code not in (0, 143):
         raise SystemExit(log.read_text()[-2000:])
     ran = finished(out) - before
-    print(f"undisturbed: {ran} episodes in {watched.seconds:.0f} s: {ran / watched.seconds:.2f} a second\n  {watched}")
+    print(
+        f"undisturbed: {ran} episodes in {watched.seconds:.0f} s: {ran / watched.seconds:.2f} per second\n  {watched}"
+    )
     if watched.code != 0:
         return False
     result = json.loads(told.read_text())
     print(f"undisturbed: {result['episodes']} episodes of {len(result['tasks'])} tasks, {result['held']} held")
     if result["episodes_run"]:
-        print(f"  {result['cpu_s'] / result['episodes_run']:.3f} s of CPU each of the last {result['episodes_run']}")
+        print(
+            f"  {result['cpu_s'] / result['episodes_run']:.3f} s of CPU for each of the last {result['episodes_run']}"
+        )
     for pattern in ("*/episodes/*.h5", "*/failures/*.h5", "*/episodes.jsonl"):
         files, total = collection.size(out, pattern)
         print(f"  {pattern}: {files} files, {total / 1e6:.1f} MB", flush=True)
@@ -134,7 +146,7 @@ def undisturbed(line: list[str], out: Path, until: float) -> bool:
 
 
 def killed(line: list[str], out: Path, plan: list[Kill], night: Night, kept: Path, until: float) -> bool:
-    """Collect with the kills that are planned until then; whether it is over."""
+    """Collect with the planned kills until the time ``until``, and return whether the run is complete."""
     while time.monotonic() < until:
         process = kill_runs.start(line, out.with_suffix(".log"))
         try:
@@ -161,7 +173,7 @@ def killed(line: list[str], out: Path, plan: list[Kill], night: Night, kept: Pat
 
 
 def _moment(process: subprocess.Popen[bytes], kill: Kill, out: Path, until: float) -> bool:
-    """Wait for the moment of a kill; False where the run or the stretch ends before."""
+    """Wait until a kill is due; return False if the run or the time ``until`` comes first."""
     begin = time.monotonic()
     while process.poll() is None and time.monotonic() < until:
         if time.monotonic() - begin >= kill.delay or finished(out) >= kill.after:
@@ -171,7 +183,10 @@ def _moment(process: subprocess.Popen[bytes], kill: Kill, out: Path, until: floa
 
 
 def _strike(process: subprocess.Popen[bytes], kill: Kill) -> str | None:
-    """Kill what is planned, or the driver where that is not found for long; what was hit, None where nothing runs."""
+    """Kill the planned victim, or the driver if the victim is not found in time.
+
+    Return the process that was killed; None if the run has ended.
+    """
     begin = time.monotonic()
     while process.poll() is None:
         victim = kill.victim if time.monotonic() - begin < NO_VICTIM_SECONDS else "driver SIGKILL"
@@ -182,7 +197,7 @@ def _strike(process: subprocess.Popen[bytes], kill: Kill) -> str | None:
 
 
 def _ended(process: subprocess.Popen[bytes], until: float) -> int:
-    """Wait for the end of a run, stopping it when the stretch is over."""
+    """Wait for the end of a run, stop it at the time ``until``, and return its exit code."""
     try:
         return process.wait(timeout=max(0.0, until - time.monotonic()))
     except subprocess.TimeoutExpired:
@@ -192,7 +207,7 @@ def _ended(process: subprocess.Popen[bytes], until: float) -> int:
 
 
 def differing(ours: Path, theirs: Path) -> tuple[int, list[str]]:
-    """Compare two data sets file by file: how many there are, and the names of those that differ."""
+    """Compare two data sets file by file; return the number of files, and the names of the files that differ."""
     left, right = (dict(_digests(folder)) for folder in (ours, theirs))
     return len(left), list(kill_runs.differences(left, right))
 
@@ -206,15 +221,17 @@ def _digests(folder: Path) -> Iterator[tuple[str, str]]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--episodes", type=int, default=417, help="of each task")
-    parser.add_argument("--tasks", type=int, default=24, help="how many tasks")
+    parser.add_argument("--episodes", type=int, default=417, help="number of episodes of each task")
+    parser.add_argument("--tasks", type=int, default=24, help="number of tasks")
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=0, help="of the kills")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the kills")
     parser.add_argument("--world", choices=("simulator", "fake"), default="simulator")
-    parser.add_argument("--at-once", action="store_true", help="let both runs go at the same time")
-    parser.add_argument("--hours", type=float, default=math.inf, help="after which it stops, to be gone on with")
-    parser.add_argument("--out", type=Path, help="keep the data sets here; default: a temporary folder")
+    parser.add_argument("--at-once", action="store_true", help="run both collections at the same time")
+    parser.add_argument(
+        "--hours", type=float, default=math.inf, help="hours after which the script stops; the same command continues"
+    )
+    parser.add_argument("--out", type=Path, help="folder for the data sets; default: a temporary folder")
     options = parser.parse_args()
     until = time.monotonic() + 3600 * options.hours
     single = collection.single_step_tasks()[: options.tasks]
@@ -238,12 +255,13 @@ def main() -> int:
                 first.result()
             over = killed(lines[1], theirs, plan, night, kept, until) and first.result()
         hit = Counter(victim for victim, _ in night.kills)
-        print(f"killed: {len(night.kills)} of {options.kills} kills {dict(hit)}, stretch {night.stretches}")
+        print(f"killed: {len(night.kills)} of {options.kills} kills {dict(hit)}, call {night.stretches}")
         if not over:
-            print(f"not over: {finished(ours)} and {finished(theirs)} of {total} episodes; the same line goes on")
+            counts = f"{finished(ours)} and {finished(theirs)} of {total}"
+            print(f"not complete: {counts} episodes; repeat the command to continue")
             return NOT_OVER
         quarters = [sum(4 * count // total == quarter for _, count in night.kills) for quarter in range(4)]
-        print(f"  {quarters} in the quarters of the run, by what was finished")
+        print(f"  {quarters} kills in the quarters of the run, by finished episodes")
         count, names = differing(ours, theirs)
     for name in names:
         print(f"differs: {name}")

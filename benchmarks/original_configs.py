@@ -1,4 +1,4 @@
-"""Run the original's own solver configs in our copy of its physics (docs/results/calibration.md).
+"""Run the solver configs of the original GenSim2 in our copy of its physics (docs/results/calibration.md).
 
 python benchmarks/original_configs.py plans.jsonl --assets DIR --json OUT.json                  # recorded scenes
 python benchmarks/original_configs.py plans.jsonl --assets DIR --scenes drawn --episodes 30 --seed S --json OUT.json
@@ -43,21 +43,21 @@ from gensim2.tasks.published import PAPER as PUBLISHED
 from gensim2.tasks.spec import TaskSpec
 
 Scenes = Literal["recorded", "drawn"]
-"""Scenes of the file, or scenes that our seeds draw of all instances."""
+"""``recorded``: the scenes in the file. ``drawn``: random scenes with all objects, sampled with our seeds."""
 SCENES: tuple[Scenes, ...] = get_args(Scenes)
 
 ROBOT = "panda_long"
-"""Profile with the fingers, the drives and the tool keypoints that the file's problems were made for."""
+"""Robot profile with the fingers, drives and tool keypoints with which the problems of the file were recorded."""
 
 TOLERANCE = 1e-4
-"""m by which a tool keypoint of the file may differ from the profile's."""
+"""Maximum difference between a tool keypoint in the file and in the profile, m."""
 START_TOLERANCE = 1e-3
-"""rad or m by which joints may differ from the profile's start."""
+"""Maximum difference between the recorded joint positions and the start of an episode, rad or m."""
 
 
 @dataclass(frozen=True)
 class Rate:
-    """Successes of trials.
+    """Success rate, as the number of successes among the trials.
 
     Attributes:
         count: number of successes.
@@ -78,7 +78,7 @@ class Rate:
 
 
 def differ(one: Rate, other: Rate) -> float | None:
-    """Return the two-sided p-value of equal rates (Fisher's exact test); None where one has no trials."""
+    """Return the two-sided p-value of equal rates (Fisher's exact test); None if one has no trials."""
     if not one.of or not other.of:
         return None
     table = [[one.count, one.of - one.count], [other.count, other.of - other.count]]
@@ -87,7 +87,7 @@ def differ(one: Rate, other: Rate) -> float | None:
 
 @dataclass(frozen=True)
 class ConfigEpisode:
-    """Inputs of one episode beside its scenes' configuration and its seed: plain values that pickle.
+    """Inputs of one episode besides the scene configuration and the seed. Instances can be pickled.
 
     Attributes:
         config: config of the keypoint solver, with the times of its keyframes.
@@ -149,7 +149,7 @@ class ConfigBenchmark:
         rows: one row for each task.
         left_out: records and tasks of the file that were not run, each with the reason.
         warnings: parts of objects that could not be loaded, by object.
-        cpu_s: CPU of all processes in this call, their start apart.
+        cpu_s: CPU time of all processes in this call, s, excluding their start.
         provenance: commit, date and command.
     """
 
@@ -187,7 +187,10 @@ class ConfigBenchmark:
 
 
 def _release_of(names: Sequence[str]) -> Rate | None:
-    """What the release reached in tasks of one step: of all of them the larger count, which is not known by task."""
+    """Return the success rate of the original's release in single-step tasks; None without names.
+
+    For all tasks together, a larger number of episodes was published than for the single tasks.
+    """
     if not names:
         return None
     if set(names) == set(MEASURED):
@@ -210,12 +213,12 @@ def benchmark_configs(
     resume: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> ConfigBenchmark:
-    """Run the original's solver configs, one plan an episode, with its fingers, drives and stepping.
+    """Run the original's solver configs with its fingers, drives and execution in steps; plan once in each episode.
 
     Args:
-        tasks: names of tasks of one step; none: all of the file.
-        configs: planning problems with the original's configs, one JSON object a line (docs/reference/benchmarks.md).
-        scenes: ``"recorded"``: every scene of the file once. ``"drawn"``: ``episodes`` of each task, drawn by ``seed``.
+        tasks: names of single-step tasks; empty: all tasks in the file.
+        configs: JSON Lines file with planning problems and the original's configs (docs/reference/benchmarks.md).
+        scenes: ``"recorded"``: every scene of the file once. ``"drawn"``: ``episodes`` random scenes of each task.
         episodes: number of episodes of each task with sampled scenes.
         seed: seed of the sampled scenes.
         assets: folder of the original's objects.
@@ -224,12 +227,12 @@ def benchmark_configs(
         workers, resume, progress: as for the benchmark.
 
     Raises:
-        InputError: an argument cannot be used, or the file holds nothing that can be run.
-        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
+        InputError: an argument is invalid, or the file contains no problem that can be run.
+        NotRunError: some episodes could not be run. All others are finished; ``resume`` runs the missing ones.
     """
     check_counts(episodes=episodes)
     if scenes not in SCENES:
-        raise InputError(f"no scenes {scenes!r}", field="scenes", remedy=f"one of {', '.join(SCENES)}")
+        raise InputError(f"no scenes {scenes!r}", field="scenes", remedy=f"choose from {', '.join(SCENES)}")
     problems = read_problems(configs)
     library = open_library(assets)
     groups, left_out = _groups(problems, library, tasks, Path(configs))
@@ -241,7 +244,7 @@ def benchmark_configs(
             message = "holds no task whose release figure is known: there are no scenes to draw"
             raise InputError(message, file=configs, field="scenes", remedy="use recorded scenes")
     options = SceneOptions.of(assets=assets, physics=physics, robot=ROBOT)
-    # Only now what takes long to import.
+    # Import late: these imports are slow, and invalid arguments should be reported before them.
     from gensim2.core.processes import Execution
     from gensim2.data.runfolder import RunFolder, default_run_dir
     from gensim2.rollout.identity import digest, listing, provenance, versions
@@ -307,7 +310,7 @@ def _arguments(
 
 
 def episode(config: EpisodeConfig, plan: ConfigEpisode, seed: int) -> Episode:
-    """Run one episode in a worker process; the criteria are read at the end of each step of the hand, as there."""
+    """Run one episode in a worker process; success is tested at the end of each hand step, as in the original."""
     from gensim2.rollout.run import run
     from gensim2.rollout.worker import simulator
 
@@ -319,7 +322,7 @@ def episode(config: EpisodeConfig, plan: ConfigEpisode, seed: int) -> Episode:
 
 @dataclass
 class _Group:
-    """Records of one config: a task of one step, or the first step of a long one."""
+    """Recorded problems of one config, which belongs to a single-step task or to the first step of a long task."""
 
     spec: TaskSpec
     problems: list[PlanProblem] = field(default_factory=list)
@@ -329,11 +332,14 @@ class _Group:
 def _groups(
     problems: Sequence[PlanProblem], library: Library, tasks: Sequence[str], file: Path
 ) -> tuple[dict[str, _Group], dict[str, str]]:
-    """Records that begin where an episode begins, by row, and why the others are left out, by id."""
+    """Return the usable problems by row of the result, and the reason for each unusable problem by id.
+
+    A problem is usable if its arm is at the start position of an episode, and if its object is available.
+    """
     known = {name for name in task_names(PAPER_SUITE) if load_task(name).is_single_step}
     for name in tasks:
         if name not in known:
-            message = f"{name!r} is no task of one step of the paper"
+            message = f"{name!r} is not a single-step task of the paper"
             raise InputError(message, field="tasks", remedy=near(name, sorted(known)))
     found: dict[str, _Group] = {}
     left_out: dict[str, str] = {}
@@ -343,9 +349,9 @@ def _groups(
         if tasks and name not in tasks:
             continue
         if name not in known:
-            left_out[problem.id] = f"{name} is a step of {problem.task} and no task of its own"
+            left_out[problem.id] = f"{name} is a step of {problem.task}, not a separate task"
         elif not _begins(problem):
-            left_out[problem.id] = f"begins amidst an episode of {problem.task}"
+            left_out[problem.id] = f"does not begin at the start of an episode of {problem.task}"
         elif (reason := _lacking(problem, library)) is not None:
             left_out[problem.id] = reason
             lacking.append(reason)
@@ -358,19 +364,19 @@ def _groups(
         if lacking:
             message = f"{library.location} has no object of {file}: {lacking[0]}"
             raise InputError(message, field="assets", remedy="give the folder of the original's objects")
-        there = ", ".join(sorted({problem.sub_task for problem in problems} & known)) or "no task of one step"
-        raise InputError("holds no config of these tasks", file=file, field="tasks", remedy=f"it holds {there}")
+        there = ", ".join(sorted({problem.sub_task for problem in problems} & known)) or "no single-step task"
+        raise InputError("contains no config of these tasks", file=file, field="tasks", remedy=f"choose from {there}")
     return found, left_out
 
 
 def _begins(problem: PlanProblem) -> bool:
-    """Whether the arm stands where episodes begin."""
+    """Return whether the arm is at the start position of an episode."""
     start = robot(ROBOT).reset_qpos
     return max(abs(q - at) for q, at in zip(problem.q_current, start, strict=True)) < START_TOLERANCE
 
 
 def _lacking(problem: PlanProblem, library: Library) -> str | None:
-    """Return the part of the record's object that is missing; None where it is whole."""
+    """Return a message if the library lacks the object of a record, else None."""
     record = problem.objects.articulated
     if record.cls not in library.classes("articulated") or record.id not in library.instances(record.cls):
         return f"there is no {record.cls}/{record.id}"
@@ -378,27 +384,31 @@ def _lacking(problem: PlanProblem, library: Library) -> str | None:
 
 
 def _check_tool(problem: PlanProblem, file: Path) -> None:
-    """Refuse a record that was made for another gripper."""
+    """Check that a problem was recorded with the gripper of ``ROBOT``.
+
+    Raises:
+        InputError: a tool keypoint differs.
+    """
     keypoints = robot(ROBOT).tool_keypoints
     for name, point in problem.tool_keypoints_hand.items():
         if name not in keypoints or max(abs(a - b) for a, b in zip(keypoints[name], point, strict=True)) > TOLERANCE:
             raise InputError(
-                f"{problem.id}: {name} is not where {ROBOT} has it",
+                f"{problem.id}: the keypoint {name} differs from the profile {ROBOT}",
                 file=file,
                 field="tool_keypoints_hand",
-                remedy="give problems of the long-fingered gripper",
+                remedy="give problems that were recorded with the long-fingered gripper",
             )
 
 
 def _with_time(spec: TaskSpec) -> TaskSpec:
-    """The task with as many control steps as an episode of the original has."""
+    """Return a task with the time limit of an episode of the original."""
     profile = robot(ROBOT)
     most = MAX_STEPS * control_steps(profile) + profile.steps(MAX_SETTLE_SECONDS)
     return spec.model_copy(update={"max_episode_steps": most})
 
 
 def _recorded(spec: TaskSpec, problem: PlanProblem, library: Library) -> ConfigEpisode:
-    """The record's scene: its object as it stood, raised until nothing that moves is in the table."""
+    """Return the recorded scene; the object is raised if its moving link would be inside the table."""
     record = problem.objects.articulated
     model = library.load(record.cls, record.id)
     assert isinstance(model, ArticulatedObject)
@@ -416,7 +426,7 @@ def _recorded(spec: TaskSpec, problem: PlanProblem, library: Library) -> ConfigE
 
 
 def _losses(episodes: Sequence[Episode], group: _Group, library: Library) -> dict[str, str]:
-    """Return the parts that the scenes of these episodes lack, by object."""
+    """Return messages about missing parts of the scenes of these episodes, by object."""
     found = {}
     for episode in episodes:
         for record in episode.objects.values():
@@ -432,16 +442,25 @@ def _losses(episodes: Sequence[Episode], group: _Group, library: Library) -> dic
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("configs", type=Path, help="planning problems with the original's configs, one a line")
-    parser.add_argument("--tasks", nargs="+", default=(), metavar="TASK", help="tasks of one step  [default: all]")
-    parser.add_argument("--scenes", choices=SCENES, default="recorded", help="default: every scene of the file once")
-    parser.add_argument("--episodes", type=int, default=30, help="of each task, with --scenes drawn  [default: 30]")
-    parser.add_argument("--seed", type=int, default=0, help="of --scenes drawn  [default: 0]")
+    parser.add_argument("configs", type=Path, help="JSON Lines file with planning problems and the original's configs")
+    parser.add_argument(
+        "--tasks", nargs="+", default=(), metavar="TASK", help="names of single-step tasks  [default: all]"
+    )
+    parser.add_argument(
+        "--scenes",
+        choices=SCENES,
+        default="recorded",
+        help="scenes: of the file, or random  [default: every scene of the file once]",
+    )
+    parser.add_argument(
+        "--episodes", type=int, default=30, help="number of episodes of each task with --scenes drawn  [default: 30]"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of --scenes drawn  [default: 0]")
     parser.add_argument("--assets", help="folder of the original's objects")
     parser.add_argument("--physics", default="original", help="preset of the physics  [default: original]")
     parser.add_argument("--out", type=Path, help="run folder  [default: runs/<date>-<time>]")
-    parser.add_argument("--workers", type=int, default=2, help="worker processes  [default: 2]")
-    parser.add_argument("--resume", action="store_true", help="go on with the run in --out")
+    parser.add_argument("--workers", type=int, default=2, help="number of worker processes  [default: 2]")
+    parser.add_argument("--resume", action="store_true", help="continue the run in --out")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the table and all episodes to FILE")
     options = vars(parser.parse_args(arguments))
     file = options.pop("json")
@@ -463,6 +482,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    import original_configs  # workers import the function of an episode from the module of this name
+    import original_configs  # workers must import the episode function from a module with this name, not from __main__
 
     sys.exit(original_configs.main())

@@ -98,8 +98,8 @@ def test_what_is_not_run_is_named(tmp_path: Path) -> None:
     groups, left_out = _groups(read_problems(file), open_library("builtin"), (), file)
     assert left_out == {
         "a": "there is no drawer/none",
-        "b": "begins amidst an episode of PlaceLemonIntoDrawer",
-        "c": "ReachBall is a step of PlaceLemonIntoDrawer and no task of its own",
+        "b": "does not begin at the start of an episode of PlaceLemonIntoDrawer",
+        "c": "ReachBall is a step of PlaceLemonIntoDrawer, not a separate task",
     }
     assert {name: (len(group.problems), group.release) for name, group in groups.items()} == {
         "PushDrawerClose": (1, Rate(9, 10)),
@@ -107,7 +107,7 @@ def test_what_is_not_run_is_named(tmp_path: Path) -> None:
     }
     head = {**record["tool_keypoints_hand"], "tool_head": [0.0, 0.0, 0.105]}
     other = written(tmp_path, {**record, "tool_keypoints_hand": head})
-    with pytest.raises(InputError, match=r"tool_keypoints_hand: .* tool_head is not where panda_long has it"):
+    with pytest.raises(InputError, match=r"tool_keypoints_hand: .* tool_head differs from the profile panda_long"):
         _groups(read_problems(other), open_library("builtin"), (), other)
 
 
@@ -120,7 +120,7 @@ def test_a_file_of_which_nothing_can_be_run_says_what_is_missing(tmp_path: Path)
         with pytest.raises(InputError, match=r"assets: .* has no object of .*: there is no .*original's objects"):
             _groups(read_problems(file), library, (), file)
     file = written(tmp_path, record)
-    with pytest.raises(InputError, match=r"tasks: holds no config of these tasks \(it holds PushDrawerClose\)"):
+    with pytest.raises(InputError, match=r"tasks: contains no config of these tasks \(choose from PushDrawerClose\)"):
         _groups(read_problems(file), library, ("OpenDrawer",), file)
     with pytest.raises(InputError, match="did you mean OpenDrawer"):
         _groups(read_problems(file), library, ("OpenDrwer",), file)

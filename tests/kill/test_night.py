@@ -22,7 +22,7 @@ def night(out: Path, *more: str) -> subprocess.CompletedProcess[str]:
 def test_a_night_is_gone_on_with_where_it_was_cut(tmp_path: Path) -> None:
     first = night(tmp_path, "--hours", "0.0014")
     assert first.returncode == 3, first.stdout + first.stderr
-    assert "the same line goes on" in first.stdout
+    assert "repeat the command" in first.stdout
     last = night(tmp_path)
     assert last.returncode == 0, last.stdout + last.stderr
     assert last.stdout.splitlines()[-1].startswith("0 of ")

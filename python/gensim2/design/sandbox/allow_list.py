@@ -216,7 +216,7 @@ class Reader:
 
     def look_at_FunctionDef(self, node: ast.FunctionDef, parent: ast.AST | None) -> None:
         if not isinstance(parent, ast.ClassDef) or node.name != "__init__":
-            raise Refused(node, f"the only function allowed is __init__ of the class, not {_short(node.name)}")
+            raise Refused(node, f"a function is not allowed, except __init__ of the class; found {_short(node.name)}")
         given = node.args
         others = (given.posonlyargs, given.kwonlyargs, given.vararg, given.kwarg, given.defaults)
         if [arg.arg for arg in given.args] != ["self"] or any(others):
