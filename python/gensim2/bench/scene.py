@@ -45,7 +45,9 @@ def load_parts(folder: Path, name: str) -> Parts:
         MissingFileError: the file does not exist; callers count missing files.
         InputError: the file is not a mesh, is outside the folder, or has numbers that are not finite.
     """
-    from gensim2.objects.library.meshes import read_obj  # imported here: checking a file of problems does not need it
+    from gensim2.objects.library.meshes import (
+        read_obj,
+    )  # import late, because checking a problem file does not need this module
     from gensim2.objects.meshwork.decompose import components, weld
 
     try:
@@ -130,7 +132,9 @@ class ProblemScene:
 
 
 def pose_from(position: Array | list[float], quaternion: list[float]) -> Array:
-    from scipy.spatial.transform import Rotation  # imported here: checking a file of problems does not need it
+    from scipy.spatial.transform import (
+        Rotation,
+    )  # import late, because checking a problem file does not need this module
 
     return _pose(Rotation.from_quat(quaternion, scalar_first=True), position)
 

@@ -25,8 +25,9 @@ class Learning:
         scenes: Maximum number of scenes of each task to plan; at most 600 for policies that learn from episodes.
         episodes: Number of evaluation episodes of each task.
         videos: Number of episodes of each task to record as video.
-        objects: Number of generated training objects of each class, beyond the listed ones.  [default: the objects of
-            --instances; without --instances 200, or the training split of real objects]
+        objects: Train on this many generated objects of each class. None of them is a listed object of the class.
+            [default: train on the objects of --instances. Without --instances: 200 generated objects, or the training
+            split of a folder's objects]
         generated: Number of generated training objects of each class in addition to those of --assets. Planning time is
             divided in proportion to the numbers of objects, and each part uses up to --scenes scenes.
         verify: Simulate the plans for a keypose policy, and train only on successful plans; a scene then takes ten
@@ -39,8 +40,8 @@ class Learning:
             sentence model's.  [default: that of --from, else small]
         text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP's on the hub]
         settings: YAML settings of network and training that differ from the defaults, such as encoder: pointnext.
-        test_instances: Evaluation objects.  [default: new if the policy learns from --objects; otherwise, and with
-            --from a policy that was trained on listed objects, test if each class has ten or more objects, else new]
+        test_instances: Objects for the evaluation.  [default: test if the policy, or the policy of --from, was trained
+            on listed objects and each class has a test split (ten or more objects); otherwise new]
     """
 
     policy: Literal["keypose", "chunk", "transformer", "diffusion", "flow"] = "keypose"

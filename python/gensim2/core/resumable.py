@@ -19,7 +19,7 @@ REMEDY = "give the same settings, or choose another --out"
 
 
 class FolderLock:
-    """Lock of a folder; a context manager that releases the lock. The lock ends with its process.
+    """Lock of a folder, as a context manager that releases the lock. It also ends when its process ends.
 
     Symbolic links must not lead out of the folder, because writes would follow them. The lock file contains the process
     id and is never removed, because after a removal two processes could lock two files of the same name.

@@ -233,7 +233,7 @@ class _Shown:
 def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     import gymnasium as gym
 
-    from gensim2.data.close_up import CloseUp  # this import loads the ray caster
+    from gensim2.data.close_up import CloseUp  # import late, because this module loads the ray caster
     from gensim2.sim import rendering
 
     kwargs = {name: value for name, value in replay.env_kwargs.items() if name != "engine"}

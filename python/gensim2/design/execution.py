@@ -290,7 +290,9 @@ class PipelineRun:
             if not wanted.wants(task, self._kept):
                 unwanted += 1
                 if unwanted == MAX_UNWANTED:
-                    self.notes.append(f"{unwanted} proposals in a row were of a kind of which enough tasks are kept")
+                    self.notes.append(
+                        f"stopped after {unwanted} consecutive proposals that repeat a kind with enough kept tasks"
+                    )
                     break
                 continue
             unwanted = 0

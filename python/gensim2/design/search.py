@@ -59,7 +59,7 @@ class Budget:
     Attributes:
         screen_scenes: number of scenes on which every candidate is planned.
         rounds: for each simulation round of the first candidates, the number of candidates and of episodes for each.
-        refine_episodes: number of episodes for each refined candidate.
+        refined: number of refined candidates that are simulated, and of episodes for each.
         comparison: number of candidates, and of episodes for each, in the comparisons before and after refinements.
         max_episodes: maximum number of episodes for a candidate; leaders whose rates still do not differ count as
             equal.

@@ -220,7 +220,6 @@ def physical_findings(instance: ArticulatedObject) -> list[Finding]:
 
     The joint is driven by 1.5 times the force or torque that its gravity and friction require.
 
-
     Raises:
         MissingExtraError: SAPIEN is not installed.
     """

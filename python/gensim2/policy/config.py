@@ -83,7 +83,7 @@ class PolicyConfig(Settings):
         if self.execute > self.horizon:
             raise InputError(f"must be at most the setting 'horizon', {self.horizon}", field="execute")
         if self.denoise_steps > self.noise_levels:
-            raise InputError(f"must be at most noise_levels, {self.noise_levels}", field="denoise_steps")
+            raise InputError(f"must be at most the setting 'noise_levels', {self.noise_levels}", field="denoise_steps")
         if self.keyframes and self.head == "keypose":
             raise InputError("applies to action-chunk policies only", field="keyframes")
         if self.encoder == "state":
@@ -153,7 +153,7 @@ def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
     Raises:
         InputError: the file cannot be read, or a field is unknown or invalid; the message names file and field.
     """
-    from gensim2.core.yaml_files import read_yaml  # imported here to keep `gensim2 --help` fast
+    from gensim2.core.yaml_files import read_yaml  # import late, so that `gensim2 --help` stays fast
 
     return configs({**read_yaml(path), **flags}, file=str(path))
 

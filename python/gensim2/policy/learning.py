@@ -145,9 +145,9 @@ def learn(
         episodes, control_episodes: number of evaluation episodes of each task, for the policy and for each control.
         controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`; None: all.
         videos: number of recorded episodes of each task.
-        objects: number of generated training objects of each class, chosen by the seed, in addition to the library's
-            objects. None: the ``instances`` of ``scene``. If these are not given either: ``OBJECTS`` generated objects,
-            or the training split of real objects.
+        objects: train on this many generated objects of each class. The seed selects them, and none of them is an
+            object that the library lists. None: train on the ``instances`` of ``scene``. If these are not given
+            either: ``OBJECTS`` generated objects, or the training split of real objects.
         generated: number of generated training objects of each class in addition to a folder's objects, for
             ``"keypose"``. The time for data is divided in proportion to the numbers of objects.
         verify: whether to simulate the plans and leave out scenes in which they fail, for ``"keypose"``.
@@ -163,8 +163,8 @@ def learn(
         text_model: folder or hub name of the weights of a pretrained text encoder; None: CLIP from the hub.
         settings: network and training settings that differ from the defaults, by name (:mod:`gensim2.policy.config`),
             or a YAML file; not together with ``start``.
-        test_instances: objects for the evaluation. None: ``new`` if ``objects`` is given or a class has no test split,
-            else ``test``.
+        test_instances: objects for the evaluation. None: ``test`` if the policy, or the policy of ``start``, was trained
+            on objects that the library lists, and each class has a test split; otherwise ``new``.
         out: output folder. It contains the checkpoint of a single policy, or for each of several policies a subfolder
             with the task's name.
         workers: number of processes that plan and simulate.

@@ -190,7 +190,7 @@ class EpisodeRunner:
 
     def _failed(self, failure: Failure) -> None:
         self.failed_tries += 1
-        self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
+        self._progress.message(f"job {failure.index} failed on attempt {failure.number}: {failure.reason}")
         if self._log is None:
             return
         self._log.parent.mkdir(parents=True, exist_ok=True)

@@ -252,7 +252,7 @@ def test_a_proposal_that_the_model_finds_bad_is_counted_and_told_next_time(serve
     found = designer(server)
     (task,) = proposed(found, brief)
     assert task.name == "ShoveDrawerShut"
-    assert found.notes == ["1 proposal of the model were found bad by itself"]
+    assert found.notes == ["the model rejected 1 of its own proposals"]
     assert "FlingBoxOpen (fling the box open): nobody asks for it" in server.asked[2].prompt
 
 
@@ -324,8 +324,8 @@ def test_what_stays_wrong_is_dropped_and_counted(server: ModelServer, brief: Bri
     found.open(tmp_path)
     assert proposed(found, brief) == []
     assert found.notes == [
-        "5 proposals in a row came to nothing; no more were asked for",
-        "5 questions had no answer that could be used and were dropped",
+        "stopped after 5 consecutive proposals that could not be used",
+        "5 requests to the model had no usable answer",
     ]
     assert server.requests == 10
     log = json.loads((tmp_path / "model" / "conversations.json").read_text())["conversations"]
@@ -390,7 +390,7 @@ def test_motions_that_cannot_be_used_are_dropped_where_none_can_be(
     with pytest.raises(Declined, match="motions") as declined:
         found.candidates(task, brief, seed=0)
     assert words in str(declined.value)
-    assert found.notes == ["1 question had no answer that could be used and were dropped"]
+    assert found.notes == ["1 request to the model had no usable answer"]
 
 
 def test_a_retreat_of_zero_is_none_and_other_faults_of_a_trial_are_recorded(server: ModelServer, brief: Brief) -> None:

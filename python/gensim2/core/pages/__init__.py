@@ -17,7 +17,7 @@ def template(package: str, name: str) -> Template:
 
     Every page is one file that loads only files from its own folder.
     """
-    import jinja2  # imported here: argument checks do not need it
+    import jinja2  # import late, because checking arguments does not need this module
 
     templates = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package), jinja2.PackageLoader("gensim2.core.pages")]),

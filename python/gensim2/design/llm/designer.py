@@ -84,9 +84,9 @@ class LLMDesigner:
         refused = sum(each.outcome == "refused" for each in self.talk.log.conversations)
         counts = []
         if dropped:
-            counts.append(f"{dropped} question{'s' * (dropped > 1)} had no answer that could be used and were dropped")
+            counts.append(f"{dropped} request{'s' * (dropped > 1)} to the model had no usable answer")
         if refused:
-            counts.append(f"{refused} proposal{'s' * (refused > 1)} of the model were found bad by itself")
+            counts.append(f"the model rejected {refused} of its own proposals")
         return [*self._notes, *counts]
 
     @property
@@ -108,7 +108,7 @@ class LLMDesigner:
         failures = 0
         for number in itertools.count():
             if failures == MAX_FAILURES:
-                self._notes.append(f"{failures} proposals in a row came to nothing; no more were asked for")
+                self._notes.append(f"stopped after {failures} consecutive proposals that could not be used")
                 return
             try:
                 task = self._proposal(brief, number, refused)

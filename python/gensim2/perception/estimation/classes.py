@@ -83,6 +83,6 @@ def by_name(classes: Sequence[ClassConstants], name: str) -> int:
     names = [each.name for each in classes]
     if name not in names:
         raise InputError(
-            f"the estimator does not know the class {name!r}", field="class", remedy=f"one of {', '.join(names)}"
+            f"the estimator does not know the class {name!r}", field="class", remedy=f"choose from {', '.join(names)}"
         )
     return names.index(name)
