@@ -39,7 +39,7 @@ def main() -> int:
     for frame in (dataset[index] for index in range(len(dataset))):
         number = int(frame["episode_index"])
         if int(frame["frame_index"]) != lengths[number] or not torch.isfinite(frame["observation.state"]).all():
-            print(f"frame {lengths[number]} of episode {number} is amiss")
+            print(f"frame {lengths[number]} of episode {number} is wrong")
             return 1
         lengths[number] += 1
     told = [dataset.meta.episodes[number]["length"] for number in range(dataset.num_episodes)]

@@ -60,7 +60,7 @@ class Furniture:
         return self.turn @ np.asarray(point, dtype=float) + self.place
 
     def _add(self, kind: str, point: Array, turn: Array, **size: Any) -> None:
-        # Turns here are about one axis at a time, then about z.
+        # The conversion needs w > 0, or a rotation by 180° about z; all rotations in this module fulfil this.
         m = self.turn @ turn
         w = np.sqrt(max(0.0, 1 + np.trace(m))) / 2
         x, y, z = (m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1])

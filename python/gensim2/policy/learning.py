@@ -163,8 +163,8 @@ def learn(
         text_model: folder or hub name of the weights of a pretrained text encoder; None: CLIP from the hub.
         settings: network and training settings that differ from the defaults, by name (:mod:`gensim2.policy.config`),
             or a YAML file; not together with ``start``.
-        test_instances: objects for the evaluation. None: ``test`` if the policy, or the policy of ``start``, was trained
-            on objects that the library lists, and each class has a test split; otherwise ``new``.
+        test_instances: objects for the evaluation. None: ``test`` if the policy, or the policy of ``start``, was
+            trained on objects that the library lists, and each class has a test split; otherwise ``new``.
         out: output folder. It contains the checkpoint of a single policy, or for each of several policies a subfolder
             with the task's name.
         workers: number of processes that plan and simulate.
