@@ -130,7 +130,7 @@ def test_pre_actuation_motions_are_listed_backwards_in_time(problem: dict[str, A
         (shift_the_pose, "q_actuation: constraint 0"),
         (understate_the_cost, "cost is"),
         (turn_the_pose_out_of_its_axis, "q_plan: constraint 1"),
-        (claim_another_keyframe, "stated pose is not"),
+        (claim_another_keyframe, "stated pose does not follow"),
         (claim_to_be_solved, "status solved, but"),
         (start_elsewhere, "is not q_current"),
         (forget_a_keyframe, "no waypoint at that time"),

@@ -93,7 +93,7 @@ def test_the_script_replaces_rows_of_the_same_condition(tmp_path: Path) -> None:
     assert [(row.condition.physics, row.seed) for row in read_figures(out).rows] == [("default", 10), ("original", 9)]
     twice = run(ours, again)
     assert twice.returncode == 1
-    assert "same task under the same condition" in twice.stderr
+    assert "same task with the same condition" in twice.stderr
     assert run(ours, "--only").returncode == 0
     assert [row.seed for row in read_figures(out).rows] == [9]
     names = ["default-generated.csv.xz", "original-generated.csv.xz"]

@@ -206,7 +206,7 @@ def spec(**changed: Any) -> dict[str, Any]:
         ({"observation": spec(modalities=5)}, "invalid observation spec: modalities must be a list of names, got 5"),
         ({"observation": spec(modalities=[5])}, r"spec: modalities must be a list of names, got \[5\]"),
         ({"observation": spec(cameras=None)}, "spec: cameras must be a list of names, got None"),
-        ({"observation": spec(cameras=[])}, "spec: cameras must be some of"),
+        ({"observation": spec(cameras=[])}, "spec: cameras must be a list of"),
         ({"observation": spec(cloud=5)}, "spec: cloud must be a mapping, got 5"),
         ({"observation": spec(cloud={"low": 5})}, "spec: low must be three numbers"),
         ({"observation": spec(cloud={"low": ["a", "b", "c"]})}, "spec: low must be three numbers"),

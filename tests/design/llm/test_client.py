@@ -157,7 +157,7 @@ def test_a_server_that_refuses_a_field_as_unprocessable_is_asked_without(server:
 
 def test_nothing_at_the_address_is_no_missing_model(server: ModelServer) -> None:
     server.faults = deque([Fault(404, body=b'{"detail": "Not Found"}')])
-    with pytest.raises(InputError, match="--base-url end as it should"):
+    with pytest.raises(InputError, match="the end of --base-url"):
         Client(options(server)).ask(question())
 
 

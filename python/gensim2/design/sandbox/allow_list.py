@@ -109,7 +109,7 @@ def checked(
             raise at_line(TOO_MANY_BITS, error.lineno) from error
         raise
     except (RecursionError, MemoryError) as error:
-        raise at_line("cannot be parsed: it is nested too deeply", longest_line(source)) from error
+        raise at_line("cannot be parsed: the program is nested too deeply", longest_line(source)) from error
     except ValueError as error:
         raise SyntaxError(f"cannot be parsed: {error}") from error
     return tree, Reader(offered, methods).read(tree)
