@@ -107,7 +107,7 @@ def train_rounds(
 
 
 def _check_free(out: Path, resume: bool, rounds: int) -> None:
-    """Check that the output folder is free for the checkpoint of the last round. The check runs before the first round."""
+    """Check that the output folder is free for the checkpoint of the last round, before the first round starts."""
     if not holds_training(out):
         return
     begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()
