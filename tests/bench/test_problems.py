@@ -116,7 +116,7 @@ def test_files_are_whole(tmp_path: Path, problem: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="no problems"):
         read_problems(path)
     path.write_text(json.dumps(problem) + "\n\n" + json.dumps(problem) + "\n")
-    with pytest.raises(InputError, match=r"line 3: id: 'CloseCabinet/0' is on line 1 already"):
+    with pytest.raises(InputError, match=r"line 3: id: the id 'CloseCabinet/0' is already used on line 1"):
         read_problems(path)
     path.write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="UTF-8"):

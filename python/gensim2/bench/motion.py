@@ -107,14 +107,14 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
         return kpam.Body(name, "rigid", [shape], pose)
     except (KeyError, TypeError, ValueError, OverflowError, kpam.KpamError) as error:
         raise InputError(
-            f"is not an obstacle ({type(error).__name__}: {error})",
+            f"cannot be read as an obstacle ({type(error).__name__}: {error})",
             field=name,
-            remedy="give type box, cylinder or sphere, its size, position and quaternion_wxyz",
+            remedy="write the fields type (box, cylinder or sphere), size, position and quaternion_wxyz",
         ) from error
 
 
 def _full(robot: kpam.Robot, values: Sequence[float]) -> Array:
-    """Return the joint vector of arm and gripper: the given arm joints and open fingers."""
+    """Return the positions of all joints. The arm joints have the given values, and the fingers are open."""
     q = np.full(len(robot.joint_names), FINGERS_OPEN)
     q[: len(values)] = values
     if len(values) < len(q):

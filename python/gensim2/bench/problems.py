@@ -75,7 +75,9 @@ class _Record(BaseModel):
 
 
 class ArticulatedRecord(_Record):
-    """State of the articulated object: root pose in the world frame, joint value, scale of its files."""
+    """State of the articulated object: root pose in the world frame, joint value, and the factor by which lengths in
+    the object's files are multiplied.
+    """
 
     cls: str
     id: str
@@ -108,7 +110,7 @@ class ObjectsRecord(_Record):
 
 
 class PlanProblem(_Record):
-    """One line of a problem file; the module's docstring has units and frames.
+    """One line of a problem file. The module's docstring documents units and frames.
 
     ``task`` and ``sub_task`` name the recorded episode's task and step; empty if they were not recorded.
     """
@@ -142,7 +144,9 @@ class PlanProblem(_Record):
         return [*self.pre_actuation_times, self.actuation_time, *self.post_actuation_times]
 
     def odd_frames(self) -> list[str]:
-        """Return the invalid axis frames in the config, which the original solver of GenSim2 reads as world frame."""
+        """Return the invalid names of axis frames in the config. The original solver of GenSim2 treats such a name as
+        the world frame.
+        """
         return [str(entry["target_axis_frame"]) for entry in self._constraints() if _is_odd(entry)]
 
     def _constraints(self) -> list[Any]:

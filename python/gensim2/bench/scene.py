@@ -42,7 +42,7 @@ def load_parts(folder: Path, name: str) -> Parts:
         name: name of the file in the folder.
 
     Raises:
-        MissingFileError: the file does not exist; callers count missing files.
+        MissingFileError: the file does not exist.
         InputError: the file is not a mesh, is outside the folder, or has numbers that are not finite.
     """
     from gensim2.objects.library.meshes import (
@@ -63,7 +63,7 @@ def load_parts(folder: Path, name: str) -> Parts:
 def convex_points(points: Array) -> Array | None:
     """Return the vertices of the convex hull of points (N, 3), m; None if the points lie on a line.
 
-    Flat points are thickened to ``MINIMUM_THICKNESS`` along their normal.
+    If the points lie in a plane, the hull gets the thickness ``MINIMUM_THICKNESS``.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -112,7 +112,9 @@ class SceneObstacle:
 
 @dataclass(frozen=True)
 class SceneJoint:
-    """The moving joint: ``origin`` and unit ``axis``, each (3,), in the robot base frame; value in rad or m."""
+    """The movable joint of an object. ``origin`` (3,) and the unit vector ``axis`` (3,) are in the robot's base frame;
+    the joint value is in rad or m.
+    """
 
     kind: Literal["revolute", "prismatic"]
     origin: Array
@@ -188,7 +190,9 @@ def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tup
     moving = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(moving) != 1 or moving[0].type not in MOVABLE:
         raise InputError(
-            f"has {len(moving)} movable joints", file=urdf.file, remedy="an object has one revolute or prismatic joint"
+            f"has {len(moving)} movable joints",
+            file=urdf.file,
+            remedy="an object must have exactly one revolute or prismatic joint",
         )
     joint, axis, value, scale = moving[0], unit_axis(moving[0], urdf.file), record.qpos[0], record.scale
     frames = fixed_frames(urdf, joint)

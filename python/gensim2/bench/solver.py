@@ -32,7 +32,7 @@ SHORTEST_SAMPLE_DT = 0.001
 
 @dataclass(frozen=True)
 class BenchSummary:
-    """Summary of all problems; times are medians of CPU time in ms.
+    """Summary of all problems. Times are medians over the problems, CPU time in ms.
 
     ``peak_memory_mb`` is the peak memory of the process, including scenes and output.
     """
@@ -56,7 +56,9 @@ def _listed(value: Any) -> Any:
 
 
 def _clearance(question: kpam.KeypointProblem, plan: kpam.Plan) -> dict[str, float | None]:
-    """Return the smallest signed distances, m, between checked pairs of bodies; None without motion or pairs."""
+    """Return the smallest signed distances (m) along a motion between those pairs of bodies that the planner checks.
+    None: there is no motion, or no such pair.
+    """
     found = kpam.min_clearance(question, plan, CLEARANCE_STEP)
     values: dict[str, float | None] = {"self": None, "table": None, "object": None}
     if found is not None:
@@ -118,7 +120,7 @@ def bench_solver(
     Args:
         problems: JSON Lines file of planning problems, see ``gensim2.bench.problems``.
         out: file to write.
-        assets: folder of real objects, which are obstacles; None: the table is the only obstacle.
+        assets: folder with the objects of the problems, which become obstacles. None: the table is the only obstacle.
         frames: how motion frames are interpreted (see :func:`~gensim2.bench.convert.keypoint_problem`).
         threads: number of solver threads, which does not affect results.
         sample_dt: time step of the joint positions to write, s; None: write no joint positions.

@@ -1,1 +1,1 @@
-"""Command line of gensim2: one module for each command, generated from a typed function."""
+"""Command line of gensim2. Each command has a module and is generated from a typed function."""

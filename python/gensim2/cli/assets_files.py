@@ -190,7 +190,8 @@ def import_(
 
 
 def _positions(given: tuple[str, ...]) -> dict[str, list[float]]:
-    """Read the values of ``--keypoint``: positions and files of positions, by name.
+    """Read the values of ``--keypoint``. A value is a position, or a file with several positions. Return the positions
+    by the name of the keypoint.
 
     Raises:
         InputError: a value is neither NAME=X,Y,Z nor a file of names and numbers.

@@ -75,13 +75,13 @@ def gallery(
 ) -> dict[str, Any]:
     """Write a page with pictures of every object.
 
-    The page shows every object from all sides, and articulated objects also at openness 0, 0.5 and 1. Existing pictures
-    of unchanged objects are reused. After Ctrl-C, the same command continues.
+    The page shows every object from several directions around it. Articulated objects are also shown at openness 0, 0.5
+    and 1. Existing pictures of unchanged objects are reused. After Ctrl-C, the same command continues.
 
     Args:
         where: Folder of objects, or 'builtin'; can be repeated.  [default: builtin, and $GENSIM2_ASSETS if set]
         classes: Show only these classes.
-        findings: Result of `gensim2 assets validate --json FILE`, shown beside the pictures.
+        findings: File written by `gensim2 assets validate --json FILE`, whose findings are shown beside the pictures.
         out: Folder of the page.
         views: Number of views around an object.
         size: Edge length of each view in pixels.

@@ -56,8 +56,9 @@ def validate(
     object. The exit code is 1 if an object fails a check.
 
     Args:
-        every: Check all objects of the library; the default without CLASS.
-        drawn: Also check N random objects of each class: newly generated objects, or objects of the folder.
+        every: Check all objects of the library. This is the default if no CLASS is given.
+        drawn: Also check N random objects of each class. They are newly generated, or chosen from the folder of
+            --assets.
         physics: Simulate each object.
     """
     from gensim2.objects import open_library

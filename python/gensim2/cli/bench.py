@@ -22,7 +22,9 @@ def _json_lines(result: dict[str, Any]) -> str:
 
 
 def _show_summary(**rows: tuple[str, str]) -> Callable[[dict[str, Any]], None]:
-    """Return a function that shows fields of a summary; each of ``rows`` names a field, its label and its format."""
+    """Return a function that prints fields of a summary. A keyword is the name of a field; its value is the pair of
+    label and format.
+    """
 
     def show(result: dict[str, Any]) -> None:
         summary = result["summary"]
@@ -120,7 +122,7 @@ def motion(
 ) -> dict[str, Any]:
     """Time the planner on a file of joint-to-joint motion problems.
 
-    --json writes one line with a JSON object for each problem. Times are CPU times from the problem to the timed
+    --json writes one line with a JSON object for each problem. Times are CPU times for the whole computation of a
     motion, including the construction of the scene.
 
     Args:
@@ -149,7 +151,7 @@ def policy(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Time policies from observation to action.
+    """Measure the latency of policies from observation to action.
 
     Without --checkpoint, the command times decisions of every policy head on a live scene, including ray casting, with
     random weights and batch size 1. The planner that executes keyposes is not included. With --checkpoint, it times a
@@ -157,7 +159,7 @@ def policy(
 
     Args:
         checkpoint: Keypose policy to time in episodes of its tasks.
-        heads: Time only this head; can be repeated.
+        heads: Measure only this head; can be repeated.
         encoders: Encoder to time; can be repeated.  [default: mlp]
         points: Number of points of a point cloud.
         decisions: Number of decisions of each policy.
@@ -177,7 +179,7 @@ def policy(
 
 
 def _refuse_beside_a_checkpoint(context: click.Context) -> None:
-    """Refuse options that a trained policy determines: its network and its device."""
+    """Refuse options that cannot be combined with a trained policy, which determines network and device."""
     for param in context.command.params:
         fits = param.name in ("checkpoint", "decisions", "threads", "assets", "library", "json_file")
         if not fits and is_given(context, param.name or ""):

@@ -59,7 +59,8 @@ def collect(
         keep_failures: Also keep the states of failed episodes.
         noise: Standard deviation of random angles that occasionally perturb the arm's commands. The unperturbed
             commands are recorded, too, and used for training.
-        strategy: Name of a strategy; steps that have this strategy use no other. Can be repeated.
+        strategy: Name of a strategy. Every step that has a strategy of this name uses only this strategy. Can be
+            repeated.
         objects: Use this number of new generated objects of each class.  [default: the objects of --instances]
         resume: Continue the data set in --out, if there is one.
     """

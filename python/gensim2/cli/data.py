@@ -66,12 +66,12 @@ def export(
         out: Output folder.
         tasks: Export only this task; can be repeated.
         strict: Export only episodes that pass the strict verdict.
-        whole: Export only episodes in which every motion was executed completely.
+        whole: Export only episodes without partial motions.
         first_try: Export only episodes without replanning.
         min_steps: Minimum number of control steps.
         max_steps: Maximum number of control steps.
-        min_clearance: Minimum distance, in metres, of the robot from the table, from itself and from objects that no
-            step acts on; at most 0.2.
+        min_clearance: Minimum distance, in metres, between the robot and the table, between two links of the robot, and
+            between the robot and objects that the task does not use; at most 0.2.
         observations: Include the observations that `gensim2 render` made.
     """
     from gensim2.data.formats.export import export as function

@@ -28,7 +28,8 @@ def demo(task: str, *, episodes: Count = 5, progress: Progress, **given: Any) ->
 
     TASK is a task of the library, or a folder with task.yaml and strategies/. Successful episodes (verdict held) become
     demonstrations. --json also contains the number of episodes that pass each verdict, and the CPU seconds of all
-    processes without their start. The exit code is 1 if fewer demonstrations succeeded than requested.
+    processes (not including the time to start them). The exit code is 1 if fewer demonstrations succeeded than
+    requested.
 
     Args:
         episodes: Number of demonstrations to record.

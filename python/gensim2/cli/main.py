@@ -34,7 +34,7 @@ EXTRAS = {
     **dict.fromkeys(("matplotlib", "pyarrow", "zarr"), "data"),
 }
 
-#: Module and attribute of each command, imported on use so that ``--help`` is fast.
+#: Module and attribute of each command. A module is imported when its command is used, so that ``--help`` is fast.
 COMMANDS = {
     "run-pipeline": "gensim2.cli.run_pipeline:run_pipeline",
     "design": "gensim2.cli.design:design",
@@ -124,7 +124,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _leave(code: int) -> NoReturn:
-    """Exit the process; immediately if Ray's exit handlers would change the exit code."""
+    """Exit the process with ``code``. If Ray is in use, skip the exit handlers, because Ray's handlers would change the
+    exit code.
+    """
     head = sys.modules.get("gensim2.core.processes.ray")
     if head is not None and head.left_waiting:
         sys.stderr.flush()
@@ -165,11 +167,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
         return _fail("gensim2: interrupted; what was finished is kept", exit_code(error))
-    except SystemExit as error:  # raised by a library or the user's code; click raises none here
+    except SystemExit as error:  # Click raises no SystemExit here, so a library or the user's code has raised it.
         return _fail(f"gensim2: something called sys.exit({error.code!r}) before the work was done", NOT_RUN)
     except OSError as error:
         refused = _drop_unwritten_output() or _was_printing(error)
-        if refused and error.errno == errno.EPIPE:  # The reader of the pipe has closed it, which is not an error.
+        # The program that reads our output has ended, which is not an error.
+        if refused and error.errno == errno.EPIPE:
             return FOUND_WRONG
         said = error.strerror or str(error)
         if error.filename is not None:
@@ -193,7 +196,9 @@ def _fail(text: str, code: int) -> int:
 
 
 def _drop_unwritten_output() -> bool:
-    """Return whether standard output is unusable, and redirect it, so that the flush at exit does not fail again."""
+    """Return whether standard output can no longer be written. If so, redirect it, so that Python's flush at exit
+    raises no second error.
+    """
     try:
         sys.stdout.flush()
     except OSError:

@@ -65,9 +65,9 @@ class Shared:
         engine: Physics engine. sapien (extra gensim2[sim]) uses PhysX with ManiSkill's environments. mujoco (extra
             gensim2[mujoco]) needs neither ManiSkill nor PyTorch, and supports --physics default only.  [default: sapien
             if it is installed, else mujoco]
-        instances: Objects to use. train and test are 90 % and 10 % of the listed objects; train-K and test-K, with K
-            from 1 to 9, use another tenth for testing; new are further generated objects; random is one random listed
-            object.
+        instances: Objects to use. train and test are 90 % and 10 % of the listed objects. train-K and test-K, with K
+            from 1 to 9, are other divisions into 90 % and 10 %. new are further generated objects that are not listed.
+            random is one random listed object.
         jobs_per_worker: Number of jobs after which a simulator process is replaced.
         library: Folder of your own tasks, used in addition to the tasks of the package.  [default: $GENSIM2_LIBRARY,
             else a folder in your user data]
@@ -80,8 +80,8 @@ class Shared:
         origin: Use all library tasks proposed by NAME, which is paper or a designer.  [default: paper]
         out: Output folder.  [default: runs/<date>-<time>]
         physics: Physics settings (joint friction, densities, materials, solver, default poses, finger drives and
-            redraws): default, or original for those of the GenSim2 release. Also a preset with changed settings such
-            as original+gripper=default, or a YAML or JSON file of settings.
+            redraws): default, or original, which has the settings of the GenSim2 release. Also a preset with changed
+            settings such as original+gripper=default, or a YAML or JSON file of settings.
         randomization: Random ranges of scenes: paper uses the ranges of the task, paper-half half of them, and wide
             wider ranges, which also vary friction and mass of the objects and the start pose of the robot.
         ray: Run on Ray (extra gensim2[ray]), on this machine or on a cluster whose nodes all have --out at the same
@@ -165,8 +165,8 @@ def command(
         ```
 
     Args:
-        shared: names of options of :class:`Shared`, and classes of options, which the function takes as keyword
-            arguments.
+        shared: options that the command has in common with others: names of attributes of :class:`Shared`, or classes
+            of options. The function receives their values as keyword arguments.
         name: name of the command; None: the function's.
         show: prints the function's result, a dictionary or :class:`Ending`. The command then has ``--json``.
         text: formats the result for the file of ``--json``.
@@ -230,7 +230,7 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     """
     # The command `design` has an argument `folder`, and the default of its --out is a subfolder of this folder.
     if given.get("resume") and given.get("out", "") is None and "folder" not in given:
-        raise click.UsageError("--resume continues the run in --out; give --out, too")
+        raise click.UsageError("--resume continues the run in the folder --out, so --out must be given")
     if given.get("ray") is not None and not is_given(context, "workers"):
         given["workers"] = None  # None means one worker for each CPU of the cluster
     if "engine" in given and given["engine"] is None:

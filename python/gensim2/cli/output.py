@@ -34,8 +34,8 @@ def report(
 ) -> Iterator[tuple[ConsoleProgress, Callable[[dict[str, Any]], None]]]:
     """Yield a progress listener, and a function that accepts the command's result.
 
-    With ``json_file == "-"``, only the document goes to standard output. Everything else that is printed there while
-    the command runs, also by C++ simulators and worker processes, is redirected to standard error.
+    With ``json_file == "-"``, only the document goes to standard output. All other output to standard output while the
+    command runs is redirected to standard error. This includes output of C++ simulators and worker processes.
 
     Args:
         json_file: value of ``--json``: ``None``, ``"-"`` or a file.
@@ -104,7 +104,7 @@ def console() -> Console:
 
 @contextlib.contextmanager
 def _said_of_json(json_file: str) -> Iterator[None]:
-    """Add the option's name to errors about its file."""
+    """Add the option's name ``--json`` to error messages about the file."""
     try:
         yield
     except InputError as error:

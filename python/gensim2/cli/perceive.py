@@ -70,7 +70,7 @@ def train(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Train an estimator of articulated objects.
+    """Train a network that estimates articulated objects from point clouds.
 
     The command places objects at random, renders point clouds by ray casting without simulation, and trains a network
     on them. It writes the estimator to the folder.

@@ -61,10 +61,10 @@ def render(
         cameras: Cameras to use.
         points: Number of points of a point cloud.
         source: Source of the point clouds. depth uses depth images. keypoints uses the true positions of keypoints and
-            bounding-box corners, which only a simulator knows, for privileged baselines.
+            bounding-box corners. Only a simulator knows these positions, so this source is for privileged baselines.
         keep_robot: Part of the robot whose points stay in the point clouds.
-        drop_outliers: Drop isolated points, whose distance to their neighbours exceeds the mean by this number of
-            standard deviations.
+        drop_outliers: Drop isolated points. A point is isolated if its mean distance to its neighbours exceeds the
+            average over all points by this number of standard deviations.
         depth_noise: Add white noise with the parameters of a RealSense D435; same as --noise white.
         tasks: Render only this task; can be repeated.
         episodes: Number of episodes of each task, starting with the first successful one.  [default: all]

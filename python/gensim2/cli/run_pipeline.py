@@ -93,9 +93,9 @@ def run_pipeline(
 ) -> dict[str, Any] | Ending:
     """Design, verify and demonstrate new tasks.
 
-    The pipeline proposes tasks, searches strategies, verifies the tasks in simulation and records demonstrations. The
-    run folder contains the tasks, strategies, verifications, demonstrations, a video of each task and report.html. A
-    task is kept if it succeeds in enough new episodes, with objects that the search never used. An episode does not
+    The pipeline proposes tasks, searches for strategies, verifies the tasks in simulation and records demonstrations.
+    The run folder contains the tasks, strategies, verifications, demonstrations, a video of each task and report.html.
+    A task is kept if it succeeds in enough new episodes, with objects that the search never used. An episode does not
     count as a success if the goal is also reached without the robot. Kept tasks are added to your own library. With a
     language model, the folder also contains every request with its answer and cost (docs/guides/pipeline.md).
 
@@ -122,7 +122,8 @@ def run_pipeline(
 
     memory = Memory()
     if memory.is_there:
-        _ = memory.folder  # an archive is read-only, so refuse it before any work
+        # A library that is an archive is read-only. Accessing its folder raises this error before any work is done.
+        _ = memory.folder
     asked = {name: given.pop(name) for name in NAMES}
     _check_kinds(designer, asked, single, long)
     scene = SceneOptions.of(**split_arguments(given)[0])
@@ -138,7 +139,8 @@ def run_pipeline(
     result = function(designer=by, progress=progress, engines=engines, **counts, **wanted, **given).to_dict()
     try:
         remembered = remember(Path(result["run_dir"]))
-    except InputError as error:  # A fault of the library must not hide the result of the run.
+    # An error while a task is added to the user's library must not hide the result of the run.
+    except InputError as error:
         left_out = Remembered(None, (), {"the kept tasks": error.message})
         return Ending({**result, "remembered": asdict(left_out)}, error)
     return {**result, "remembered": asdict(remembered)}

@@ -212,7 +212,7 @@ def add(
     from gensim2.design.remembering import remember
     from gensim2.tasks.memory import Memory
 
-    _ = Memory().folder  # refuses to run without a library
+    _ = Memory().folder  # Raises an error if the user has disabled the library.
     return {"schema_version": 1, **asdict(remember(folder))}
 
 
@@ -249,7 +249,8 @@ def export(
 
     Args:
         origin: Export all tasks proposed by NAME; replaces NAMES.
-        to: library is task.yaml and the strategies that a task uses; mjcf (extra gensim2[mujoco]) is MuJoCo's XML.
+        to: library writes task.yaml and the strategies that a task uses; mjcf (extra gensim2[mujoco]) writes MuJoCo's
+            XML.
         out: Folder or archive to write.
     """
     from gensim2.tasks.exporting import export as function

@@ -36,7 +36,7 @@ class Option:
 
 
 def count(max_count: int = 1_000_000) -> click.IntRange:
-    """Return the parameter type of whole numbers from 1 to ``max_count``, which bounds the run time."""
+    """Return the parameter type of whole numbers from 1 to ``max_count``. The maximum limits the run time."""
     return click.IntRange(1, max_count)
 
 
@@ -130,7 +130,9 @@ def _option(name: str, hint: Any, default: Any, text: str) -> click.Option:
 
 
 def _kind(hint: Any) -> tuple[click.ParamType[Any], Option, bool]:
-    """Return the type of a value, its details, and whether the option accepts several values."""
+    """Return click's type for an annotated parameter, the details from its annotation, and whether the option accepts
+    several values.
+    """
     kind: click.ParamType[Any] | None = None
     details, several = Option(), False
     while (origin := get_origin(hint)) in (Annotated, Union, UnionType, tuple):

@@ -23,13 +23,13 @@ def view(
 ) -> None:
     """Show an episode in the browser.
 
-    The command plans and runs a TASK, or reads an EPISODE file or an episode of the data set in the folder DATA. The
-    page shows the meshes of the scene, the keyframes of the plan (only for a TASK), the point cloud that a policy would
-    see, and a time slider. The server runs until Ctrl-C. Needs the extra `viz`.
+    The argument is a TASK, which is planned and run, an EPISODE file, or the folder DATA of a data set. The page shows
+    the meshes of the scene, the keyframes of the plan (only for a TASK), the point cloud that a policy would see, and a
+    time slider. The server runs until Ctrl-C. Needs the extra `viz`.
 
     Args:
-        task: Task of a data set.  [default: its first]
-        episode: Episode of a data set.  [default: its first successful one]
+        task: Task of a data set.  [default: the first task]
+        episode: Number of an episode in a data set.  [default: the first successful episode]
         port: Port of the page.
     """
     from gensim2.planning.show import wait

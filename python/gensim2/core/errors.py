@@ -12,7 +12,7 @@ from pathlib import Path
 #: Maximum length of a message, characters.
 LONGEST_LINE = 1500
 
-#: A word that is longer than this (characters) is shortened in messages; paths count as words.
+#: A word with more characters than this is shortened in messages. A path is one word.
 LONGEST_WORD = 300
 
 #: Number of valid words that a message lists if none resembles the user's word.
@@ -101,7 +101,8 @@ def user_code(refused: Callable[[BaseException], InputError], *passed: type[Base
 
     Args:
         refused: function that turns the exception into the error to raise.
-        passed: exceptions that pass unchanged, in addition to signals and MemoryError.
+        passed: types of exceptions that are not converted. KeyboardInterrupt, stop signals and MemoryError are never
+            converted.
 
     Raises:
         InputError: the code raised an exception; ``refused`` creates this error.
@@ -133,8 +134,8 @@ class MissingExtraError(GenSim2Error):
 
     Args:
         module: name of the missing module or command.
-        extra: pip extra of ``distribution`` that installs the module; empty if the module needs no extra.
-        distribution: name of the distribution to install.
+        extra: name of the pip extra that installs the module; empty if the module needs no extra.
+        distribution: name of the distribution that has the extra.
     """
 
     def __init__(self, module: str, extra: str, distribution: str = "gensim2") -> None:

@@ -104,16 +104,19 @@ def new_folder(path: Path) -> Iterator[Path]:
     handle = -1
     try:
         try:
-            with contextlib.suppress(FileExistsError):  # path is a file: the next line raises
+            with contextlib.suppress(FileExistsError):  # If the path is a file, the next line raises the error.
                 path.parent.mkdir(parents=True, exist_ok=True)
-            with _locked(path.parent) as alone:  # other processes would remove an unlocked folder
+            # The parent folder stays locked until the new folder is locked: other processes remove unlocked temporary
+            # folders.
+            with _locked(path.parent) as alone:
                 if alone:
                     _remove_left(path)
                 filled.mkdir()
                 handle = _folder_handle(filled)
                 _lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield filled
-            # A replacement folder would be unlocked and could be deleted by cleanup.
+            # If another folder had taken this folder's place, it would be unlocked, and other processes could remove
+            # it.
             assert os.path.samestat(os.fstat(handle), filled.stat()), f"{filled} was replaced"
             try:
                 filled.replace(path)
@@ -132,7 +135,9 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
-    """Try to lock a folder (without a lock file) during a block; yield whether the lock was acquired."""
+    """Try to lock a folder during a block, and yield whether the lock was acquired. The lock is on the folder itself,
+    not on a lock file.
+    """
     handle = _folder_handle(folder)
     try:
         yield _lock(handle, how)
@@ -154,7 +159,9 @@ def _lock(handle: int, how: int) -> bool:
 
 
 def _remove_left(path: Path) -> None:
-    """Remove temporary folders that killed processes left for ``path``; folders in use are locked and stay."""
+    """Remove temporary folders of ``path`` that killed processes have left behind. A folder that a running process uses
+    is locked and is not removed.
+    """
     pattern = re.compile(rf"^\.{re.escape(path.name[:50])}\.[0-9a-f]{{16}}\.tmp$")
     for left in path.parent.iterdir():
         if not pattern.match(left.name) or left.is_symlink() or not left.is_dir():
@@ -174,14 +181,14 @@ def _reason(error: OSError | WriteError) -> str:
 
 
 def check_writable(path: Path) -> None:
-    """Check that the output file ``path`` can be written, without writing anything.
+    """Check that the output file ``path`` can be written. Nothing is written.
 
     Raises:
         InputError: the file cannot be written; the message gives the reason.
     """
     try:
         if is_special(path):
-            return  # opening a pipe or a device can have side effects
+            return  # Pipes and devices are not opened, because this can have side effects.
         target = Path(os.path.realpath(path))
         with tempfile.TemporaryFile(dir=next(folder for folder in target.parents if folder.exists())):
             pass
@@ -200,7 +207,7 @@ def write_atomic(path: Path, data: str | bytes) -> None:
 
 
 def write_changed(path: Path, text: str) -> None:
-    """Write text to ``path`` atomically, unless the file already has this content."""
+    """Write ``text`` to ``path`` atomically. If the file already has this content, do not touch it."""
     content = text.encode()
     # Compare sizes first, because the file may be untrusted and too large to be read.
     if not path.is_file() or path.stat().st_size != len(content) or path.read_bytes() != content:

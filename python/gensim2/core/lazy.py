@@ -26,7 +26,9 @@ def lazy_names(package: str) -> Callable[[str], Any]:
 
 @cache
 def _imported(package: str) -> dict[str, str]:
-    """Return, for each name that a package imports below ``if TYPE_CHECKING:``, the module that defines the name."""
+    """Find the names that a package imports below ``if TYPE_CHECKING:``. Return a mapping from each name to the module
+    that defines it.
+    """
     import ast  # imported here: most programs do not need the parser
 
     loader: Any = sys.modules[package].__loader__

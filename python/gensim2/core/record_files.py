@@ -31,7 +31,7 @@ def read_record(path: Path, model: type[Model], remedy: str) -> Model:
 
 
 def parse_record(content: bytes, adapter: TypeAdapter[Value], path: Path, remedy: str, at: str = "") -> Value:
-    """Parse JSON and validate it as the type of ``adapter``.
+    """Parse JSON and validate the result with ``adapter``.
 
     Args:
         at: position of the JSON in the file for error messages, for example ``line 3``.

@@ -19,7 +19,7 @@ REMEDY = "give the same settings, or choose another --out"
 
 
 class FolderLock:
-    """Lock of a folder, as a context manager that releases the lock. It also ends when its process ends.
+    """Lock of a folder; a context manager that releases the lock. The lock is released when its process ends.
 
     Symbolic links must not lead out of the folder, because writes would follow them. The lock file contains the process
     id and is never removed, because after a removal two processes could lock two files of the same name.
@@ -29,7 +29,7 @@ class FolderLock:
         name: name of the lock file; nested runs on the same folder use different names.
 
     Raises:
-        InputError: another process holds the lock, a link leads out of the folder, or it cannot be written to.
+        InputError: another process holds the lock, a link leads out of the folder, or the folder cannot be written to.
     """
 
     NAME = ".lock"
@@ -131,7 +131,9 @@ class RunSettings(BaseModel):
 
 
 def differing(field: str, was: Any, now: Any, free: frozenset[str] = frozenset()) -> Iterator[tuple[str, str]]:
-    """Yield field name and message for every difference between two values; mappings are compared key by key."""
+    """Yield the field's name and a message for every difference between the earlier value ``was`` and the present value
+    ``now``. Mappings are compared key by key; keys in ``free`` may differ.
+    """
     if field in free:
         return
     was, now = (each.model_dump(mode="json") if isinstance(each, BaseModel) else each for each in (was, now))
@@ -165,7 +167,7 @@ class ResumableFolder(Generic[Settings]):
         holds: description of the folder's content for error messages, for example ``"a run"``.
         resume: continue a folder that has the marker.
         lock: name of the lock file; None: the caller has locked an outer folder.
-        alone: refuse a folder that has files but no marker.
+        alone: whether to refuse a folder that contains files of another kind (files, but no marker).
 
     Attributes:
         path: the folder.

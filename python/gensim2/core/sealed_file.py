@@ -29,7 +29,7 @@ class Seal:
 
     Attributes:
         magic: first word of the file.
-        version: version that this gensim2 writes and reads.
+        version: format version that the installed version of gensim2 writes and reads.
         message: error message for a damaged file.
         remedy: remedy for a damaged file.
         damaged: exception class for a damaged file.
@@ -71,7 +71,7 @@ class Seal:
                 f"is version {version}, this gensim2 reads {self.version}",
                 file=path,
                 field="schema_version",
-                remedy="use the gensim2 that wrote it",
+                remedy="use the version of gensim2 that wrote the file",
             )
         return digest, content
 

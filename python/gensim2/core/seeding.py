@@ -33,10 +33,10 @@ def check_seed(seed: object) -> int:
 def rng(seed: int, task: str, episode: int = 0) -> np.random.Generator:
     """Return the random generator of one episode.
 
-    The same three values give the same numbers in every process, for any number of workers.
+    Equal arguments give equal random numbers in every process, for any number of workers.
 
     Args:
-        task: name of the task or of another purpose (for example ``"OpenDrawer/verify"``).
+        task: name of the task, or another word for the purpose of the numbers (for example ``"OpenDrawer/verify"``).
         episode: index of the episode.
     """
     import numpy as np  # imported here to keep the command line fast

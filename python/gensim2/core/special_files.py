@@ -16,7 +16,9 @@ MAX_LINKS = 40
 
 
 def descriptor(path: Path) -> int | None:
-    """Return the number of this process's open descriptor at ``path``, for example 1 for ``/dev/stdout``, or None."""
+    """Return the number of the open file descriptor to which ``path`` refers, for example 1 for ``/dev/stdout``; None
+    if ``path`` refers to no descriptor of this process.
+    """
     own = Path(f"/proc/{os.getpid()}/fd")
     for _ in range(MAX_LINKS):
         folder = Path(os.path.realpath(path.parent))
@@ -46,7 +48,7 @@ def is_special(path: Path) -> bool:
 
 
 def write_through(path: Path, payload: bytes) -> None:
-    """Write to a special file; a pipe waits for its reader.
+    """Write to a special file. Writing to a pipe waits until another process reads the pipe.
 
     Raises:
         OSError: the file cannot be written to, or the disk is full.

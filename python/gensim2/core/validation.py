@@ -23,11 +23,11 @@ def input_error(
     """Return the first error that pydantic found as an :class:`~gensim2.core.errors.InputError`.
 
     Args:
-        error: error of a model or an adapter.
+        error: error of a pydantic model or a ``TypeAdapter``.
         file: file of the data.
         within: position of the data in the file, for example ``line 3``.
         location: path to the field; by default the location in pydantic's error.
-        known: valid field names, from which the message suggests one if a field is unknown.
+        known: valid field names. If a field is unknown, the message suggests the most similar name.
         remedy: remedy for the message; the default for an unknown field is to rename or remove the field.
 
     Example:

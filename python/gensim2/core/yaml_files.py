@@ -1,7 +1,8 @@
 """Read and write YAML files of plain data, with limits on size, depth and repetition.
 
-Files may be untrusted or come from language models. Allowed are mappings with text keys, lists, text, numbers, true,
-false and null. Dates, merges, other tags and cyclic anchors are refused with file and line.
+Files may be untrusted or come from language models. A file may contain mappings with text keys, lists, text, numbers,
+true, false and null. Dates, merge keys (``<<``), custom tags and cyclic anchors are refused; the error names file and
+line.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from gensim2.core.special_files import is_special
 MAX_BYTES = 100_000
 #: Maximum nesting of lists and mappings; gensim2's own files have 4 levels.
 MAX_DEPTH = 30
-#: Maximum number of values; a value that aliases repeat is counted each time.
+#: Maximum number of values. A value that is repeated by an alias is counted again for each alias.
 MAX_VALUES = 20_000
 
 #: Maximum length of an integer, characters; longer integers exceed 64 bits.
@@ -177,7 +178,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         return found
 
 
-# YAML 1.1 reads on, off, yes and no as booleans too, but "on" is one of our field names.
+# YAML 1.1 also reads "on", "off", "yes" and "no" as booleans, but "on" is one of our field names.
 _BOOL = _PREFIX + "bool"
 _PlainLoader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]

@@ -68,7 +68,7 @@ def card(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Described:
-    """Counts of one task's episodes for a card.
+    """Data about one task's episodes for a data set card.
 
     Attributes:
         store: episodes of the task.

@@ -51,7 +51,7 @@ class Clearance:
 
 @dataclass(frozen=True)
 class _Body:
-    """A rigid body: its convex hulls, and its pose in the robot's base frame at each of T instants, (T, 4, 4)."""
+    """A rigid body: its convex hulls, and its poses (T, 4, 4) in the robot's base frame at T instants."""
 
     hulls: tuple[Array, ...]
     poses: Array
@@ -60,15 +60,16 @@ class _Body:
 class ClearanceMeter:
     """Measures the clearance of one task's episodes.
 
-    The robot's links are measured against the table, each other, and every object that no step acts on. An object that
-    both fingers touch counts as grasped. A grasped object is measured as part of the hand, but not against the table or
-    the object that it was placed on at the start. Not measured: the robot's distance to objects that a step acts on,
-    links that no joint moves, and pairs of links that can never touch.
+    The clearance is the distance of the robot's links to the table, to each other, and to every object that the task
+    does not use. An object that both fingers touch counts as grasped. A grasped object is measured as part of the hand,
+    but not against the table or the object that it was placed on at the start. Three kinds of distances are not
+    measured: distances to objects that the task uses, distances of links that no joint moves, and distances between
+    links that can never touch.
 
     Args:
         task: task of the episodes.
         library: library of their objects.
-        hulls: convex decomposition method that made the collision hulls when the episodes were recorded.
+        hulls: method of convex decomposition with which the collision hulls were made when the episodes were recorded.
     """
 
     def __init__(self, profile: RobotProfile, task: TaskSpec, library: Library, hulls: Hulls = "default") -> None:

@@ -82,9 +82,10 @@ def collect(
         keep_failures: also store the states of failed episodes; their records are always stored.
         noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
             recorded as well (:mod:`gensim2.rollout.noise`).
-        strategy: names of strategies to use. A step that has none of them uses all its strategies.
+        strategy: names of strategies. A step uses only its strategies with these names; a step without such a strategy
+            uses all of its strategies.
         objects: use this many generated objects of each articulated class instead of ``instances``. These objects are
-            neither built-in ones nor those of ``new``. None: use ``instances``.
+            neither built-in objects nor the objects that ``instances="new"`` selects. None: use ``instances``.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.
         listener: receives the status of all tasks.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.

@@ -74,7 +74,8 @@ class DataSet:
 
     @cached_property
     def scene(self) -> SceneOptions:
-        """Return the scene options that all tasks share, with the current folder of the objects.
+        """Return the scene options that all tasks share. ``assets`` is the folder in which the objects are now, which
+        may differ from the recorded folder.
 
         Raises:
             InputError: the folder of objects does not exist.

@@ -1,4 +1,4 @@
-"""Collect demonstrations: run episodes with one seed after the other until enough of them succeed."""
+"""Collect demonstrations: run one episode for each seed until enough episodes have succeeded."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gensim2.rollout.tally import Tally
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: The collection stops after this many episodes per requested demonstration.
+#: The collection stops when the number of episodes is this multiple of the number of requested demonstrations.
 TRIES_PER_DEMO = 5
 
 
@@ -62,9 +62,9 @@ def collect(
 ) -> Collected:
     """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
 
-    Each episode is written when it is finished, a failed episode without its states. A second call records missing and
-    damaged episodes again. The result depends on the seed only: the collection ends at the first index at which enough
-    episodes have succeeded.
+    Each episode is written as soon as it is finished. Of a failed episode only the record is written, without states. A
+    second call records missing and damaged episodes again. The result depends on the seed only: the collection ends at
+    the first index at which enough episodes have succeeded.
 
     Args:
         instances: name of the set of objects.

@@ -22,7 +22,8 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: HDF5 file versions. Files have half the default size at the same CPU time (benchmarks/stores.py), because versions
+#: HDF5 file versions. With these versions, files are half as large as with the defaults, and writing takes the same CPU
+#: time (benchmarks/stores.py). The reason is that versions
 #: before 1.10 use 2 kB of index for each of the ten arrays.
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
@@ -42,7 +43,7 @@ _EPISODE = TypeAdapter(Episode)
 
 
 class DamagedEpisodeError(InputError):
-    """A file is not a complete episode file."""
+    """An episode file is damaged or incomplete."""
 
 
 _REMEDY = "delete it and resume"
@@ -100,7 +101,7 @@ def episode_digest(path: Path) -> str:
 
 
 def read_row(path: Path) -> Episode:
-    """Return the row of an episode file: its record and the file's digest.
+    """Return the record of an episode file, together with the file's digest.
 
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
@@ -122,7 +123,8 @@ def read_episode(path: Path) -> EpisodeResult:
 
 @contextlib.contextmanager
 def open_episode(path: Path) -> Iterator[tuple[Episode, RecordingHeader | None, h5py.Group | None]]:
-    """Yield the record, the recording's metadata and the group ``traj`` of an episode's file; the last two may be None.
+    """Open an episode's file. Yield its record, the metadata of its recording, and the HDF5 group ``traj``. Metadata
+    and group are None if the file has no recorded states.
 
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.

@@ -178,7 +178,7 @@ class FrameAccess:
         return TorchFrames(self)
 
     def _actions(self, recording: Recording, frame: int) -> dict[str, Array]:
-        meant = recording.meant  # these actions do not include the noise of `collect --noise`
+        meant = recording.meant  # intended actions, without the noise of `collect --noise`
         if self._horizon == 1:
             return {"action": meant[frame]}
         rows = np.arange(frame, frame + self._horizon)
@@ -213,7 +213,8 @@ class FrameAccess:
             self._spec.require(spec, str(path), of="the rest of the data set")
             found = frame_arrays(path, episode.row.control_steps)
             self._arrays[number] = next((known for known in self._arrays.values() if known == found), found)
-        file = h5py.File(path, "r", rdcc_nbytes=0)  # no cache: a chunk is one frame, seldom read twice
+        # HDF5's cache is switched off: a chunk contains one frame, which is seldom read twice.
+        file = h5py.File(path, "r", rdcc_nbytes=0)
         self._files[number] = _Open(file, {name: file[name] for name in self._arrays[number]})
         if len(self._files) > OPEN_FILES:
             self._files.popitem(last=False)[1].file.close()

@@ -23,7 +23,8 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Arrays:
-    """Return arrays (T + 1, ...) with the observation of every recorded state of an episode of T steps.
+    """Compute the observation of every recorded state of an episode. Return arrays (T + 1, ...), where T is the number
+    of control steps.
 
     Raises:
         InputError: an object's files cannot be used, or ``rgb`` needs a renderer that is missing.

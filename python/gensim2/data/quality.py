@@ -32,18 +32,18 @@ class TaskQuality:
 
     Attributes:
         name, sentence: name and instruction of the task.
-        tried, held, strict, whole: number of all episodes, of those that pass `held` (success), of those that pass
-            `strict`, and of those in which every planned motion was executed completely.
+        tried: number of episodes. held, strict: number of episodes that pass the verdict of this name; `held` means
+            success. whole: number of held episodes without partial motions.
         causes: number of failed episodes by cause.
         places: for each episode, x, y (m) and yaw (rad) of the first step's object, and whether the episode succeeded.
-        openness: initial openness of that object in successful episodes; empty if it has no joint.
+        openness: initial openness of the first step's object in successful episodes; empty if the object has no joint.
         lengths: control steps of successful episodes.
         jerks: root mean square of the arm's jerk (rad/s^3) in each successful episode.
         clearances: smallest clearance of each successful episode, m (:mod:`gensim2.data.clearance`).
         nearest: nearest obstacle of each successful episode: ``"table"``, ``"itself"`` or an object's name.
         instances: number of uses of each object in successful episodes.
-        same_scene: successful episodes whose scene equals that of an earlier one within a millimetre.
-        same_actions: successful episodes whose actions equal those of an earlier one.
+        same_scene: successful episodes whose scene equals the scene of an earlier episode within a millimetre.
+        same_actions: successful episodes whose actions equal the actions of an earlier episode.
     """
 
     name: str
@@ -64,7 +64,7 @@ class TaskQuality:
     same_actions: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the quality measures as JSON data, with summary statistics in place of lists."""
+        """Return the quality measures as JSON data. Attributes that are lists are replaced by summary statistics."""
         found = asdict(self)
         for name in ("openness", "lengths", "jerks", "clearances"):
             found[name] = _spread(found[name])

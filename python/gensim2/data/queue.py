@@ -200,12 +200,12 @@ class Queue:
         self._add_objects(task)
 
     def _add_objects(self, task: TaskQueue) -> None:
-        """Record a task's results and the objects of its episodes."""
+        """Store a task's results and the objects of its episodes in the record of the data set."""
         objects = self._record.objects
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                if key not in self._objects:  # read the objects' present content
+                if key not in self._objects:  # The objects are read again, to record the content that was used.
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]
                 if used.content_hash != thing.content_hash:

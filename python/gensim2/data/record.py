@@ -73,7 +73,7 @@ class DatasetRecord(RunSettings):
         episodes: number of episodes to run for each task.
         keep_failures: whether the states of failed episodes are stored as well.
         tasks: tasks by name, in the order of the command.
-        listings: for each class, a digest of the list of objects that episodes choose from.
+        listings: for each class, a digest of the list of objects from which episodes are sampled.
         versions: versions of the packages that determine the results.
         objects: objects used by episodes, by ``class/id``; filled at the end.
         complete: whether all episodes of all tasks are finished.
@@ -103,7 +103,9 @@ class DatasetRecord(RunSettings):
         return self
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield differences between the records that forbid resuming; additional episodes and tasks are allowed."""
+        """Yield the differences between this record and ``now`` because of which the run cannot be resumed. Additional
+        episodes and tasks are allowed.
+        """
         for name in ("arguments", "versions", "seed", "keep_failures"):
             yield from differing(name, getattr(self, name), getattr(now, name))
         if now.episodes < self.episodes:
@@ -120,7 +122,9 @@ class DatasetRecord(RunSettings):
             yield from differing(f"tasks.{name}", was, given)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return ``now`` with this record's objects, and with its results if no episodes were added."""
+        """Return the record ``now`` of the resuming command, extended by the objects of this record. If no episodes
+        were added, the results of this record are copied, too.
+        """
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):
             update |= {"tasks": dict(self.tasks), "complete": self.complete}

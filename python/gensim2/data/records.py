@@ -49,7 +49,7 @@ FIXED_ARGUMENTS = (
 
 
 class Effort(Record):
-    """CPU time and wall time of designing and verifying a task, in the call that finished the task."""
+    """CPU time and wall time of designing and verifying a task. Only the call that finished the task is counted."""
 
     cpu_s: Annotated[float, Field(ge=0)]
     wall_s: Annotated[float, Field(ge=0)]
@@ -183,7 +183,7 @@ class SecondEngine:
 
 @dataclass(frozen=True)
 class Verification:
-    """Verification of a task and its strategies: episodes on new scenes, and whether they suffice to keep the task.
+    """Verification of a task and its strategies in new scenes.
 
     Attributes:
         episodes: episodes in the order of the seeds.
@@ -255,7 +255,7 @@ class TaskOutcome:
         goal: types of the success criteria.
         kept: whether the success rate reaches the threshold.
         verification: counts over the verification's episodes.
-        fresh: counts over all episodes of the verification and of the demonstrations.
+        fresh: counts over all episodes that were run after the search: verification and demonstrations.
         demos: number of collected demonstrations.
         cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.

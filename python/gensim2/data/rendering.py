@@ -56,9 +56,9 @@ class RenderingResult:
 
     Attributes:
         folder: folder of the data set.
-        episodes: number of episodes that have observations now.
+        episodes: number of episodes with observations, including earlier calls.
         rendered: number of episodes rendered in this call.
-        frames: number of frames made in this call.
+        frames: number of frames rendered in this call.
         bytes: size of all observations.
         cpu_s: CPU time of computing frames in this call, s, excluding file access.
     """
@@ -85,7 +85,7 @@ def render(
     progress: Progress = NULL_PROGRESS,
     **execution: Unpack[ExecutionArguments],
 ) -> RenderingResult:
-    """Render the observations of every successful episode of a data set into one file for each episode.
+    """Render observations of a data set. Each successful episode gets one observation file.
 
     Each file depends only on its episode and the spec.
 
@@ -98,7 +98,8 @@ def render(
         folder: data set of a finished collection.
         spec: modalities, cameras and cloud settings; None: point clouds of 1,024 points.
         tasks: names of tasks; empty for all tasks.
-        episodes: number of successful episodes of each task, from the first; None: all.
+        episodes: number of episodes to render of each task, beginning with the first successful one; None: all
+            successful episodes.
         resume: keep existing observations, which must have the same spec.
         assets: current folder of the object library; None: the folder recorded in the data set.
         execution: see :class:`~gensim2.core.processes.ExecutionArguments`.

@@ -31,7 +31,7 @@ class _Section:
         quality: quality measures of the task.
         interval: 95 % interval of the success rate.
         charts: SVG charts.
-        films: file names of videos in the page's folder, each with the file name of its still picture.
+        films: pairs of file names in the page's folder: a video and its still picture.
         shots: images of rendered demonstrations; empty if the data set was not rendered.
     """
 

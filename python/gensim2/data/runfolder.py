@@ -45,8 +45,10 @@ class RunFolder(ResumableFolder[RunRecord]):
 
     Args:
         path: the folder.
-        arguments: arguments of the run; those in ``records.FIXED_ARGUMENTS`` must agree when resuming.
-        identity: digests of all other inputs that determine the results; all must agree when resuming.
+        arguments: arguments of the run. When a run is resumed, the arguments in ``records.FIXED_ARGUMENTS`` must be the
+            same as before.
+        identity: digests of all other inputs that determine the results. When a run is resumed, they must be the same
+            as before.
         resume: continue an existing run.
 
     Raises:
@@ -106,7 +108,7 @@ class RunFolder(ResumableFolder[RunRecord]):
                     )
 
     def note_effort(self, task: str, cpu_s: float, wall_s: float) -> None:
-        """Record the time of designing and verifying a task, unless an earlier call has recorded a time."""
+        """Record the time of designing and verifying a task. A time that an earlier call has recorded is kept."""
         self.record.effort.setdefault(task, Effort(cpu_s=round(cpu_s, 3), wall_s=round(wall_s, 3)))
         self.save()
 

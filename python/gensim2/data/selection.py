@@ -73,7 +73,9 @@ class Selection:
     def _clear(
         dataset: DataSet, store: TaskStore, rows: list[Episode], least: float, progress: Progress
     ) -> list[Episode]:
-        """Return the episodes whose clearance, computed from their files, is at least ``least``."""
+        """Return the episodes with a clearance of at least ``least`` (m). The clearance is computed from the episodes'
+        files.
+        """
         from gensim2.data.clearance import ClearanceMeter  # imported here, because it imports SciPy
 
         scene = dataset.scene
@@ -94,7 +96,7 @@ class Selection:
 def some(
     selection: Selection, dataset: DataSet, progress: Progress = NULL_PROGRESS
 ) -> list[tuple[TaskStore, list[Episode]]]:
-    """Return the tasks and episodes that :meth:`Selection.of` selects, at least one.
+    """Return the tasks and episodes that :meth:`Selection.of` selects. Raise an error if it selects none.
 
     Raises:
         InputError: no episode is selected.

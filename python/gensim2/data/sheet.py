@@ -32,7 +32,8 @@ class Shot:
 
     Attributes:
         index: index of the episode.
-        file: image file, relative to the page, with the first state above the last state.
+        file: image file, relative to the page. The image shows the first state at the top and the last state at the
+            bottom.
     """
 
     index: int
@@ -40,7 +41,8 @@ class Shot:
 
 
 def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]:
-    """Write images of up to ``MAX_PICTURES`` rendered demonstrations, evenly spaced over the data set.
+    """Write images of up to ``MAX_PICTURES`` rendered demonstrations, which are chosen at equal intervals from the data
+    set.
 
     Args:
         store: episodes of the task.

@@ -83,7 +83,8 @@ class TaskStore:
         return write_episode(self.path(index, episode.held), episode, recording)
 
     def rows(self) -> Iterator[Episode]:
-        """Yield the records of all episodes from ``episodes.jsonl``, ordered by index; one is in memory at a time.
+        """Yield the records of all episodes from ``episodes.jsonl``, ordered by index. Only one record is in memory at
+        a time.
 
         Raises:
             InputError: the file is missing because the collection is incomplete, it cannot be read, or an episode has
@@ -105,7 +106,7 @@ class TaskStore:
             yield row
 
     def logged(self) -> list[Episode]:
-        """Return the undamaged finished episodes, by index, of a collection that may still be running.
+        """Return the finished, undamaged episodes in the order of their index. The collection may still be running.
 
         Raises:
             InputError: ``episodes.jsonl`` cannot be read, or another version of gensim2 wrote an episode.
@@ -154,7 +155,7 @@ class TaskStore:
                     yield int(match[1]), path, found if lies_right else None
 
     def is_complete(self, row: Episode) -> bool:
-        """Return whether a row's file exists and is undamaged."""
+        """Return whether the file of an episode exists and is undamaged."""
         try:
             return episode_digest(self.path(row.index, row.held)) == row.episode_digest
         except DamagedEpisodeError:
@@ -165,9 +166,9 @@ class TaskStore:
             return False
 
     def write_rows(self, count: int) -> Iterator[Episode]:
-        """Write ``episodes.jsonl`` from the files of the first ``count`` episodes and yield each row.
+        """Write ``episodes.jsonl`` from the files of the first ``count`` episodes, and yield each record.
 
-        The file is complete when the iterator ends.
+        ``episodes.jsonl`` is complete when the iterator ends.
 
         Raises:
             InputError: an episode is missing or damaged.

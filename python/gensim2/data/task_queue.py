@@ -1,6 +1,7 @@
 """Track the finished and missing episodes of one task in a collection.
 
-Commands that collect data sets and commands that collect demonstrations use this queue with different quotas.
+The quota of a queue is the number of episodes, or of successful episodes, that a task needs. Data sets and
+demonstrations use this queue with different quotas.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class Quota:
 def keep_episode(
     folder: Path, index: int, failures: bool, episode: Episode, recording: Recording | None
 ) -> tuple[Episode, int]:
-    """Write an episode into its task's folder, in a worker process; return the episode and its file's size, bytes.
+    """Write an episode into the folder of its task. Worker processes call this function. Return the episode, and the
+    size of the file in bytes.
 
     Args:
         failures: also store the states of failed episodes.
@@ -169,13 +171,14 @@ class TaskQueue:
         return sum(len(list(folder.iterdir())) for folder in folders if folder.is_dir()) != count
 
     def finish(self) -> None:
-        """Write ``episodes.jsonl`` once the quota is filled."""
+        """Write ``episodes.jsonl``. Call this method when the task has all of its episodes."""
         assert self.needed is not None
         for _ in self.store.write_rows(self.needed):
             pass
 
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
-        """Yield the remaining jobs, numbered from ``first``, and None while running episodes may still fill the quota.
+        """Yield the remaining jobs, numbered from ``first``. Yield None as long as it depends on the running episodes
+        whether another job is needed.
 
         An episode is started only if the quota would stay unfilled even if all running episodes succeed. Therefore the
         same indices are run with any number of workers and in any order of completion.

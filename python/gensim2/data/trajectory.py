@@ -1,7 +1,7 @@
 """Write demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
-Each finished episode is first written atomically to its own file under ``episodes/``; the two files are then merged
-from the given episodes in the given order. An interruption therefore loses no finished episode, and the number of
+Each finished episode is first written atomically to its own file under ``episodes/``. At the end, the episodes are
+merged into these two files in the given order. An interruption therefore loses no finished episode, and the number of
 workers does not change the bytes.
 
 ManiSkill's own command replays the result, because the environment's id names the module that registers it:
@@ -43,7 +43,7 @@ class TrajectoryMetadata:
         assets: folder of the objects, or ``"builtin"``.
         licenses: licences by ``class/id``, which also apply to the data.
         seed: seed of the run.
-        environment: further arguments of the environment (robot, physics) that are not the defaults.
+        environment: arguments of the environment (robot, physics) that differ from the defaults.
         details: any other facts to store (versions, command), as plain data.
         controller: class that chose the actions, ``module:Class`` or ``FILE.py:Class``.
     """
@@ -146,7 +146,7 @@ def env_kwargs(
         "instances": {name: list(ids) for name, ids in instances.items()},
         **environment,
     }
-    if not _env_id(task).endswith(task.env_id):  # a task outside the library has no id
+    if not _env_id(task).endswith(task.env_id):  # A task that is not in the library has no environment id of its own.
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs
 

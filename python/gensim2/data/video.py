@@ -86,7 +86,7 @@ class Replay:
     Attributes:
         env_id, env_kwargs: environment, for ``gymnasium.make``.
         reset_kwargs: seed and options of the reset.
-        actions: (T, m + 1), one for each control step.
+        actions: (T, m + 1) actions of T control steps; m is the number of arm joints.
         scene: configuration of the environment.
         states: recorded states (T + 1, ...), named as in ManiSkill's ``env_states``; None if SAPIEN can replay the
             actions.
@@ -106,7 +106,9 @@ class Replay:
 
     @property
     def is_simulated_again(self) -> bool:
-        """Whether SAPIEN replays the actions; only possible if SAPIEN also simulated the episode."""
+        """Whether SAPIEN simulates the actions again. This is possible only for episodes that SAPIEN has simulated;
+        other episodes are drawn from their recorded states.
+        """
         return self.scene.engine == "sapien"
 
     @staticmethod

@@ -204,7 +204,9 @@ class PolicyCheckpoint:
         version = read_record(file, _Version, _REMEDY).schema_version
         if version != VERSION:
             message = f"is version {version}, this gensim2 reads {VERSION}"
-            raise CheckpointError(message, file=file, field="schema_version", remedy="use the gensim2 that wrote it")
+            raise CheckpointError(
+                message, file=file, field="schema_version", remedy="use the version of gensim2 that wrote the file"
+            )
         record = read_record(file, _Record, _REMEDY)
         config = PolicyConfig.of(record.policy, file=str(file))
         try:

@@ -18,7 +18,8 @@ MAX_ARCHIVE = 256 * 2**20  # maximum size of the file, bytes
 MAX_ENTRIES = 100_000
 _ENTRY = b"PK\x01\x02"  # signature of a directory entry
 
-#: Exceptions of ``zipfile`` for damaged archives; unknown methods raise NotImplementedError, passwords RuntimeError.
+#: Exceptions of ``zipfile`` for damaged archives. NotImplementedError is raised for an unknown compression method,
+#: RuntimeError for an archive with a password.
 DAMAGED = (
     OSError,
     EOFError,
@@ -57,7 +58,7 @@ def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
     deflate only; for bzip2 and LZMA it would unpack a whole block of input.
 
     Raises:
-        BadZipFile: the file has too many entries or uses another compression; the message says which.
+        BadZipFile: the file has too many entries, or an entry has another compression.
     """
     count, tail = 0, b""
     while block := stream.read(2**20):

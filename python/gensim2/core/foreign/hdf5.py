@@ -16,7 +16,8 @@ import numpy.typing as npt
 MAX_ARRAY = 2**30  # maximum size of one array in memory, bytes
 MAX_MEMBERS = 10_000  # maximum number of members of a group, except in ManiSkill's trajectories
 
-#: Allowed filters: deflate, shuffle, fletcher32 and lzf, which h5py writes. For others HDF5 would load plug-ins.
+#: Allowed filters: deflate, shuffle, fletcher32 and lzf, which h5py writes. HDF5 would load a plug-in for any other
+#: filter.
 _FILTERS = {1, 2, 3, 32000}
 
 Array = npt.NDArray[Any]
@@ -57,11 +58,12 @@ def dataset_in(
     shape: tuple[int | None, ...] | None = None,
     max_bytes: int = MAX_ARRAY,
 ) -> h5py.Dataset:
-    """Return the dataset ``name`` of the group ``parent`` unread, so that the caller can read only parts of it.
+    """Return the dataset ``name`` of the group ``parent`` without reading its values, so that the caller can read parts
+    of it.
 
     Args:
         dtype: required data type; None: any numbers or booleans.
-        shape: required shape; None as an axis's length allows any length.
+        shape: required shape. An axis whose length is None may have any length.
         max_bytes: maximum size of the array in memory.
 
     Raises:

@@ -14,7 +14,7 @@ def read_by_library(file: Path, remedy: str, what: str = "cannot be read") -> It
     """Turn any exception of a library call into an error that names the file.
 
     Libraries document only some of their exceptions for damaged files, so every exception except MemoryError counts as
-    damage. Put only calls of the library into the block.
+    damage. The block should contain only calls of the library.
 
     Raises:
         InputError: the library raised an exception; the message quotes the exception.

@@ -1,6 +1,6 @@
 """Define size limits for untrusted files of objects and robots; larger files are refused.
 
-Limits that apply to a file format in general are in its reader: ``tree``, ``hdf5``, ``archive``, ``tensors``,
+Limits of a file format in general are in the reader of the format: ``tree``, ``hdf5``, ``archive``, ``tensors``,
 ``geometry``.
 """
 
@@ -11,9 +11,9 @@ MIB = 2**20
 # Limits for the folder of one object, which contains URDF, Wavefront OBJ and info.json files.
 MAX_OBJECT_FILES = 20_000  # maximum number of files in the folder
 MAX_OBJECT = 512 * MIB  # maximum total size of an object's files, bytes
-MAX_OBJECT_JSON = MIB  # maximum size of one file, bytes
+MAX_OBJECT_JSON = MIB  # maximum size of a JSON file of an object, bytes
 MAX_OBJ, MAX_MATERIALS = 32 * MIB, 4 * MIB  # maximum size of one file, bytes
-MAX_LOOKS = 2_000  # maximum number of material groups of a file; each group becomes a mesh
+MAX_LOOKS = 2_000  # maximum number of materials in a mesh file; the faces of each material become a mesh
 MAX_TRIANGLES = 2_000_000  # maximum number of triangles in all elements of an object
 FARTHEST_VERTEX = 1e6  # maximum absolute coordinate of a vertex, in units of the file
 LARGEST_VALUE = 1e6  # maximum absolute value, in units of the file or rad; squares of larger values lose precision
@@ -29,6 +29,7 @@ MAX_CHUNK = MAX_MESSAGE + 2 * MIB  # maximum size of a chunk, compressed or not,
 MAX_CHANNELS = 100
 MAX_CAMERA_PIXELS = 8 * MIB  # maximum number of pixels of all cameras in a log; their rays take 500 MB
 MAX_JOINTS = 100
-MAX_STATES = MAX_PICTURES = 2**19  # maximum number read from a log for a calibration: 87 minutes at 100 Hz
+# maximum number of states, and of images, that a calibration reads from a log: 87 minutes at 100 Hz
+MAX_STATES = MAX_PICTURES = 2**19
 MAX_POSES = 200  # maximum number of arm poses read from a log for a calibration
 MAX_POSE_BYTES = 1024 * MIB  # maximum total size of the images at these poses, bytes

@@ -54,7 +54,9 @@ class Bounds:
 
     @staticmethod
     def of(size: int) -> Bounds:
-        """Return the limits for reading ``size`` bytes of files, with memory for one unpacked episode."""
+        """Return the limits for a process that reads files of ``size`` bytes in total. The memory limit leaves room for
+        one unpacked episode.
+        """
         megabytes = size // 2**20
         return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
 
@@ -76,7 +78,7 @@ def isolated(
 ) -> Result:
     """Run ``function(*arguments, progress)`` in a new subprocess with limited resources and return the result.
 
-    A script that calls this must do so below ``if __name__ == "__main__":``, as for all worker processes.
+    A script must call this function below ``if __name__ == "__main__":``, because the function starts a process.
 
     Args:
         function: function to run; the function, its arguments and its result must be picklable. A ``GenSim2Error`` or
@@ -84,7 +86,7 @@ def isolated(
         source: file or folder that the function reads, for error messages.
         bounds: resource limits.
         progress: listener that receives the function's progress.
-        preload: modules that the function needs; worker processes import them before they start.
+        preload: modules that the function needs. They are imported once, before the subprocess is forked.
 
     Raises:
         InputError: the subprocess crashed or exceeded a limit.
@@ -99,7 +101,8 @@ def isolated(
             except (EOFError, OSError):
                 raise _death(process, source, bounds) from None
             if kind in _LAST:
-                process.join(timeout=EXIT_LIMIT)  # killing the process would leak semaphores, and Python would warn
+                # Wait for the process to end: a killed process would leak semaphores, and Python would warn of them.
+                process.join(timeout=EXIT_LIMIT)
             if kind == "result":
                 result: Result = told[0]
                 return result
@@ -163,7 +166,7 @@ def _end_with_the_parent() -> None:
 
 
 def _data_size() -> int:
-    """Return the memory of this process that counts towards its data limit, bytes."""
+    """Return how many bytes of this process's memory count towards the limit RLIMIT_DATA."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("VmData:"):
             return int(line.split()[1]) * 1024

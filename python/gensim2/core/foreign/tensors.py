@@ -72,7 +72,8 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
-    """Let this thread create PyTorch weights only as listed in ``shapes``, each shape at most as often as listed.
+    """Within the block, this thread can create only the PyTorch weights that are listed in ``shapes``. Each shape may
+    be created at most as often as it is listed.
 
     A configuration that describes a larger model than its weights file then fails at the first excess weight, before
     the memory is filled.

@@ -16,7 +16,8 @@ MAX_FILES = 1_000_000  # maximum number of files in an export; 10,000 episodes w
 MAX_DEPTH = 12  # maximum number of levels of nested folders; exports of gensim2 have 5
 MAX_FILE_BYTES = 64 * 2**30  # maximum size of a file, bytes; ManiSkill stores all episodes of a task in one file
 MAX_RECORD = 512 * 2**20  # maximum size of one JSON file, bytes
-MAX_COPIED = 2**30  # maximum size of one file of demonstrations, bytes; their readers have the same limit
+# maximum size of a file with demonstrations, bytes; the readers of demonstrations have the same limit
+MAX_COPIED = 2**30
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -64,9 +65,10 @@ def read_regular(path: Path, max_bytes: int) -> bytes:
     """
     with open_regular(path) as stream:
         size = os.fstat(stream.fileno()).st_size
-        # Python allocates as many bytes as `read` is asked for, so ask for the size of the file and not for max_bytes.
+        # Python allocates the requested number of bytes, so request the size of the file and not max_bytes.
         content = b"" if size > max_bytes else stream.read(size + 1)
-        while size < len(content) <= max_bytes and (block := stream.read(_BLOCK)):  # files in /proc report no size
+        # Some files, for example in /proc, report the size 0, so reading continues until the end.
+        while size < len(content) <= max_bytes and (block := stream.read(_BLOCK)):
             content += block
     if max(size, len(content)) > max_bytes:
         raise TooLargeError(f"is larger than {megabytes(max_bytes)}")
@@ -86,7 +88,7 @@ def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
 
 
 def why(error: OSError) -> str:
-    """Return the reason why :func:`read_regular` failed, as text to print after the file's name."""
+    """Return the reason why :func:`read_regular` failed, as text that follows the name of the file in a message."""
     if isinstance(error, NotRegularError | TooLargeError):
         return str(error)
     return f"cannot be read: {error.strerror or error}"

@@ -18,8 +18,8 @@ class ExecutionArguments(TypedDict, total=False):
     """Options of commands that run jobs in worker processes; the results do not depend on them.
 
     Keys:
-        workers: number of processes; 0 runs the jobs in this process. With Ray: the largest number at a time; None
-            means one for each CPU of the cluster. Default: 2.
+        workers: number of processes; 0 runs the jobs in this process. With Ray: the maximum number of simultaneous
+            processes; None means one for each CPU of the cluster. Default: 2.
         ray: ``"local"``, or the address of a Ray cluster whose nodes all have the output folder at the same path;
             None, the default: processes of this machine.
         time_limit: seconds after which a job counts as hung and runs again in a fresh process. Default: 900.

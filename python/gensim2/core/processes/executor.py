@@ -74,7 +74,7 @@ class Outcome(Generic[Result]):
         """Return the result.
 
         Raises:
-            GenSim2Error: the function raised it.
+            GenSim2Error: the job's function raised this error.
             NotRunError: the job could not be run.
         """
         if self.error is not None:
@@ -93,7 +93,7 @@ class Tries:
 
     Args:
         jobs: jobs of the call.
-        on_failure: callback for each failed attempt, even if a later one succeeds.
+        on_failure: callback for each failed attempt, also if a later attempt succeeds.
         ran: whether any job finished in an earlier call.
 
     Attributes:
@@ -133,7 +133,7 @@ class Tries:
         return len(self._failures.get(job.index, ())) + 1
 
     def over(self, job: Job, found: Outcome[Any] | Failure) -> list[Outcome[Any]]:
-        """Record an attempt; return the outcomes of all jobs that need no further attempt because of it."""
+        """Record the result of an attempt. Return the outcomes of the jobs that are now finished."""
         if isinstance(found, Failure):
             return self._failed(found, job)
         self.ran = True
@@ -181,14 +181,14 @@ class Executor(ABC):
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
         """Yield the outcome of ``function(*job.arguments)`` for every job, as soon as it is finished.
 
-        A failed job is attempted ``TRIES`` times, each time in a new process, while others continue. A caller that
-        stops early loses the running jobs.
+        A failed job is attempted ``TRIES`` times, each time in a new process, while others continue. If the caller
+        stops the iteration early, the running jobs are ended.
 
         Args:
             function: function of a module, so that it is pickled by name.
-            jobs: jobs, taken when workers become free. None means "none at the moment": the iterator is asked again
-                after the next outcome, so that new jobs may depend on earlier outcomes. If no job is running, None
-                means the end.
+            jobs: jobs, taken when workers become free. The iterator may yield None if there is no job yet: it is asked
+                again after the next outcome, so that new jobs can depend on earlier outcomes. If None is yielded while
+                no job is running, the iteration ends.
 
         Raises:
             WorkerStartError: worker processes cannot start.

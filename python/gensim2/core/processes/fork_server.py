@@ -54,6 +54,8 @@ def _end_server(registered: int) -> None:
 
 
 def ignore_interrupts() -> None:
-    """Ignore SIGINT in a worker, but unblock it for programs that the worker starts."""
+    """Ignore SIGINT (Ctrl-C) in a worker, and unblock this signal, so that programs which the worker starts can receive
+    it.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))

@@ -57,7 +57,7 @@ class Worker:
 
     @property
     def connection(self) -> Connection:
-        """Connection that is readable when the process has answered or died."""
+        """Connection that becomes readable when the process has sent its answer, or has ended."""
         assert self._connection is not None
         return self._connection
 
@@ -78,7 +78,8 @@ class Worker:
             self.connection.send_bytes(payload)
 
     def receive(self, number: int) -> Outcome[Any] | Failure | None:
-        """Return the outcome of attempt ``number``, or None if the worker's message only says that the worker is ready.
+        """Return the outcome of attempt ``number``. The first message of a worker only reports that it is ready; for
+        this message return None.
 
         Raises:
             WorkerStartError: the process ended before its first job.
@@ -166,7 +167,7 @@ def start_process(
             ours.close()
             raise
         finally:
-            theirs.close()  # so that the connection ends when the worker dies
+            theirs.close()  # With the other end closed in this process, the connection ends when the worker dies.
     raise AssertionError("unreachable: the last attempt returns or raises")
 
 
@@ -181,7 +182,9 @@ def preload_modules(modules: Sequence[str]) -> None:
 
 @contextlib.contextmanager
 def _single_threaded() -> Iterator[None]:
-    """Limit processes started in this block to one thread; libraries read the variables when they are imported."""
+    """Set environment variables that limit processes started in this block to one thread. Libraries read these
+    variables when they are imported.
+    """
     before = {name: os.environ.get(name) for name in SINGLE_THREADED}
     os.environ.update(SINGLE_THREADED)
     try:
@@ -212,7 +215,8 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
     os.environ.update(environment)  # the fork server may have older values of the variables
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     if prepare is not None:
-        with contextlib.suppress(Exception):  # importing fails again in the job, which reports the error
+        # A failing import is ignored here: the job imports the module again and reports the error.
+        with contextlib.suppress(Exception):
             prepare()
     gc.freeze()  # exclude imported objects from garbage collection, which saves 7 % of the time
     with contextlib.suppress(OSError):  # the loop below notices if the parent has ended
@@ -251,7 +255,7 @@ def answer(payload: bytes) -> bytes:
             return pickle.dumps(("result", result, None, time.process_time() - begin))
         except GenSim2Error as error:
             said = pickle.dumps(("error", error, None, time.process_time() - begin))
-            pickle.loads(said)  # an error that cannot be unpickled is a bug
+            pickle.loads(said)  # An error that cannot be unpickled is reported as a bug.
             return said
     except BaseException as error:  # noqa: BLE001 - panics of the solver and exits are failures too
         words = " ".join(f"{type(error).__name__}: {error}".split())
@@ -270,10 +274,12 @@ JOBS_PER_WORKER = 500
 class WorkerPool(Executor):
     """A fixed number of worker processes.
 
-    Ctrl-C in the parent ends the workers at once and leaves the ``with`` block; outcomes yielded before are complete.
+    Ctrl-C in the parent ends the workers at once and leaves the ``with`` block. Outcomes that were already yielded are
+    complete.
 
     Args:
-        workers: number of processes; 0 runs the jobs in this process and raises bugs unchanged, for debugging.
+        workers: number of processes. With 0 the jobs run in this process, and unexpected exceptions are raised
+            unchanged, for debugging.
         time_limit: time after which a job counts as hung and its worker is replaced, s.
         jobs_per_worker: number of jobs after which a process is replaced.
         preload: modules that jobs need and that take long to import; they are imported once for all workers. Only the

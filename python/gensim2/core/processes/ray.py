@@ -70,7 +70,7 @@ class _Environment:
         for name in modules:
             with contextlib.suppress(ImportError):  # importing fails again in the jobs, which report the error
                 importlib.import_module(name)
-        with contextlib.suppress(Exception):  # the job will fail with the same error
+        with contextlib.suppress(Exception):  # An error is ignored here, because the job will fail with the same error.
             function = pickle.loads(prepare)
             if function is not None:
                 function()
@@ -83,16 +83,16 @@ class _Environment:
 
 
 class Head:
-    """Monitor of the head of a cluster, with a connection that ends when the head dies.
+    """Monitor of the head node of a Ray cluster. Its connection ends when the head node fails.
 
     Ray itself would end this process with code 1 a minute after the head is lost, and Ray's requests block until then.
 
     Args:
-        address: ``HOST:PORT`` of its control service.
+        address: ``HOST:PORT`` of the control service on the head node.
 
     Attributes:
         is_there: whether the connection is open.
-        is_gone: whether no connection could be opened for ``GONE_SECONDS``.
+        is_gone: whether all attempts to connect have failed for ``GONE_SECONDS``.
     """
 
     def __init__(self, address: str) -> None:
@@ -151,7 +151,7 @@ class RayPool(Executor):
 
     Args:
         address: ``"local"`` for a new cluster on this machine, ``"auto"`` or ``HOST:PORT`` for an existing one.
-        workers: largest number of actors; None: one for each CPU that the cluster has at the moment.
+        workers: maximum number of actors. None: the current number of CPUs of the cluster.
         time_limit, jobs_per_worker, preload, prepare, on_failure: as for :class:`~gensim2.core.processes.WorkerPool`.
 
     Raises:
@@ -219,7 +219,9 @@ class RayPool(Executor):
                 self._end(place)
 
     def _grow(self) -> None:
-        """Request actors: one for each initial CPU, and one extra that Ray starts when a CPU becomes free."""
+        """Request actors: one for each CPU that the cluster had at the start, and one extra actor, which Ray starts
+        when a CPU becomes free.
+        """
         waits = any(not place.is_ready for place in self._places)
         wanted = max(self._first, len(self._places) + (not waits))
         while len(self._places) < min(wanted, self._most):
@@ -237,7 +239,7 @@ class RayPool(Executor):
             raise NotRunError("jobs on Ray", {job.index: reason for job in jobs})
         awaited = {place.awaited: place for place in self._places if place.job is not None or not place.is_ready}
         if not awaited:
-            time.sleep(RETRY_SECONDS)  # the head may answer again
+            time.sleep(RETRY_SECONDS)  # Wait, because the head node may answer again.
             return []
         done, _ = self._ray.wait(list(awaited), num_returns=1, timeout=RETRY_SECONDS, fetch_local=True)
         outcomes: list[Outcome[Any]] = []
@@ -303,7 +305,8 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
                     **where, logging_level=logging.ERROR, log_to_driver=False, runtime_env={"env_vars": _environment()}
                 )
                 return
-            # Ray also raises bare exceptions, for example if its own node takes over 15 s to start (its issue 65983).
+            # Ray also raises plain ``Exception``, for example if the local node takes more than 15 s to start (Ray's
+            # issue 65983).
             except Exception as error:
                 ray.shutdown()
                 if address != "local" or number == TRIES - 1:
@@ -316,5 +319,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Return environment variables for workers: those that may affect a job's result, and limits to one thread."""
+    """Return environment variables for workers: variables that may affect a job's result, and variables that limit
+    libraries to one thread.
+    """
     return {**{name: value for name, value in os.environ.items() if name.startswith("GENSIM2_")}, **SINGLE_THREADED}

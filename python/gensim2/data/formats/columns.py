@@ -71,7 +71,7 @@ def camera_array(camera: str, what: str) -> str:
 
 
 def column_of(array: str) -> str | None:
-    """Return the column name of a camera's array; None if the array is not exported.
+    """Return the name of the column to which an array of a camera is exported; None if the array is not exported.
 
     Raises:
         InputError: the camera's name is invalid.
@@ -88,7 +88,8 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
     Args:
         arrays: arrays by name; ``pointcloud/xyz`` in m.
-        known: whether the point cloud consists of keypoints; such a cloud becomes ``environment_state``.
+        known: whether the point cloud consists of true keypoint positions. If so, it is exported as
+            ``environment_state``.
     """
     found: dict[str, npt.NDArray[Any]] = {}
     if (points := arrays.get(XYZ)) is not None:
@@ -102,7 +103,9 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
 
 def array_of(column: str) -> str | None:
-    """Return the name of the camera array behind a column; None for a column without a camera."""
+    """Return the name of the camera's array from which a column was exported; None if the column does not come from a
+    camera.
+    """
     for what, prefix in _PREFIXES.items():
         if column.startswith(prefix):
             return camera_array(column.removeprefix(prefix), what)
@@ -124,7 +127,7 @@ def column_in_lerobot(name: str) -> str | None:
 
 
 def current(camera: str) -> str:
-    """Return a camera's current name; in old exports the camera ``left`` has the name ``cameras/left``."""
+    """Return the current name of a camera. Old exports write ``cameras/left`` for the camera ``left``."""
     return camera.removeprefix(f"{_CAMERAS}/")
 
 

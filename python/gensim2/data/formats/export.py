@@ -166,6 +166,8 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """Return the record for ``dataset.json``, marked incomplete because episodes were left out."""
+    """Return the record for ``dataset.json`` of an export. It is marked incomplete, because an export does not contain
+    all episodes.
+    """
     tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
     return dataset.record.model_copy(update={"tasks": tasks, "complete": False})

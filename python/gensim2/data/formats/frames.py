@@ -50,7 +50,8 @@ def frames_of(
     """Return the frames of a recorded episode.
 
     Args:
-        observation: (T + 1, ...) arrays of the episode's observation file; the last row has no action and is dropped.
+        observation: (T + 1, ...) arrays of the episode's observation file. The last row is dropped, because there is no
+            action at this time.
         known: whether the point cloud consists of keypoints; such a cloud becomes ``environment_state``.
 
     Raises:

@@ -112,16 +112,25 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
             raise InputError(error.message, file=path / NATIVE / store.name / file.name, field=error.field) from error
         if theirs is None or (wrong := _difference(ours, theirs)):
             said = "is missing" if theirs is None else f"differs from the one in {NATIVE}/: {wrong}"
-            raise InputError(f"episode {count} {said}: one of them was changed", file=path, remedy="export again")
+            raise InputError(
+                f"episode {count} {said}: the original or the exported episode was changed",
+                file=path,
+                remedy="export again",
+            )
         count += 1
     if next(found, None) is not None:
-        wrong = f"episode {count} is missing in {NATIVE}/, which has {count} episodes: one of them was changed"
+        wrong = (
+            f"episode {count} is missing in {NATIVE}/, which has {count} episodes: the original or the exported "
+            "episode was changed"
+        )
         raise InputError(wrong, file=path, remedy="export again")
     return count
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """Return the first difference between two episodes, or None; of clouds and images only the count is compared."""
+    """Return the first difference between two episodes, or None. Only the number of clouds and images is compared, not
+    their content.
+    """
     if ours.sentence != theirs.sentence:
         return "the sentence"
     for name in EPISODE_COLUMNS:

@@ -61,7 +61,9 @@ class Totals:
 
     @staticmethod
     def of(values: Array, picture: bool) -> Totals:
-        """Return the sums over frames (T, ...); images are scaled to 0..1 and summed by channel, as in LeRobot."""
+        """Return the sums (and sums of squares) of an array of frames (T, ...). As in LeRobot, images are scaled to
+        0..1 and summed by channel.
+        """
         found = np.asarray(values, dtype=np.float64)
         if picture:
             found = found.reshape(-1, found.shape[-1]) / 255.0
@@ -269,7 +271,9 @@ class LeRobotWriter:
         }
 
     def _task_table(self) -> Any:
-        """Return the table of tasks; its metadata lets pandas use the instructions as the index."""
+        """Return the table of tasks. Its metadata says that the column of instructions is the index, as LeRobot expects
+        when it reads the table with pandas.
+        """
         table = self._arrow.table({"task_index": list(self._tasks.values()), INDEX_NAME: list(self._tasks)})
         columns = [
             {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}

@@ -1,8 +1,8 @@
 """Read and write ``gensim2.json``, the manifest of an export: size and digest of every file, to detect changes.
 
 The manifest is checked before any other file is parsed. Changes of the card, ``README.md``, are allowed; files that the
-manifest does not list are not read. Exports of older versions of gensim2 have no manifest; their clouds, images and
-depth are not checked.
+manifest does not list are not read. Exports of older versions of gensim2 have no manifest; point clouds, images and
+depth of such exports are not checked.
 """
 
 from __future__ import annotations

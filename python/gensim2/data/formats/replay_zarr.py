@@ -1,8 +1,8 @@
 """Write a zarr folder in the layout of Diffusion Policy and DP3: the frames of all episodes concatenated.
 
-    data/<key>          (frames, ...), one array per key: state, action, point_cloud, ...
-    meta/episode_ends   (episodes,) int64: number of frames up to the end of each episode
-    meta/task           (episodes,) int64: index into the group's attribute ``tasks``, the instructions
+    data/<key>          (frames, ...), one array per key: state, action, point_cloud, ... meta/episode_ends
+    (episodes,) int64: number of frames up to the end of each episode meta/task           (episodes,) int64: index into
+    the attribute ``tasks`` of the root group, a list of instructions
 
 The files use zarr format 2, which both versions 2 and 3 of the zarr library read. One episode is in memory at a time.
 The module ``zarr_reading`` reads such folders.
@@ -67,8 +67,8 @@ class ZarrWriter:
 
         Args:
             task: instruction of the task.
-            frames: (T, ...) by key, with the same keys and shapes in every episode. Keys have no slash, which zarr and
-                Diffusion Policy's replay buffer interpret as a folder.
+            frames: (T, ...) by key, with the same keys and shapes in every episode. A key must not contain a slash:
+                zarr and Diffusion Policy's replay buffer would create a subfolder.
 
         Raises:
             InputError: a key is missing, new or invalid, or has another shape.
@@ -97,7 +97,9 @@ class ZarrWriter:
 
 
 def _finish_writing() -> None:
-    """Wait for zarr's pending writes after one failed; otherwise they would recreate the folder after its removal."""
+    """After a failed write, wait for the other pending writes of zarr. Otherwise these would create the folder again
+    after its removal.
+    """
     from zarr.core.sync import sync
 
     async def others() -> None:

@@ -18,9 +18,10 @@ _SPEC = ("modalities", "cameras", "cloud")
 class SeenTable:
     """Collects the contents of ``observations.json`` from the episodes of an export.
 
-    ``observations.json`` has ``spec``; ``cameras`` with ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4), or
-    for cameras on the robot ``T_link_camera`` and ``link``; ``tables`` with object and link by segmentation id; and
-    ``episodes`` with ``task``, ``index`` and the index of the ``table`` (None if rendered by an old version).
+    ``observations.json`` has four fields. ``spec`` is the observation spec. ``cameras`` has ``intrinsic`` (3, 3),
+    pixels, and ``T_base_camera`` (4, 4) of each camera; a camera on the robot has ``T_link_camera`` and ``link``
+    instead. ``tables`` is a list of tables from segmentation ids to object and link. ``episodes`` has ``task``,
+    ``index`` and, in ``table``, the index of the episode's table (None if an old version rendered the episode).
     """
 
     def __init__(self) -> None:
@@ -33,7 +34,7 @@ class SeenTable:
         """Add an episode.
 
         Raises:
-            InputError: the episode was rendered with other settings than earlier episodes.
+            InputError: the settings with which the episode was rendered differ from those of earlier episodes.
         """
         description, arrays = observation.description, observation.arrays
         spec = {name: description.get(name) for name in _SPEC}

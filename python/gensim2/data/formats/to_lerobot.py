@@ -47,7 +47,7 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
 
 
 def lerobot_frames(root: Path) -> Iterator[Frames]:
-    """Yield the episodes of a LeRobot data set under gensim2's column names, without images.
+    """Yield the episodes of a LeRobot data set, without images. Columns have the names that gensim2 uses.
 
     Raises:
         InputError: the folder is not a LeRobot data set of this version.

@@ -1,6 +1,7 @@
 """Read untrusted zarr folders in the layout of :mod:`~gensim2.data.formats.replay_zarr`.
 
-Each array's metadata is checked first, because the zarr library would unpickle objects and allocate 1e12 rows.
+Each array's metadata is checked first, because the zarr library would unpickle stored objects, and would allocate an
+array of any stored size.
 """
 
 from __future__ import annotations
@@ -88,7 +89,9 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
 
 
 def array_names(tree: ForeignTree) -> dict[str, str]:
-    """Return the path of each column's array by current column name; old exports have nested folders."""
+    """Return a mapping from each column's current name to the path of its array. In old exports arrays are in nested
+    folders.
+    """
     found: dict[str, str] = {}
     for name in tree.sizes():
         parts = name.split("/")
@@ -116,7 +119,9 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """Open an array and check its number of frames and the size of its longest episode."""
+    """Open an array. Check that it has ``frames`` rows, and that its longest episode (``longest`` rows) is not too
+    large for the memory.
+    """
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:
         wrong = f"has {shown(found.shape)}, not the {frames} frames of meta/episode_ends"
