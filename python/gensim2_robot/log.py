@@ -157,9 +157,13 @@ class _Whole:
     def tell(self) -> int:
         return self._length
 
+    @property
+    def closed(self) -> bool:
+        return self._file.closed
+
     def close(self) -> None:
         """Flush the file to disk and close it."""
-        if not self._file.closed:
+        if not self.closed:
             with contextlib.suppress(OSError):
                 os.fsync(self._file.fileno())
             self._file.close()
@@ -327,6 +331,8 @@ class Log:
         self._writer.add_message(channel, 0, pack(self._about, {}), 0)
 
     def _close_file(self) -> None:
+        if self._file.closed:  # the next file could not be opened
+            return
         self._writer.finish()
         self._file.close()
         if self._file.trouble is not None:

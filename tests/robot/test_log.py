@@ -450,6 +450,23 @@ def test_a_log_whose_file_was_removed_says_so(tmp_path: Path) -> None:
     assert log.trouble == "the file was removed"
 
 
+@pytest.mark.parametrize("number", [errno.ENOENT, errno.EROFS, errno.ENOSPC])
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_log_whose_next_file_cannot_be_opened_says_so_and_stays_readable(tmp_path: Path, number: int) -> None:
+    def opener(path: Path) -> Any:
+        if path.name != "log_000000.mcap":
+            raise OSError(number, os.strerror(number))
+        return path.open("xb", buffering=0)
+
+    log = Log(tmp_path, ABOUT, segment=1_000_000, opener=opener)
+    for each in range(60):
+        log.frame(frame(each))
+    log.close()
+    assert log.trouble == os.strerror(number)
+    assert unclosed(tmp_path) == []
+    assert sum(isinstance(message, PictureMessage) for _, message in messages(tmp_path)) > 0
+
+
 def test_a_folder_that_cannot_be_written_to_is_one_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(WriteError, match="file"):
