@@ -188,8 +188,23 @@ class PictureSlots:
     def make(cls, cameras: Sequence[Camera]) -> tuple[PictureSlots, Room]:
         """Create shared memory. Return this process's access, and a description with which another process can open the
         same memory.
+
+        Raises:
+            GenSim2Error: the machine has too little shared memory.
         """
-        memory = SharedMemory(create=True, size=max(1, SLOTS * sum(map(_bytes, cameras))))
+        size = max(1, SLOTS * sum(map(_bytes, cameras)))
+        try:
+            memory = SharedMemory(create=True, size=size)
+            try:
+                # Without the allocation, a full /dev/shm would kill the control loop by SIGBUS at a later write.
+                os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]
+            except OSError:
+                memory.close()
+                memory.unlink()
+                raise
+        except OSError as error:
+            needed = f"{size / 1e6:.1f} MB of shared memory for pictures cannot be allocated"
+            raise GenSim2Error(f"{needed}: {error.strerror} (make room in /dev/shm)") from error
         return cls(cameras, memory), Room(tuple(cameras), memory.name)
 
     @classmethod

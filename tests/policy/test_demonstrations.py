@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ import made_up
 import numpy as np
 import pytest
 import torch
+from disks import can_mount, on_disk
 from scipy.spatial.transform import Rotation
 from tests.common.messages import Messages
 
@@ -432,6 +436,21 @@ def test_decoding_is_done_once_and_again_where_a_file_is_short(folder: Path, mon
     (place / "actions.npy").unlink()
     again = decode([folder])
     assert np.array_equal(first.arrays[ACTION], again.arrays[ACTION])
+
+
+@pytest.mark.skipif(not can_mount(), reason="mounts a file system of its own")
+def test_a_cache_on_a_full_disk_ends_decoding_in_one_line(folder: Path, tmp_path: Path) -> None:
+    cache, settings = tmp_path / "cache", tmp_path / "settings.yaml"
+    cache.mkdir()
+    settings.write_text(json.dumps(SETTINGS))
+    words = ["train", "--data", str(folder), "--config", str(settings), "--out", str(tmp_path / "out")]
+    command = [*on_disk("size=64k", cache), sys.executable, "-m", "gensim2", *words]
+    environment = {**os.environ, "GENSIM2_CACHE": str(cache)}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    said = done.stderr.splitlines()[-1]
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+    assert said.startswith(f"gensim2: {cache}/policy/frames/")
+    assert "cannot write: No space left on device (free disk space, or set GENSIM2_CACHE" in said
 
 
 def test_another_training_may_decode_the_same_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -208,13 +208,21 @@ def test_a_device_that_cannot_be_opened_ends_the_run_with_json(
 
 
 @pytest.mark.skipif(not can_mount(), reason="mounts a file system of its own")
-def test_a_run_without_shared_memory_ends_with_json(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("mounted", "said"),
+    [
+        ("ro", "Read-only file system"),
+        ("size=100k", "cameras is lost: 0.3 MB of shared memory for pictures cannot be allocated: No space left"),
+        ("size=400k", "0.3 MB of shared memory for pictures cannot be allocated: No space left"),  # for the controller
+    ],
+)
+def test_a_run_without_shared_memory_ends_with_json(tmp_path: Path, mounted: str, said: str) -> None:
     out = tmp_path / "out.json"
-    command = [*on_disk("ro", Path("/dev/shm")), sys.executable, "-m", "gensim2", *WORDS, "--json", str(out)]
+    command = [*on_disk(mounted, Path("/dev/shm")), sys.executable, "-m", "gensim2", *WORDS, "--json", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False, timeout=300)
     assert (done.returncode, "Traceback" in done.stderr) == (1, False), done.stderr
     found = json.loads(out.read_text())
-    assert (found["state"], "Read-only file system" in found["reason"]) == ("stopped", True)
+    assert (found["state"], said in found["reason"]) == ("stopped", True), found["reason"]
 
 
 def test_a_signal_ends_a_run_whose_cameras_do_not_open(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

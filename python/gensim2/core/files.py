@@ -252,11 +252,32 @@ def write_json(path: Path, value: Any) -> None:
     write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
-def remove_temporaries(folder: Path) -> None:
-    """Remove temporary files that killed processes left below ``folder``; no other process may be writing there."""
-    for path in sorted(folder.rglob(".*.tmp*")):
+def remove_temporaries(folder: Path, *, subfolders: bool = True) -> None:
+    """Remove temporary files that killed processes left in a folder; no other process may be writing there.
+
+    Args:
+        folder: the folder; it may be missing.
+        subfolders: whether to remove files in all subfolders, too.
+
+    Raises:
+        WriteError: a file cannot be removed.
+    """
+    pattern = ".*.tmp*"
+    for path in sorted(folder.rglob(pattern) if subfolders else folder.glob(pattern)):
         if _TEMPORARY.match(path.name) and path.is_file():
-            path.unlink(missing_ok=True)
+            remove(path)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, which may be missing.
+
+    Raises:
+        WriteError: the file cannot be removed, for example because the disk is read-only.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise _not_written(error, path) from error
 
 
 def sync_folder(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -203,12 +204,15 @@ class ResumableFolder(Generic[Settings]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error: Any) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         try:
-            self._remove_temporaries()  # remove files that workers left when they were killed
+            # Remove files that workers left when they were killed. On a read-only disk the block has failed already,
+            # and its error names the cause; the next run removes the files.
+            with contextlib.nullcontext() if kind is None else contextlib.suppress(WriteError):
+                self._remove_temporaries()
         finally:
             if self._lock is not None:
-                self._lock.__exit__(*error)
+                self._lock.__exit__(kind, *error)
 
     def release(self) -> None:
         if self._lock is not None:
@@ -235,8 +239,7 @@ class ResumableFolder(Generic[Settings]):
         return settings
 
     def _remove_temporaries(self) -> None:
-        if self._lock is not None and self._alone:
-            remove_temporaries(self.path)
+        remove_temporaries(self.path, subfolders=self._alone)  # other runs may own subfolders of a shared folder
 
     def _check(self, holds: str, resume: bool) -> None:
         path = self.path

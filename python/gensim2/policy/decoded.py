@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.core.errors import InputError
+from gensim2.core.errors import InputError, WriteError
 from gensim2.core.files import cache_dir, new_folder, write_json
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data import DataSet
@@ -125,8 +126,11 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
     if not _whole(place, episodes):
         try:
             _fill(place, rows, episodes, spec, progress)
-        except InputError:
+        except InputError as error:
             if not _whole(place, episodes):  # Another process may have decoded the same data meanwhile.
+                if isinstance(error, WriteError):
+                    remedy = "free disk space, or set GENSIM2_CACHE to another folder"
+                    raise WriteError(error.message, file=place, remedy=remedy) from error
                 raise
     arrays = {name: np.load(place / f"{file}.npy", mmap_mode="r") for name, file in FILES.items()}
     last = episodes[-1]
@@ -203,12 +207,20 @@ def _fill(
             for name, values in _read(each, spec).items():
                 if name not in arrays:
                     shape = (frames, *values.shape[1:])
-                    arrays[name] = np.lib.format.open_memmap(folder / f"{FILES[name]}.npy", "w+", values.dtype, shape)
+                    file = folder / f"{FILES[name]}.npy"
+                    arrays[name] = np.lib.format.open_memmap(file, "w+", values.dtype, shape)
+                    _allocate(file)
                 arrays[name][episode.first : episode.first + episode.steps + 1] = values
             progress.advance()
         for array in arrays.values():
             array.flush()  # type: ignore[attr-defined]  # a memory map
         write_json(folder / "about.json", {"schema_version": VERSION, "frames": frames, "episodes": len(rows)})
+
+
+def _allocate(file: Path) -> None:
+    """Allocate the space of a sparse file, because writing to its memory map on a full disk would end the process."""
+    with file.open("r+b") as stream:
+        os.posix_fallocate(stream.fileno(), 0, os.fstat(stream.fileno()).st_size)
 
 
 def _remove(place: Path) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 import torch
 
 from gensim2.core.errors import InputError
+from gensim2.core.files import remove_temporaries
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.resumable import FolderLock, held_already
 from gensim2.core.seeding import rng
@@ -144,6 +145,9 @@ def train_policy(
         KeyboardInterrupt: a signal has arrived; the state is written first.
     """
     with FolderLock(out):
+        # Other subfolders belong to other commands, such as the data and the evaluation of gensim2 learn.
+        remove_temporaries(out, subfolders=False)
+        remove_temporaries(out / TRAINING)
         return _train(source, config, training, out, start, resume, device, progress)
 
 

@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Field
 from torch import nn
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import write_atomic, write_json
+from gensim2.core.files import remove, write_atomic, write_json
 from gensim2.core.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
 from gensim2.core.record_files import read_record
 from gensim2.core.resumable import RunSettings, differing
@@ -135,7 +135,7 @@ class TrainState:
         write_json(folder / STATE_JSON, self._record(identity, file, digest).model_dump())
         for old in folder.glob("state-*.safetensors"):
             if old.name != file:
-                old.unlink()
+                remove(old)
 
     def load(self, folder: Path, identity: Identity) -> None:
         """Load a state to resume from.
