@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -64,6 +66,64 @@ def test_a_folder_has_one_owner_and_holds_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "other" / "file").touch()
     with pytest.raises(InputError, match="is not empty and holds no run"):
         opened(tmp_path / "other")
+
+
+def test_of_several_runs_that_start_together_one_goes_on(tmp_path: Path) -> None:
+    for number in range(30):
+        found = started_together(tmp_path / str(number), 3)
+        refused = [each for each in found if isinstance(each, str)]
+        assert len(refused) == 2, found
+        assert all(each.startswith("another run is using this folder") for each in refused)
+        (won,) = (each for each in found if isinstance(each, ResumableFolder))
+        with won:
+            pass
+
+
+def started_together(out: Path, count: int) -> list[object]:
+    """Open a folder in several threads at the same moment; return the opened folders and the errors' messages."""
+    barrier, found = threading.Barrier(count), list[object]()
+
+    def start() -> None:
+        barrier.wait()
+        try:
+            found.append(opened(out, resume=True))
+        except InputError as error:
+            found.append(error.message)
+
+    threads = [threading.Thread(target=start) for _ in range(count)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return found
+
+
+LEFT = ".asked.json.0123456789abcdef.tmp.json"
+
+
+def test_leftovers_of_killed_runs_are_removed_but_not_in_subfolders_that_other_runs_may_own(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    for folder in (tmp_path, tmp_path / "sub"):
+        (folder / LEFT).touch()
+    with ResumableFolder(tmp_path, "asked.json", Asked(), holds="a run", resume=True, alone=False):
+        assert not (tmp_path / LEFT).exists()
+    assert (tmp_path / "sub" / LEFT).exists()
+    with opened(tmp_path, resume=True):
+        assert not (tmp_path / "sub" / LEFT).exists()
+
+
+def test_a_leftover_that_cannot_be_removed_does_not_hide_the_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unlink(path: Path, missing_ok: bool = False) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    with pytest.raises(WriteError, match="disk of the run"), opened(tmp_path):  # noqa: PT012
+        (tmp_path / LEFT).touch()
+        monkeypatch.setattr(Path, "unlink", unlink)
+        raise WriteError("the disk of the run")
+    with pytest.raises(WriteError, match=r"cannot write: Read-only file system \(choose another folder"):
+        opened(tmp_path, resume=True)
 
 
 @pytest.mark.parametrize(("make", "said"), [(os.mkfifo, "is a pipe"), (os.mkdir, "is a folder")])

@@ -1,4 +1,7 @@
-"""``learn``, ``experiment`` and ``train`` are killed while they train; resumed, they give the same result."""
+"""``learn``, ``experiment`` and ``train`` give the same result after kills and read-only disks; one of two runs wins.
+
+The simulator and the training are the real ones; networks and numbers of steps are small.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from disks import can_mount, on_disk
+import pytest
+from disks import OWN_MOUNTS, can_mount, make_read_only, on_disk
 
 SCRIPT = Path(__file__).with_name("trainings.py")
 STEPS = 40
@@ -28,6 +32,7 @@ arms:
 """
 SETTINGS = {"steps": STEPS, "batch": 4, "save_every": 2, "log_every": 1, "threads": 1, "width": 16, "layers": 1}
 LEARN = ["learn", "CloseBox", "--assets", "builtin", "--minutes", "0.001", "--workers", "1", "--episodes", "1"]
+WORDS = ["experiment", "generalization", "--assets", "builtin", "--workers", "1"]
 LEARN += ["--controls", "none", "--videos", "0", "--objects", "2"]
 
 
@@ -75,8 +80,27 @@ def killed_and_resumed(words: list[str], policy: str, folder: Path) -> None:
     os.killpg(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     assert 10 <= json.loads(state.read_text())["step"] < STEPS, "it was over before it was killed"
+    for left in (parts / policy, parts / policy / "training"):
+        (left / ".config.json.0123456789abcdef.tmp.json").touch()  # as a kill in the middle of writing leaves it
+    if can_mount():
+        ends_on_a_read_only_disk([*words, "--resume"], parts, state, folder / "read-only")
     finished([*words, "--resume"], parts, log)
     assert contents(parts, parts / policy) == contents(whole, whole / policy)
+    assert not list(parts.rglob(".*.tmp*"))
+
+
+def ends_on_a_read_only_disk(words: list[str], out: Path, state: Path, log: Path) -> None:
+    """Make the disk of a run read-only while it trains; the run ends with one line and loses nothing."""
+    begun = json.loads(state.read_text())["step"]
+    process = start(words, out, log, OWN_MOUNTS)
+    reached(state, begun + 2, process, log)
+    make_read_only(out, process.pid)
+    assert process.wait(timeout=300) == 2, log.read_text()
+    (said,) = (line for line in log.read_text().splitlines() if line.startswith("gensim2"))
+    assert said.startswith(f"gensim2: {out}/")
+    assert said.endswith("cannot write: Read-only file system (choose another folder with --out)")
+    assert "Traceback" not in log.read_text()
+    assert begun + 2 <= json.loads(state.read_text())["step"] < STEPS
 
 
 def test_learn_by_plans(tmp_path: Path) -> None:
@@ -96,5 +120,48 @@ def test_learn_by_episodes_and_train_by_the_same(tmp_path: Path) -> None:
 def test_experiment(tmp_path: Path) -> None:
     config = tmp_path / "toy.yaml"
     config.write_text(EXPERIMENT)
-    words = ["experiment", "generalization", "--config", str(config), "--assets", "builtin", "--workers", "1"]
+    words = [*WORDS, "--config", str(config)]
     killed_and_resumed(words, "counted/seed-0", tmp_path)
+
+
+def shards(out: Path) -> int:
+    return len(list(out.glob("data/CloseBox/shard_*.npz")))
+
+
+def test_learn_is_killed_while_it_plans(tmp_path: Path) -> None:
+    words = [*LEARN, "--scenes", "8", "--minutes", "1"]  # enough time for all scenes
+    whole, parts, log = tmp_path / "whole", tmp_path / "parts", tmp_path / "log"
+    finished(words, whole, log)
+    assert shards(whole) == 4
+    for count in (0, 1, 3):
+        process = start([*words, *(["--resume"] if parts.exists() else [])], parts, log)
+        until = time.monotonic() + 600
+        while shards(parts) < count or not (parts / "data/CloseBox/data.json").exists():
+            assert process.poll() is None, log.read_text()
+            assert time.monotonic() < until
+            time.sleep(0.005)
+        os.killpg(process.pid, signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        assert not (parts / "training").exists(), "it had planned everything"
+    (parts / "data/CloseBox/.shard_00003.npz.0123456789abcdef.tmp.npz").touch()
+    finished([*words, "--resume"], parts, log)
+    assert contents(parts, parts) == contents(whole, whole)
+    assert not list(parts.rglob(".*.tmp*"))
+
+
+@pytest.mark.parametrize("command", ["learn", "experiment"])
+def test_of_two_runs_that_start_together_one_goes_on(tmp_path: Path, command: str) -> None:
+    (tmp_path / "toy.yaml").write_text(EXPERIMENT)
+    words = {
+        "learn": [*LEARN, "--scenes", "2"],
+        "experiment": [*WORDS, "--config", str(tmp_path / "toy.yaml")],
+    }[command]
+    (tmp_path / "started").mkdir()
+    logs = [tmp_path / "log-0", tmp_path / "log-1"]
+    prefix = ("env", f"START_TOGETHER={tmp_path / 'started'}")
+    both = [start(words, tmp_path / "out", log, prefix) for log in logs]
+    codes = [process.wait(timeout=900) for process in both]
+    assert sorted(codes) == [0, 2], [log.read_text() for log in logs]
+    (said,) = (line for line in logs[codes.index(2)].read_text().splitlines() if line.strip())
+    assert said.startswith(f"gensim2: {tmp_path / 'out'}: another run is using this folder")
+    assert not list((tmp_path / "out").rglob(".*.tmp*"))

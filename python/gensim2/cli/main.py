@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Annotated, NoReturn
 
 import click
@@ -176,6 +177,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
             return FOUND_WRONG
         said = error.strerror or str(error)
         if error.filename is not None:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
+                from gensim2.core.files import not_written  # help needs click alone
+
+                return _fail(f"gensim2: {not_written(error, Path(os.fsdecode(error.filename)))}", BAD_INPUT)
             return _fail(f"gensim2: {os.fsdecode(error.filename)}: {said}", BAD_INPUT)
         return _fail(f"gensim2: {'standard output: ' if refused else ''}{said}", BAD_INPUT)
 

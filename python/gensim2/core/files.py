@@ -76,10 +76,11 @@ def replacing(path: Path) -> Iterator[Path]:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise _not_written(error, path) from error
+        raise not_written(error, path) from error
 
 
-def _not_written(error: OSError, path: Path) -> WriteError:
+def not_written(error: OSError, path: Path) -> WriteError:
+    """Return the error for a file that cannot be written, with a remedy that fits the cause."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
     remedy = "free disk space, and resume with --resume" if full else "choose another folder with --out"
     return WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy)
@@ -244,7 +245,7 @@ def append(path: Path, text: str) -> None:
         with path.open("ab") as stream:
             stream.write(_encoded(text))
     except OSError as error:
-        raise _not_written(error, path) from error
+        raise not_written(error, path) from error
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -277,7 +278,7 @@ def remove(path: Path) -> None:
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
-        raise _not_written(error, path) from error
+        raise not_written(error, path) from error
 
 
 def sync_folder(folder: Path) -> None:

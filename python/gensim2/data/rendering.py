@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import append, remove_temporaries
+from gensim2.core.files import append, remove, remove_temporaries
 from gensim2.core.processes import Execution, ExecutionArguments, Failure, Job, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.resumable import FolderLock
@@ -177,7 +177,7 @@ class _Rendering:
             try:
                 found = read_description(path)
             except DamagedObservationError:
-                path.unlink()
+                remove(path)
                 yield row
                 continue
             expected = _description(store, row, self._spec)

@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 from gensim2.core.errors import InputError, NotRunError
+from gensim2.core.files import remove
 from gensim2.core.processes import Job
 from gensim2.data.status import TaskStatus
 from gensim2.data.store import TaskStore
@@ -142,7 +143,7 @@ class TaskQueue:
         damaged = 0
         for index, path, episode in self.store.found():
             if episode is None:
-                path.unlink()
+                remove(path)
                 damaged += 1
                 continue
             foreign = index >= self.quota.limit or episode.seed != self.seed(index)

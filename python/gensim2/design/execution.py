@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.files import remove
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.demonstrations import collect, film_attempt
@@ -143,8 +144,8 @@ def verify(
             jobs = [(config, strategies, scene_seed) for config, scene_seed in zip(configs, seeds, strict=True)]
             verification = replace(verification, second=repeated(jobs, second, task.name, evaluator, there))
         files.write_verification(verification)
-    log_path.unlink(missing_ok=True)
-    (files.path / UNDER_WAY_SECOND).unlink(missing_ok=True)
+    remove(log_path)
+    remove(files.path / UNDER_WAY_SECOND)
     run.add_episodes(library, verification.episodes, files.verification_path)
     run.save()
     return verification

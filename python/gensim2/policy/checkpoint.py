@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import write_atomic, write_json
+from gensim2.core.files import remove, write_atomic, write_json
 from gensim2.core.foreign.tensors import Shape, only_shapes, read_shapes, read_tensors, require_shapes
 from gensim2.core.record_files import read_record
 from gensim2.data.record import TaskName
@@ -186,7 +186,7 @@ class PolicyCheckpoint:
         write_json(folder / CONFIG_JSON, record.model_dump(mode="json"))
         for old in folder.glob("weights-*.safetensors"):
             if old.name != name:
-                old.unlink()
+                remove(old)
 
     @staticmethod
     def load(folder: Path | str) -> PolicyCheckpoint:

@@ -273,7 +273,8 @@ class TrialFolder(ResumableFolder[TrialSettings]):
                 stream.flush()
                 os.fsync(stream.fileno())
         except OSError as error:
-            raise WriteError(f"cannot write: {error.strerror or error}", file=path) from error
+            remedy = "free disk space, and resume with --resume"
+            raise WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy) from error
         self.trials[trial.number] = trial
 
 

@@ -14,7 +14,7 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
-from gensim2.core.files import write_atomic, write_json
+from gensim2.core.files import remove, write_atomic, write_json
 from gensim2.core.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
 from gensim2.core.record_files import read_record
 from gensim2.objects.types import joint_motion
@@ -198,7 +198,7 @@ class SceneEstimator:
         write_json(folder / ESTIMATOR_JSON, record.model_dump(mode="json"))
         for old in folder.glob("weights-*.safetensors"):
             if old.name != name:
-                old.unlink()
+                remove(old)
 
     def estimate(self, xyz: Points, asset_class: str | None = None) -> SceneEstimate:
         """Estimate the scene in a point cloud.
