@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -49,6 +51,18 @@ def test_pretrained_encoders_embed_once_a_sentence(
     assert torch.allclose(alone, first[1], atol=1e-5)
     monkeypatch.setattr(pretrained_text, "_run", lambda *_: pytest.fail("was cached"))
     assert torch.equal(prepare(["pull it", "push the lever"], config), first.flip(0))
+
+
+def test_weights_and_tokenizers_that_are_pipes_are_refused_and_never_waited_for(
+    sentence_model: str, tmp_path: Path
+) -> None:
+    for name in (path.name for path in Path(sentence_model).iterdir() if path.name != "config.json"):
+        folder = tmp_path / name
+        shutil.copytree(sentence_model, folder)
+        (folder / name).unlink()
+        os.mkfifo(folder / name)
+        with pytest.raises(InputError, match=rf"{name}: text_model: is a pipe, not a file \(give a folder"):
+            prepare(["a"], made_up.policy(text="sentence", text_model=str(folder)))
 
 
 def test_missing_and_foreign_weights_are_one_line(

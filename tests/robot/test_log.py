@@ -450,6 +450,38 @@ def test_a_log_whose_file_was_removed_says_so(tmp_path: Path) -> None:
     assert log.trouble == "the file was removed"
 
 
+def test_of_several_logs_that_begin_together_in_a_folder_one_goes_on(tmp_path: Path) -> None:
+    for number in range(20):
+        found = begun_together(tmp_path / str(number), 3)
+        logs = [each for each in found if isinstance(each, Log)]
+        assert len(logs) == 1, found
+        logs[0].state(ArmState(0.1, np.arange(9.0), np.zeros(9), 1.5))
+        logs[0].close()
+        assert logs[0].trouble is None
+        assert [name for name, _ in messages(tmp_path / str(number))] == ["/about", "/arm"]
+        refused = [each for each in found if isinstance(each, str)]
+        assert refused == ["already contains a log"] * 2
+
+
+def begun_together(folder: Path, count: int) -> list[object]:
+    """Begin logs in several threads at the same moment; return the logs and the errors' messages."""
+    barrier, found = threading.Barrier(count), list[object]()
+
+    def begin() -> None:
+        barrier.wait()
+        try:
+            found.append(Log(folder, ABOUT))
+        except InputError as error:
+            found.append(error.message)
+
+    threads = [threading.Thread(target=begin) for _ in range(count)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return found
+
+
 @pytest.mark.parametrize("number", [errno.ENOENT, errno.EROFS, errno.ENOSPC])
 @pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_log_whose_next_file_cannot_be_opened_says_so_and_stays_readable(tmp_path: Path, number: int) -> None:

@@ -13,6 +13,7 @@ from torch import nn
 
 from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.core.files import cache_dir, replacing
+from gensim2.core.foreign.tree import refuse_special, why
 from gensim2.policy.config import CLIP, SENTENCE
 
 
@@ -65,6 +66,12 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     path = Path(model)
     if path.exists() and not (path / "config.json").is_file():
         raise InputError("is not a folder of model weights: it has no config.json", file=path, remedy=remedy)
+    for file in path.rglob("*") if path.is_dir() else ():  # reading a pipe would never end
+        try:
+            if not file.is_dir():
+                refuse_special(file.stat())
+        except OSError as error:  # also a link to nothing
+            raise InputError(why(error), file=file, field="text_model", remedy=remedy) from error
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
     text: Any
     try:
