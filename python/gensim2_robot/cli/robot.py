@@ -281,7 +281,8 @@ def run(
     A policy or the planner does TASK repeatedly. A real arm runs only one episode, and without --move the run is a dry
     run. The watchdog can hold or stop the arm; this is a software stop, not safety-rated. If the watchdog holds the
     arm, a person at the terminal resumes (r) or stops (any other key); without a terminal the run ends. Ctrl-C and
-    SIGTERM stop the arm first. The JSON result is always written. The exit code is 1 if the arm was held or stopped.
+    SIGTERM stop the arm first. Once the inputs are checked, the JSON result is always written. The exit code is 1 if
+    the arm was held or stopped.
 
     Args:
         faults: Inject a fault into a simulated device from the given time (s) on; gensim2_robot.faults lists the names.
