@@ -290,7 +290,7 @@ def main(arguments: list[str] | None = None) -> int:
     if not options.table:
         for module in worker.PRELOAD["sapien"]:
             importlib.import_module(module)
-        worker.prepare(CIRCUMSTANCES)
+        worker.prepare([CIRCUMSTANCES])
     for draw, name in () if options.table else itertools.product(numbers, options.tasks):
         if missing := [way for way in WAYS if (name, way, draw) not in done]:
             judge = Judge(load_task(name), draw)

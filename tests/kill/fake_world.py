@@ -42,7 +42,7 @@ def install() -> None:
     worker.record = record
 
 
-def prepare(scene: SceneOptions) -> None:
+def prepare(scenes: Sequence[SceneOptions]) -> None:
     """Do nothing: a fake world needs no preparation."""
 
 

@@ -9,7 +9,7 @@ import click
 
 from gensim2.cli.collect_view import CollectionView
 from gensim2.cli.options import EPISODES, PROCESSES, command
-from gensim2.cli.output import line, table
+from gensim2.cli.output import line, show_engines, table
 from gensim2.cli.typed import Folder, Option, count
 
 
@@ -27,13 +27,15 @@ def _show(result: dict[str, Any]) -> None:
     table(("task", "episodes", "held", "strict", "causes"), rows)
     for name, reason in result["skipped"].items():
         line(f"skipped {name}: {reason}")
+    for task in result["tasks"]:
+        show_engines(task["name"], task["tried"], task)
     rate = result["episodes_per_second"]
     speed = f", {rate:.2f} episodes a second" if rate is not None else ""
     line(f"{result['held']} of {result['episodes']} episodes hold; {result['bytes'] / 1e6:.1f} MB{speed}")
     line(f"report: {Path(result['folder']) / 'report.html'}")
 
 
-@command(*EPISODES, *PROCESSES, "ray", show=_show)
+@command(*EPISODES, "engines", *PROCESSES, "ray", show=_show)
 def collect(
     tasks: tuple[str, ...] = (),
     *,

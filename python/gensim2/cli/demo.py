@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gensim2.cli.options import EPISODES, PROCESSES, Ending, command
-from gensim2.cli.output import line
+from gensim2.cli.output import line, show_engines
 from gensim2.cli.typed import Count
 from gensim2.core.progress import Progress
 
@@ -15,6 +15,7 @@ def _show(result: dict[str, Any]) -> None:
     line(f"{result['name']}: {result['demos']} demonstrations")
     verdicts = ", ".join(f"{result[name]} {name}" for name in ("paper", "held", "strict"))
     line(f"of {result['episodes_run']} episodes {verdicts}; {result['cpu_s']:.1f} s of CPU")
+    show_engines(result["name"], result["episodes_run"], result)
     for cause, count in result["causes"].items():
         line(f"{count} failed: {cause}")
     for note in result["notes"]:
@@ -22,7 +23,7 @@ def _show(result: dict[str, Any]) -> None:
     line(f"report: {Path(result['run_dir']) / 'report.html'}")
 
 
-@command("library", *EPISODES, "out", *PROCESSES, "resume", "videos", show=_show)
+@command("library", *EPISODES, "engines", "out", *PROCESSES, "resume", "videos", show=_show)
 def demo(task: str, *, episodes: Count = 5, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
     """Record demonstrations of a task.
 

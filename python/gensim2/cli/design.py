@@ -24,7 +24,7 @@ def _show(result: dict[str, Any]) -> None:
     line(f"next: {shlex.join(['gensim2', 'tasks', 'add', result['run_dir']])} adds the task to your library")
 
 
-@command(*EPISODES, "library", *PROCESSES, "ray", "resume", "videos", show=_show)
+@command(*EPISODES, "engines", "library", *PROCESSES, "ray", "resume", "videos", show=_show)
 def design(
     folder: Folder, *, out: Folder | None = None, verify: Count = 20, progress: Progress, **given: Any
 ) -> dict[str, Any] | Ending:

@@ -85,7 +85,7 @@ def _rate(value: float | None) -> str:
 
 @command(
     Learning, "control_episodes", "library", "seed", *(each for each in SCENE if each not in ("instances", "redraw")),
-    "workers", "device", "resume", show=_show,
+    "engines", "workers", "device", "resume", show=_show,
 )  # fmt: skip
 def learn(
     tasks: tuple[str, ...],

@@ -65,6 +65,9 @@ class Shared:
         engine: Physics engine. sapien (extra gensim2[sim]) uses PhysX with ManiSkill's environments. mujoco (extra
             gensim2[mujoco]) needs neither ManiSkill nor PyTorch, and supports --physics default only.  [default: sapien
             if it is installed, else mujoco]
+        engines: both also runs each verification and each demonstration in the other physics engine, on the same
+            scenes. A task is kept only if enough episodes succeed in both engines, and a demonstration only if it
+            succeeds in both.
         instances: Objects to use. train and test are 90 % and 10 % of the listed objects. train-K and test-K, with K
             from 1 to 9, are other divisions into 90 % and 10 %. new are further generated objects that are not listed.
             random is one random listed object.
@@ -102,6 +105,7 @@ class Shared:
     moved_assets: Annotated[str | None, Option("--assets", "DIR|ycb")] = None
     instances: Annotated[str, Option("--instances --instance", "all|train[-K]|test[-K]|new|random|ID")] = "all"
     engine: Literal["sapien", "mujoco"] | None = None
+    engines: Literal["one", "both"] = "one"
     physics: Annotated[str, _Physics(), Option(metavar="default|original|MIXTURE|FILE")] = "default"
     redraw: Literal["none", "placement"] | None = None
     randomization: Literal["paper", "paper-half", "wide"] = "paper"

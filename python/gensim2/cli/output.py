@@ -89,6 +89,16 @@ def line(text: str) -> None:
     console().print(text, markup=False, highlight=False, soft_wrap=True)
 
 
+def show_engines(name: str, episodes: int, result: dict[str, Any]) -> None:
+    """Print the success rates of a task's episodes in both engines; print nothing if they ran in one engine."""
+    if "engines" not in result:
+        return
+    rates = ", ".join(f"{count} in {engine}" for engine, count in result["engines"].items())
+    seeds = ", ".join(str(seed) for seed in result["disagreed"])
+    differ = f"; only one engine holds seed {seeds}" if seeds else "; the engines agree in every episode"
+    line(f"{name}: of {episodes} episodes {rates} hold{differ}")
+
+
 def number(value: float | None) -> str:
     """Format a number with one decimal; empty for None."""
     return "" if value is None else f"{value:.1f}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import click
 
@@ -74,7 +74,7 @@ def _show(result: dict[str, Any]) -> None:
     line(f"report: {Path(result['run_dir']) / 'report.html'}")
 
 
-@command(Designing, *EPISODES, "library", "out", *PROCESSES, "ray", "resume", "videos", show=_show)
+@command(Designing, *EPISODES, "engines", "library", "out", *PROCESSES, "ray", "resume", "videos", show=_show)
 def run_pipeline(
     *,
     num_tasks: Annotated[int, count(1000)] = 2,
@@ -87,7 +87,6 @@ def run_pipeline(
     target_object: Annotated[str | None, Option(metavar="CLASS")] = None,
     stored_tasks: Annotated[tuple[str, ...], Option("--stored-task", "NAME")] = (),
     designer: Annotated[str | None, Option(metavar="offline|MODEL")] = None,
-    engines: Literal["one", "both"] = "one",
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any] | Ending:
@@ -110,8 +109,6 @@ def run_pipeline(
             name, and then describes the task itself.
         target_object: Class of objects that the tasks must use.
         stored_tasks: Also verify and demonstrate this library task with its stored strategies; can be repeated.
-        engines: both repeats each verification in the other physics engine, on the same scenes, and keeps a task only
-            if enough episodes succeed in both engines.
         designer: Designer of tasks and strategies: offline is a search, MODEL is the name of a language model.
             [default: offline]
     """
@@ -136,7 +133,7 @@ def run_pipeline(
         "episodes": episodes,
     }
     wanted: dict[str, Any] = {"from_empty": from_empty, "target_task": target, "stored_tasks": stored_tasks}
-    result = function(designer=by, progress=progress, engines=engines, **counts, **wanted, **given).to_dict()
+    result = function(designer=by, progress=progress, **counts, **wanted, **given).to_dict()
     try:
         remembered = remember(Path(result["run_dir"]))
     # An error while a task is added to the user's library must not hide the result of the run.

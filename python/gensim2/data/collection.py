@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -13,6 +13,7 @@ from gensim2.data.status import Listener, NullListener, Status
 from gensim2.rollout.config import RunArguments
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, only_strategies, read_task_inputs
+from gensim2.scenes.physics import Engines
 
 SCHEMA_VERSION = 1
 """Version of the command's JSON output."""
@@ -39,7 +40,7 @@ class CollectionResult:
         return {
             "schema_version": SCHEMA_VERSION,
             "folder": str(self.folder),
-            "tasks": [asdict(task) for task in status.tasks],
+            "tasks": [task.to_dict() for task in status.tasks],
             "episodes": status.tried,
             "held": sum(task.held for task in status.tasks),
             "episodes_run": status.ran,
@@ -61,6 +62,7 @@ def collect(
     noise: float = 0.0,
     strategy: Sequence[str] = (),
     objects: int | None = None,
+    engines: Engines = "one",
     resume: bool = False,
     listener: Listener | None = None,
     **scene: Unpack[RunArguments],
@@ -86,6 +88,8 @@ def collect(
             uses all of its strategies.
         objects: use this many generated objects of each articulated class instead of ``instances``. These objects are
             neither built-in objects nor the objects that ``instances="new"`` selects. None: use ``instances``.
+        engines: ``"both"`` runs each episode in the other physics engine, too, on the same scene. An episode counts as
+            a demonstration only if it holds in both engines. The states are those of the first engine.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.
         listener: receives the status of all tasks.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
@@ -105,7 +109,11 @@ def collect(
         check_counts(objects=objects)
         counted = all_with_objects(given, objects, seed)
         given = [replace(one, instances=word.instances) for one, word in zip(counted, given, strict=True)]
-    given = [replace(one, rollout=replace(one.rollout, noise=noise)) for one in only_strategies(given, strategy)]
+    given[0].scene.second_engine(engines)  # fails early if the second engine cannot be used
+    given = [
+        replace(one, rollout=replace(one.rollout, noise=noise, engines=engines))
+        for one in only_strategies(given, strategy)
+    ]
     # Imported late because these modules take long to import.
     from gensim2.data.queue import ERRORS_LOG, CollectionFolder, Queue
     from gensim2.rollout.runner import EpisodeRunner
@@ -146,5 +154,5 @@ def _description(
             for one in given
         },
         listings=listings(given),
-        versions=versions(given[0].scene.engine),
+        versions=versions(*(each.engine for each in given[0].scene.in_engines(given[0].rollout.engines))),
     )

@@ -19,7 +19,7 @@ from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
-from gensim2.rollout.tally import Tally
+from gensim2.rollout.tally import Tally, engines_record
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -61,6 +61,8 @@ def collect(
     progress: Progress = NULL_PROGRESS,
 ) -> Collected:
     """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
+
+    If ``evaluator.rollout.engines`` is ``"both"``, an episode succeeds only if it holds in both engines.
 
     Each episode is written as soon as it is finished. Of a failed episode only the record is written, without states. A
     second call records missing and damaged episodes again. The result depends on the seed only: the collection ends at
@@ -114,7 +116,11 @@ def collect(
             licenses={name: run.record.licenses[name] for name in names},
             seed=seed,
             environment=evaluator.scene.environment,
-            details={"versions": versions(evaluator.scene.engine), "attempts": len(entries)},
+            details={
+                "versions": versions(*(each.engine for each in evaluator.scene.in_engines(evaluator.rollout.engines))),
+                "attempts": len(entries),
+                **engines_record(collected.tally.engines, collected.tally.disagreed),
+            },
         ),
         [(store.path(entry.index), entry.episode_digest) for entry in kept],
     )

@@ -14,7 +14,7 @@ from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.core.resumable import RunSettings, differing
 from gensim2.rollout.config import RolloutOptions, nested_options
 from gensim2.rollout.record import Episode
-from gensim2.rollout.tally import Tally
+from gensim2.rollout.tally import Tally, engines_record
 from gensim2.scenes.config import SCENE_FIELDS, SceneOptions, SceneRecord
 from gensim2.scenes.physics import Engine
 
@@ -285,6 +285,7 @@ class TaskOutcome:
                 "objects": self.verification.objects,
             },
             "demos": self.demos,
+            **engines_record(self.fresh.engines, self.fresh.disagreed),
             "episodes_run": self.fresh.episodes,
             **self.fresh.verdicts(),
             "cpu_s": round(self.cpu_s, 3),

@@ -26,7 +26,7 @@ from gensim2.data.records import RUN_SCHEMA_VERSION, Effort, RunRecord, Verifica
 from gensim2.objects import Library, ObjectModel
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
-from gensim2.scenes.physics import DEFAULT_ENGINE
+from gensim2.scenes.physics import DEFAULT_ENGINE, ENGINES, Engine
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -138,7 +138,7 @@ class RunFolder(ResumableFolder[RunRecord]):
             command_line=sys.argv[1:],
             started=_now(),
             finished=None,
-            versions=versions(arguments.get("engine", DEFAULT_ENGINE)),
+            versions=versions(*_engines(arguments)),
             platform=platform.platform(),
             assets={},
             licenses={},
@@ -179,6 +179,10 @@ class TaskFolder:
         if not path.exists():
             return None
         return read_record(path, VerificationRecord, "delete the file and resume").verification
+
+
+def _engines(arguments: Mapping[str, Any]) -> tuple[Engine, ...]:
+    return ENGINES if arguments.get("engines") == "both" else (arguments.get("engine", DEFAULT_ENGINE),)
 
 
 def _now() -> str:

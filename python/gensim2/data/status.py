@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import asdict, dataclass, field
+from typing import Any, Protocol
 
 from gensim2.core.progress import NullProgress, Progress
+from gensim2.rollout.tally import engines_record
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,8 @@ class TaskStatus:
         tried, held, strict: number of finished episodes, of those that pass `held` (success), and of those that pass
             `strict`, including earlier runs.
         causes: number of failed episodes by cause, most frequent first.
+        engines: number of episodes that pass `held` in each engine, with ``engines="both"``.
+        disagreed: seeds of the scenes in which only one engine passes `held`.
     """
 
     name: str
@@ -26,6 +29,14 @@ class TaskStatus:
     held: int
     strict: int
     causes: dict[str, int]
+    engines: dict[str, int] = field(default_factory=dict)
+    disagreed: tuple[int, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON fields; those that compare two engines are left out if one engine is used."""
+        told = asdict(self)
+        del told["engines"], told["disagreed"]
+        return {**told, **engines_record(self.engines, self.disagreed)}
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from gensim2.rollout import worker
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.runner import EpisodeRunner
+from gensim2.rollout.tally import disagree, held_by_engine
 from gensim2.scenes.config import Drawn
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -69,6 +70,8 @@ class TaskQueue:
 
     Attributes:
         tried, held, strict, causes: counts over the finished episodes.
+        engines: number of finished episodes that pass `held` in each engine, if they ran in both.
+        disagreed: seeds of the scenes in which only one engine passes `held`.
         size: size of the finished episodes' files, bytes.
     """
 
@@ -92,6 +95,8 @@ class TaskQueue:
         self._under_way: set[int] = set()
         self.tried = self.held = self.strict = self.size = 0
         self.causes: Counter[str] = Counter()
+        self.engines: Counter[str] = Counter()
+        self.disagreed: set[int] = set()
 
     @property
     def name(self) -> str:
@@ -121,7 +126,8 @@ class TaskQueue:
     @property
     def status(self) -> TaskStatus:
         causes = dict(sorted(self.causes.items(), key=lambda item: (-item[1], item[0])))
-        return TaskStatus(self.name, self.quota.limit, self.tried, self.held, self.strict, causes)
+        engines, disagreed = dict(sorted(self.engines.items())), tuple(sorted(self.disagreed))
+        return TaskStatus(self.name, self.quota.limit, self.tried, self.held, self.strict, causes, engines, disagreed)
 
     def count(self, index: int, episode: Episode, size: int) -> None:
         """Count a finished episode, whose file has ``size`` bytes."""
@@ -133,6 +139,9 @@ class TaskQueue:
         self.size += size
         if episode.cause is not None:
             self.causes[str(episode.cause)] += 1
+        self.engines.update(held_by_engine([episode]))
+        if disagree(episode):
+            self.disagreed.add(episode.seed)
 
     def read(self) -> int:
         """Count the episodes of earlier runs, remove damaged files, and return the number of damaged files.

@@ -191,14 +191,12 @@ class Extent:
         demos: number of demonstrations to collect.
         instances: instances that demonstrations use, as in ``--instances``.
         videos: number of videos for each task; 0 also omits the picture of a plan.
-        second: engine that repeats verifications; None for one engine.
     """
 
     verify: int
     demos: int
     instances: str
     videos: int
-    second: Engine | None = None
 
 
 #: Folder with the episodes of an unfinished search; a resumed search reads the episodes instead of running them.
@@ -456,7 +454,7 @@ class PipelineRun:
             apart,
             episodes=self._to_verify(task),
             seed=self.seed,
-            second=self.extent.second,
+            second=self.evaluator.scene.second_engine(self.evaluator.rollout.engines),
             progress=self.progress,
         )
         if verification.second is not None:
@@ -485,6 +483,10 @@ class PipelineRun:
                 progress=self.progress,
             )
             fresh, demos = (*fresh, *collected.episodes), collected.demos
+            if tally := collected.tally.engines:
+                rates = ", ".join(f"{count} in {engine}" for engine, count in tally.items())
+                tried = f"{len(collected.episodes)} episodes for demonstrations"
+                self.notes.append(f"{task.name}: of {tried} {rates} hold, {demos} in both")
         if not (verification.kept and self.extent.demos):
             self._show_verified(task, strategies, folder, verification)
         if not verification.kept:

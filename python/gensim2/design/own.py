@@ -15,6 +15,7 @@ from gensim2.design.remembering import verified
 from gensim2.design.run import run_pipeline
 from gensim2.design.search import Budget
 from gensim2.rollout.config import RunArguments
+from gensim2.scenes.physics import Engines
 from gensim2.tasks.library import TASK_FILE, load_strategies_beside, load_task_file, strategies_of
 
 RUN = "design"
@@ -52,6 +53,7 @@ def design_task(
     seed: int = 0,
     resume: bool = False,
     videos: int = 1,
+    engines: Engines = "one",
     budget: Budget | None = None,
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
@@ -72,6 +74,8 @@ def design_task(
         seed: seed of all random choices.
         resume: continue the run in the run folder.
         videos: number of episodes to film, failed ones if the task is not kept.
+        engines: ``"both"`` repeats the verification in the other physics engine and keeps the strategies only if enough
+            episodes hold in both.
         budget: limits of the search; None: the default budget.
         progress: listener for stages and steps.
         scene: see :class:`~gensim2.rollout.config.RunArguments`.
@@ -88,7 +92,8 @@ def design_task(
     run_dir = folder / RUN if out is None else Path(out)
     result = run_pipeline(
         num_tasks=1, episodes=0, target_task=folder, out=run_dir,
-        verify=verify, seed=seed, resume=resume, videos=videos, budget=budget, progress=progress, **scene,
+        verify=verify, seed=seed, resume=resume, videos=videos, engines=engines, budget=budget, progress=progress,
+        **scene,
     )  # fmt: skip
     if not any(each.kept for each in result.tasks):
         return TaskDesign(result, None, ())

@@ -199,6 +199,8 @@ def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, An
         "trials": tally.episodes,
         "verdicts": [(name, count, *interval(count, tally.episodes)) for name, count in tally.verdicts().items()],
         "held": tally.held,
+        "engines": list(tally.engines.items()),
+        "disagreed": tally.disagreed,
         "partial": tally.partial,
         "replanned": tally.replanned,
         "still": tally.still,

@@ -87,7 +87,7 @@ def run_pipeline(
         videos: number of videos for each task: of demonstrations, or of failed episodes if the task is not kept. 0 also
             omits the picture of a plan.
         engines: ``"both"`` repeats each verification in the other physics engine and keeps a task only if enough
-            episodes hold in both.
+            episodes hold in both. Demonstrations must hold in both engines, too.
         budget: episodes and rounds of the search for each task; None: the defaults.
         progress: listener for stages and steps.
         scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``; see
@@ -119,8 +119,8 @@ def run_pipeline(
     elif target_task is not None:
         target = redesigned(load_task(str(target_task)))
     seeding.check_seed(seed)
-    options, rollout = scene_options(**scene), RolloutOptions(open_loop=scene.get("open_loop", False))
-    second = options.second_engine(engines)
+    options, rollout = scene_options(**scene), RolloutOptions(open_loop=scene.get("open_loop", False), engines=engines)
+    options.second_engine(engines)  # fails early if the second engine cannot be used
     library, instances = open_library(options.assets), instances_word(**scene)
     if target is not None:
         chosen_word(target, library, instances, seed)  # fail early if a class has no such instances
@@ -149,7 +149,6 @@ def run_pipeline(
                 "target_task": None if target is None else target.name,
                 "stored_tasks": [given.spec.name for given in stored],
                 "videos": videos,
-                **({} if second is None else {"engines": "both"}),
                 **execution.to_record(),
             },
             {
@@ -170,7 +169,7 @@ def run_pipeline(
             log=folder.errors_log,
         ) as evaluator,
     ):
-        extent = Extent(verify, episodes, instances, videos, second)
+        extent = Extent(verify, episodes, instances, videos)
         pipeline = PipelineRun(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
         result = pipeline.run(wanted if target is None else Wanted(1), target, stored)
         folder.finish(result.to_dict())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -17,7 +17,8 @@ from gensim2.rollout.config import RunArguments
 from gensim2.rollout.identity import digest, listing
 from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2.rollout.runner import EpisodeRunner
-from gensim2.rollout.tally import Tally
+from gensim2.rollout.tally import Tally, engines_record
+from gensim2.scenes.physics import Engines
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class DemoResult:
             "episodes_run": self.tally.episodes,
             **self.tally.verdicts(),
             "causes": self.tally.causes,
+            **engines_record(self.tally.engines, self.tally.disagreed),
             "cpu_s": round(self.cpu_s, 3),
             "notes": list(self.notes),
         }
@@ -63,6 +65,7 @@ def demo(
     out: Path | None = None,
     resume: bool = False,
     videos: int = 1,
+    engines: Engines = "one",
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
 ) -> DemoResult:
@@ -81,6 +84,8 @@ def demo(
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.
         videos: number of demonstrations to record as videos.
+        engines: ``"both"`` runs each episode in the other physics engine, too, on the same scene; a demonstration must
+            hold in both.
         progress: listener for stages and steps.
         scene: options of scenes, execution and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 
@@ -97,6 +102,8 @@ def demo(
     if run_dir is not None:
         check_writable(run_dir / "run.json")
     given = read_task_input(task, seed=seed, **scene)
+    given.scene.second_engine(engines)  # fails early if the second engine cannot be used
+    rollout = replace(given.rollout, engines=engines)
     spec, strategies, library = given.spec, given.strategies, given.library
     with (
         RunFolder(
@@ -107,7 +114,7 @@ def demo(
                 "episodes": episodes,
                 "seed": seed,
                 **given.scene.options.to_record(),
-                **given.rollout.to_record(),
+                **rollout.to_record(),
                 "instances": given.instances,
                 "videos": videos,
                 "workers": execution.workers,
@@ -124,7 +131,7 @@ def demo(
             given.scene.options,
             execution,
             progress,
-            rollout=given.rollout,
+            rollout=rollout,
             log=folder.errors_log,
         ) as evaluator,
     ):

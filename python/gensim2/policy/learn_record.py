@@ -19,10 +19,11 @@ from gensim2.policy.keypose.adding import BESIDE, DATA
 from gensim2.policy.learn_settings import learn_configs, observation_of
 from gensim2.policy.train import holds_training
 from gensim2.scenes.config import SceneRecord
+from gensim2.scenes.physics import Engines
 
 LEARN_JSON = "learn.json"
 LOCK = ".learn.lock"
-DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "generated", "scene", "noise", "verify")
+DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "generated", "scene", "noise", "verify", "engines")
 """Fields that determine the demonstrations of a policy, apart from the observation spec."""
 REFUSED = "give a folder that gensim2 learn has made"
 
@@ -35,6 +36,7 @@ class LearnRecord(RunSettings):
         objects: number of generated training objects of each class; None: the ``instances`` of ``scene``.
         generated: number of generated objects of each class in addition to those of ``scene``.
         verify: whether scenes whose plans fail in simulation are left out.
+        engines: ``"both"`` uses only demonstrations that hold in both physics engines.
         noise: depth noise of the cameras; None for exact depth.
         text, text_model: requested text encoder of a policy of several tasks, and the weights of the encoder.
         settings: network and training settings that the user gave.
@@ -57,6 +59,7 @@ class LearnRecord(RunSettings):
     objects: int | None = None
     generated: int | None = None
     verify: bool = False
+    engines: Engines = "one"
     scene: SceneRecord
     noise: dict[str, float | bool] | None = None
     text: str | None = None

@@ -37,6 +37,7 @@ from gensim2.robots import robot
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs, scene_options
 from gensim2.scenes.config import SceneArguments
+from gensim2.scenes.physics import Engines
 
 SCENES = 2000
 """Default maximum number of scenes of each task; more scenes do not help a training run of a few minutes.
@@ -117,6 +118,7 @@ def learn(
     objects: int | None = None,
     generated: int | None = None,
     verify: bool = False,
+    engines: Engines = "one",
     start: Path | str | None = None,
     demonstrations: Path | None = None,
     noise: DepthNoise | None = None,
@@ -151,6 +153,8 @@ def learn(
         generated: number of generated training objects of each class in addition to a folder's objects, for
             ``"keypose"``. The time for data is divided in proportion to the numbers of objects.
         verify: whether to simulate the plans and leave out scenes in which they fail, for ``"keypose"``.
+        engines: ``"both"`` runs the episodes or plans of the training data in the other physics engine, too, and uses
+            only demonstrations that hold in both; for ``"keypose"`` only with ``verify``.
         start: folder of a keypose policy of several tasks that ``learn`` trained, or ``"builtin"``. The new policy
             starts from the weights of this policy, trains on its plans and on new plans of ``tasks``, and is evaluated
             on all tasks. The builtin policy comes without plans, so scenes of its tasks are planned again; this time
@@ -198,6 +202,9 @@ def learn(
             "applies only to keypose policies; action-chunk policies learn from episodes, which are always simulated",
             field="verify",
         )
+    if engines == "both" and policy == "keypose" and not verify:
+        message = "applies to simulated demonstrations; a keypose policy learns from plans that are not simulated"
+        raise InputError(message, field="engines", remedy="also simulate the plans (verify)")
     if generated is not None and policy != "keypose":
         raise InputError(
             "applies only to keypose policies, which learn from plans", field="generated", remedy="leave it out"
@@ -208,6 +215,7 @@ def learn(
     if not tasks:
         raise InputError("names no task", field="tasks")
     given = read_all_task_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed=seed, **train_on)
+    given[0].scene.second_engine(engines)  # fails early if the second engine cannot be used
     named = words(given, tasks)
     if objects is None and "instances" not in scene and any(map(can_be_counted, given)):
         objects = OBJECTS
@@ -247,6 +255,7 @@ def learn(
         objects=objects,
         generated=generated,
         verify=verify,
+        engines=engines,
         scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
         noise=None if noise is None else asdict(noise),
         text=text,

@@ -125,6 +125,7 @@ def teach_by_plans(
                 scenes=record.scenes,
                 cpu_limit=limit * count / of_task[one.spec.name],
                 verify=record.verify,
+                engines=record.engines,
                 progress=progress,
             )
             # Without demonstrations there are only examples of the class "done", which are useless.
@@ -186,6 +187,7 @@ def teach_by_episodes(
             named,
             episodes=record.episodes[key],
             objects=record.objects,
+            engines=record.engines,
             out=data,
             seed=record.seed,
             workers=execution.workers,

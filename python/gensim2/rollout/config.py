@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 from gensim2.core.errors import InputError
 from gensim2.core.processes import ExecutionArguments
 from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions
-from gensim2.scenes.physics import with_current_scene
+from gensim2.scenes.physics import Engines, with_current_scene
 from gensim2.tasks.spec import TaskSpec
 
 Disturbance = Literal["push", "drop"]
@@ -50,6 +50,7 @@ class RolloutOptions:
         attempts: maximum number of attempts from the same initial scene; no attempt follows a success.
         noise: standard deviation (rad) of the noise that is added to joint targets in random periods; recordings also
             contain the noise-free action.
+        engines: ``"both"`` also runs each demonstration in the other physics engine; it must hold in both.
 
     Raises:
         InputError: the noise is out of range.
@@ -60,6 +61,7 @@ class RolloutOptions:
     disturbance: Disturbance | None = None
     attempts: int = 1
     noise: float = 0.0
+    engines: Engines = "one"
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.noise <= MAX_NOISE:
@@ -71,8 +73,9 @@ class RolloutOptions:
         return cls(**{each.name: record[each.name] for each in fields(cls) if each.name in record})
 
     def to_record(self) -> dict[str, Any]:
-        """Return the options as fields of a record; zero noise is left out."""
-        return {name: value for name, value in asdict(self).items() if name != "noise" or value}
+        """Return the options as fields of a record; zero noise and a single engine are left out."""
+        left_out = {"noise": 0.0, "engines": "one"}
+        return {name: value for name, value in asdict(self).items() if name not in left_out or value != left_out[name]}
 
 
 DEFAULT_ROLLOUT = RolloutOptions()

@@ -27,14 +27,14 @@ VERSIONED: Mapping[Engine, tuple[str, ...]] = {
 }
 
 
-def versions(engine: Engine) -> dict[str, str]:
+def versions(*engines: Engine) -> dict[str, str]:
     """Return the versions of Python and of the packages that affect results.
 
     Args:
-        engine: simulation engine of the episodes.
+        engines: simulation engines of the episodes.
     """
     found = {"python": platform.python_version()}
-    for name in VERSIONED[engine]:
+    for name in dict.fromkeys(name for engine in engines for name in VERSIONED[engine]):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

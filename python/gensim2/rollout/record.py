@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Literal
@@ -9,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import ConfigDict, Field, FiniteFloat
 
 from gensim2.core.renamed import current
+from gensim2.scenes.physics import Engine
 from gensim2.tasks.presets import DEFAULT_PRESET
 
 SCHEMA_VERSION: Literal[2] = 2
@@ -175,6 +177,24 @@ class AttemptRecord:
 
 
 @dataclass(frozen=True)
+class EngineRecord:
+    """Verdicts on an episode in one of two physics engines, from the same initial scene.
+
+    Attributes:
+        engine: physics engine.
+        paper, held, strict, cause: as in :class:`Episode`.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
+
+    engine: Engine
+    paper: bool
+    held: bool
+    strict: bool
+    cause: Cause | None
+
+
+@dataclass(frozen=True)
 class Episode:
     """An episode: a reset, and all plans and actions after it.
 
@@ -198,6 +218,9 @@ class Episode:
         attempts: all attempts from this start in order, if several were allowed; all other fields describe the deciding
             attempt (:mod:`gensim2.rollout.run`).
         disturbed_at: control step of the disturbance; None without one.
+        engines: verdicts in each engine if the episode ran in two engines, else empty. The verdicts of the episode are
+            then those that it passes in both engines; ``cause``, ``diagnosis``, ``strict_misses`` and ``still`` come
+            from the first engine in which it fails, all other fields from the first engine.
         index: position in the log or data set; -1 if the episode is in neither. Ignored when episodes are compared.
         episode_digest: SHA-256 of the episode's file; None without a file.
     """
@@ -222,6 +245,7 @@ class Episode:
     start: list[FiniteFloat] = field(default_factory=list)
     attempts: list[AttemptRecord] = field(default_factory=list)
     disturbed_at: Annotated[int, Field(ge=0)] | None = None
+    engines: list[EngineRecord] = field(default_factory=list)
     index: Annotated[int, Field(ge=0)] = field(default=-1, compare=False)
     episode_digest: str | None = None
 
@@ -243,3 +267,27 @@ class Episode:
         told = asdict(self)
         del told["index"], told["episode_digest"]
         return told
+
+
+def in_all_engines(found: Mapping[Engine, Episode]) -> Episode:
+    """Combine the episodes of one scene in several engines; the result passes the verdicts that all of them pass.
+
+    Args:
+        found: episode by engine. The first one gives the plans and the objects.
+    """
+    episodes = list(found.values())
+    failed = (each for verdict in ("held", "strict") for each in episodes if not getattr(each, verdict))
+    deciding = next(failed, episodes[0])
+    return replace(
+        episodes[0],
+        paper=all(each.paper for each in episodes),
+        held=all(each.held for each in episodes),
+        strict=all(each.strict for each in episodes),
+        strict_misses=deciding.strict_misses,
+        still=deciding.still,
+        cause=deciding.cause,
+        diagnosis=deciding.diagnosis,
+        engines=[
+            EngineRecord(engine, each.paper, each.held, each.strict, each.cause) for engine, each in found.items()
+        ],
+    )

@@ -57,9 +57,10 @@ class EpisodeRunner:
         self.scene, self.rollout = scene, rollout
         self.failed_tries = 0
         self._progress, self._log = progress, log
+        scenes = scene.in_engines(rollout.engines)
         self._executor = execution.executor(
-            preload=worker.PRELOAD[scene.engine],
-            prepare=partial(worker.prepare, scene),
+            preload=tuple(dict.fromkeys(name for each in scenes for name in worker.PRELOAD[each.engine])),
+            prepare=partial(worker.prepare, scenes),
             on_failure=self._failed,
         )
         self._begin, self._elsewhere = time.process_time(), 0.0

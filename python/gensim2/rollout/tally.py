@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from gensim2.rollout.record import Episode
@@ -24,6 +24,8 @@ class Tally:
         strict_misses: number of unmet conditions of ``strict`` by condition, most frequent first.
         objects: number of different objects by class.
         disturbed: number of disturbed episodes.
+        engines: number of episodes that pass ``held`` in each engine, of the episodes that ran in both engines.
+        disagreed: seeds of the scenes in which only one engine passes ``held``.
     """
 
     episodes: int
@@ -37,6 +39,8 @@ class Tally:
     strict_misses: dict[str, int]
     objects: dict[str, int]
     disturbed: int = 0
+    engines: dict[str, int] = field(default_factory=dict)
+    disagreed: tuple[int, ...] = ()
 
     @staticmethod
     def of(episodes: Sequence[Episode]) -> Tally:
@@ -53,6 +57,8 @@ class Tally:
             strict_misses=_counted(str(miss) for episode in episodes for miss in episode.strict_misses),
             objects=dict(sorted(Counter(asset_class for asset_class, _ in seen).items())),
             disturbed=sum(episode.disturbed_at is not None for episode in episodes),
+            engines=held_by_engine(episodes),
+            disagreed=tuple(episode.seed for episode in episodes if disagree(episode)),
         )
 
     def verdicts(self) -> dict[str, int]:
@@ -68,6 +74,24 @@ class Tally:
             "strict_misses": self.strict_misses,
             "objects": self.objects,
         }
+
+
+def held_by_engine(episodes: Iterable[Episode]) -> dict[str, int]:
+    """Return the number of episodes that pass ``held`` in each engine, of the episodes that ran in two engines."""
+    counts: dict[str, int] = {}
+    for each in (record for episode in episodes for record in episode.engines):
+        counts[each.engine] = counts.get(each.engine, 0) + each.held
+    return counts
+
+
+def disagree(episode: Episode) -> bool:
+    """Return whether only one of two engines passes ``held``."""
+    return len({each.held for each in episode.engines}) > 1
+
+
+def engines_record(engines: Mapping[str, int], disagreed: Sequence[int]) -> dict[str, Any]:
+    """Return the JSON fields that compare two engines; empty if the episodes ran in one engine."""
+    return {"engines": dict(engines), "disagreed": list(disagreed)} if engines else {}
 
 
 def interval(successes: int, trials: int) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
 from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOptions
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
-from gensim2.rollout.record import Episode
+from gensim2.rollout.record import Episode, in_all_engines
 from gensim2.scenes.config import SceneConfig, SceneOptions
 from gensim2.scenes.physics import Engine
 from gensim2.tasks.spec import TaskSpec
@@ -52,14 +52,19 @@ SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candid
 Screened = tuple[float, str | None, dict[str, Any]]
 
 
-def prepare(scene: SceneOptions) -> None:
-    """Load modules and data that all episodes of a run need, so that the first episode does not take longer."""
+def prepare(scenes: Sequence[SceneOptions]) -> None:
+    """Load modules and data that all episodes of a run need, so that the first episode does not take longer.
+
+    Args:
+        scenes: options of the scenes, for each engine of the run.
+    """
     from gensim2.sim.engines import scene_class
 
-    open_library(scene.assets).classes()
-    profile = robot(scene.robot)
-    assert profile.model
-    scene_class(scene.engine).prepare(profile, scene.physics)
+    for scene in scenes:
+        open_library(scene.assets).classes()
+        profile = robot(scene.robot)
+        assert profile.model
+        scene_class(scene.engine).prepare(profile, scene.physics)
 
 
 @lru_cache(maxsize=2)
@@ -154,13 +159,21 @@ def record(
 ) -> Result:
     """Run one episode as :func:`episode` does, and pass its states to a function in this process.
 
+    With ``config.rollout.engines == "both"`` the episode also runs in the other engine; its record then has the
+    verdicts of both.
+
     Args:
         keep: picklable function that receives the episode's record and its recorded states, and stores them.
 
     Returns:
         The result of ``keep``.
     """
-    return keep(*_run(config, config.task, strategies, seed, record=True))
+    found, recording = _run(config, config.task, strategies, seed, record=True)
+    first, *others = config.scene.in_engines(config.rollout.engines)
+    if others:
+        there = {each.engine: episode(replace(config, scene=each), strategies, seed) for each in others}
+        found = in_all_engines({first.engine: found, **there})
+    return keep(found, recording)
 
 
 def evaluate(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, TypedDict, Unpack, cast
+from typing import Annotated, Any, Self, TypedDict, Unpack, cast
 
 from pydantic import BeforeValidator
 
@@ -130,7 +130,7 @@ class SceneOptions:
         return {each.name: getattr(self, each.name) for each in fields(SceneOptions)}
 
     def second_engine(self, engines: Engines) -> Engine | None:
-        """Return the engine in which verifications are repeated; None if a single engine is used.
+        """Return the engine in which episodes are repeated; None if a single engine is used.
 
         Raises:
             InputError: the second engine cannot simulate the physics.
@@ -141,6 +141,15 @@ class SceneOptions:
         second = replace(self, engine="mujoco" if self.engine == "sapien" else "sapien").engine
         require_engine(second)
         return second
+
+    def in_engines(self, engines: Engines) -> tuple[Self, ...]:
+        """Return these options, and with ``"both"`` also those with the other physics engine.
+
+        Raises:
+            InputError, MissingExtraError: as for :meth:`second_engine`.
+        """
+        second = self.second_engine(engines)
+        return (self,) if second is None else (self, replace(self, engine=second))
 
     def with_task(self, task: TaskSpec, instances: Drawn = "all") -> SceneConfig:
         """Return these options with a task, as the configuration of the task's scenes."""

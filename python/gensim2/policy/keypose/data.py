@@ -26,6 +26,7 @@ from gensim2.policy.keypose.teaching import CENTERED, PATIENCE
 from gensim2.rollout.counted_objects import hashes
 from gensim2.rollout.inputs import TaskInput
 from gensim2.scenes.config import SceneConfig, SceneRecord
+from gensim2.scenes.physics import Engines
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import Strategies
@@ -53,6 +54,7 @@ class PlannedRecord(RunSettings):
         seed: seed of the run.
         identity: digest of task, strategies and objects.
         verified: whether plans were executed in simulation, and scenes with failed plans were left out.
+        engines: ``"both"`` if plans were executed in both physics engines.
         to_end: indices of the steps that move a joint to an end of its range.
     """
 
@@ -67,6 +69,7 @@ class PlannedRecord(RunSettings):
     seed: int
     identity: str
     verified: bool = False
+    engines: Engines = "one"
     to_end: tuple[int, ...] = ()
 
 
@@ -134,6 +137,7 @@ def plan_scenes(
     scenes: int,
     cpu_limit: float | None = None,
     verify: bool = False,
+    engines: Engines = "one",
     progress: Progress = NULL_PROGRESS,
 ) -> Planned:
     """Generate and plan scenes of a task, in addition to the scenes that the folder already has.
@@ -145,6 +149,7 @@ def plan_scenes(
         cpu_limit: CPU time (s) after which no new shard is started.
         verify: whether to simulate the plans and leave out scenes in which they fail; this takes ten times as long as
             planning alone.
+        engines: ``"both"`` simulates the plans in both physics engines.
 
     Raises:
         InputError: the folder contains something else, or scenes with other settings.
@@ -152,7 +157,7 @@ def plan_scenes(
     """
     from gensim2.core.processes import Job, results
 
-    record = record_of(given, spec, seed, verify)
+    record = record_of(given, spec, seed, verify, engines)
     ResumableFolder(folder, RECORD, record, holds="planned scenes", resume=True, lock=None, alone=False)
     shards = -(-scenes // SHARD)
     seeds = scene_seeds(seed, given.spec.name, PURPOSE, shards * SHARD)
@@ -171,6 +176,7 @@ def plan_scenes(
                 str(folder),
                 number,
                 verify,
+                engines,
             ),
         )
         for number in missing
@@ -196,6 +202,7 @@ def make_shard(
     folder: str,
     number: int,
     verify: bool = False,
+    engines: Engines = "one",
 ) -> float:
     """Create and write one shard in a worker process, and return the CPU time of the shard, s."""
     from gensim2.policy.keypose.examples import draw
@@ -204,7 +211,7 @@ def make_shard(
     examples: list[dict[str, npt.NDArray[Any]]] = []
     failed = Counter[str]()
     for seed in seeds:
-        drawn = draw(scene, strategies, spec, seed, verify=verify)
+        drawn = draw(scene, strategies, spec, seed, verify=verify, engines=engines)
         examples += drawn.examples
         if drawn.failed is not None:
             failed[drawn.failed] += 1
@@ -216,7 +223,9 @@ def make_shard(
     return cpu_s
 
 
-def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool = False) -> PlannedRecord:
+def record_of(
+    given: TaskInput, spec: ObservationSpec, seed: int, verify: bool = False, engines: Engines = "one"
+) -> PlannedRecord:
     from gensim2.rollout.identity import digest, listing
 
     classes = sorted({thing.asset_class for thing in given.spec.objects.values()})
@@ -235,6 +244,7 @@ def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool =
         seed=seed,
         identity=digest(parts),
         verified=verify,
+        engines=engines,
         to_end=tuple(number for number, step in enumerate(given.spec.steps) if _is_to_end(step)),
     )
 

@@ -20,6 +20,7 @@ from gensim2.policy.keypose.teaching import PATIENCE, centered
 from gensim2.robots import OPEN, RobotProfile, robot
 from gensim2.rollout.worker import parsed, simulator
 from gensim2.scenes.config import SceneConfig
+from gensim2.scenes.physics import Engines
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
@@ -54,6 +55,7 @@ def draw(
     seed: int,
     only: Mapping[str, Sequence[str]] | None = None,
     verify: bool = False,
+    engines: Engines = "one",
 ) -> Drawn:
     """Generate a scene, and plan its steps in order; each plan starts from the state that the previous plan predicts.
 
@@ -63,6 +65,7 @@ def draw(
         seed: seed of the scene.
         only: names of the strategies to use, by step; None for all.
         verify: whether to execute the plans in simulation and leave the scene out if the task does not succeed.
+        engines: ``"both"`` executes the plans in both physics engines.
     """
     env, task, profile = simulator(scene), scene.task, robot(scene.robot)
     env.reset(seed, other_openness(scene, seed))
@@ -95,8 +98,11 @@ def draw(
         now = _rested(planned.after, profile)
     seen = _seen(env, observer, profile, now)
     examples.append(example(seen, None, profile, len(task.steps), -1, seed))
-    cause = refuted(scene, taken, seed) if verify and taken else None
-    return Drawn(tuple(examples)) if cause is None else Drawn((), f"refuted: {cause}")
+    if verify and taken:
+        for each in scene.in_engines(engines):
+            if (cause := refuted(each, taken, seed)) is not None:
+                return Drawn((), f"refuted: {cause}")
+    return Drawn(tuple(examples))
 
 
 def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed: int) -> str | None:
