@@ -240,7 +240,16 @@ def test_designed_tasks_and_policies_are_taken_in_from_the_json_of_runs(
     text = made.renewed(
         "<!-- figures: designed -->\n<!-- /figures -->\n<!-- figures: policy -->\n<!-- /figures -->", ROWS
     )
-    assert "1 of 1 measured tasks hold in at least 80% of the episodes in SAPIEN, 0 in MuJoCo" in text
+    assert "Of 1 measured tasks, 1 succeed in SAPIEN often enough to be kept" in text
+    assert "and 0 in MuJoCo. Of all episodes" in text
+    assert "No task would be kept in one engine only" not in text
     assert "| OpenOven | 49/50 | 5/20 | **0.000** |" in text
     assert "| OpenBox | 20/20 | 18/20 | 0.49 |" in text
     assert "-10.0 points (± 13.1)" in text
+    stored = json.loads((tmp_path / "engines.json").read_text())
+    for row in stored["rows"]:
+        row["held"] = row["episodes"]
+    (tmp_path / "engines.json").write_text(json.dumps(stored))
+    text = made.renewed("<!-- figures: designed -->\n<!-- /figures -->", ROWS)
+    assert "No task would be kept in one engine only" in text
+    assert "OpenOven" not in text

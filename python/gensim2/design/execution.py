@@ -483,8 +483,8 @@ class PipelineRun:
                 progress=self.progress,
             )
             fresh, demos = (*fresh, *collected.episodes), collected.demos
-            if tally := collected.tally.engines:
-                rates = ", ".join(f"{count} in {engine}" for engine, count in tally.items())
+            if engines := collected.tally.engines:
+                rates = ", ".join(f"{count} in {engine}" for engine, count in engines.items())
                 tried = f"{len(collected.episodes)} episodes for demonstrations"
                 self.notes.append(f"{task.name}: of {tried} {rates} hold, {demos} in both")
         if not (verification.kept and self.extent.demos):
