@@ -151,7 +151,7 @@ def seeds(rows: Sequence[Row]) -> str:
 
 
 def short(rows: Sequence[Row]) -> str:
-    """Return one sentence about single-task keypose policies."""
+    """Return a paragraph about single-task keypose policies."""
     plain = [row for row in _first_seeds(rows) if _is_plain(row, "paper")]
     if not plain:
         return ""
@@ -165,10 +165,11 @@ def short(rows: Sequence[Row]) -> str:
     seconds = [row["data_cpu_s"] + row["training_cpu_s"] for row in plain]
     rates = [row["held"] / row["episodes"] for row in plain]
     return (
-        f"Policies of {len(plain)} single-step tasks, each trained in {min(seconds)} to {max(seconds)} s of CPU time "
-        f"with data, succeed on unseen objects in {held} of {episodes} episodes ({mean(rates):.2f}; 95 % interval "
-        f"{low:.3f} to {high:.3f}). The worst is {worst['name']} with {min(rates):.2f}. With the point cloud blanked "
-        f"out, {blind} of {of} episodes succeed.\n"
+        f"We trained one policy for each of {len(plain)} single-step tasks. Collecting the data and training took "
+        f"{min(seconds)} to {max(seconds)} s of CPU time per policy. On unseen objects the policies succeed in {held} "
+        f"of {episodes} episodes ({mean(rates):.2f}; 95 % interval {low:.3f} to {high:.3f}). The task with the lowest "
+        f"success rate is {worst['name']} with {min(rates):.2f}. As a control we blanked out the point cloud: then the "
+        f"policies succeed in {blind} of {of} episodes.\n"
     )
 
 

@@ -66,7 +66,7 @@ def test_a_table_has_counts_and_intervals_and_the_mean(made: Any) -> None:
     assert "3 contact slipped" in box
     assert "mean of 2 | 0.985" in table
     assert "somewhere" not in json.dumps(rows)
-    assert "Policies of 2 single-step tasks" in made.short(rows)
+    assert "one policy for each of 2 single-step tasks" in made.short(rows)
     assert "197 of 200 episodes" in made.short(rows)
 
 
