@@ -48,7 +48,11 @@ def table(figures: dict[str, Any]) -> str:
         told = found["provenance"]
         # Show only the arguments, because the command had other names in earlier versions.
         given = re.sub(r"^.*\s(?=\S+\.jsonl)", "", told["command"])
-        parts.append(f"**Scenes {scenes}**, commit {told['commit'][:7]}, {told['date']}, with `{given}`\n")
+        what = "recorded in the release" if scenes == "recorded" else "sampled at random"
+        parts.append(
+            f"**Scenes {scenes}.** The scenes of this table were {what}. The table was measured at commit "
+            f"{told['commit'][:7]} on {told['date']} with the arguments `{given}`.\n"
+        )
         parts.append("| task | here (95 %) | its release (95 %) | p | causes of our failures |\n|---|---|---|---|---|")
         for row in found["rows"]:
             causes = ", ".join(f"{cause} {count}" for cause, count in row["causes"].items())

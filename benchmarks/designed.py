@@ -30,14 +30,14 @@ PAGE = ROOT / "docs/results/designed.md"
 
 HEAD = """# Results: tasks of the offline designer
 
-This page lists the tasks that the offline designer made with generated objects, starting from an empty library and
-without a language model. The designer proposed tasks from the joints and sizes of objects, and combined tasks whose
-pre- and postconditions fit into longer tasks. It searched strategies and verified each task
-([architecture](../architecture.md)). Tasks that repeat a task of the paper are not listed.
+This page lists the tasks that the offline designer made with generated objects. The designer uses no language model.
+It proposed tasks from the joints and sizes of objects, and combined tasks if one task prepares the scene for the next.
+It searched strategies and verified each task ([architecture](../architecture.md)). Tasks that repeat a task of the
+paper are not listed. This command measures the tasks:
 
-    gensim2 benchmark --origin offline      # measures these tasks
+    gensim2 benchmark --origin offline
 
-`python benchmarks/designed.py` writes this page.
+The following design run started with an empty library:
 """
 
 
@@ -67,8 +67,8 @@ def _made(made: dict[str, Any]) -> list[str]:
         "python benchmarks/designed.py runs/designed",
         "```",
         "",
-        f"The run designed and verified {made['tried']} proposals in {cpu / 60:.0f} minutes of CPU time "
-        f"({cpu / made['tried']:.0f} s each), {wall / 60:.0f} minutes of wall time on two shared cores.",
+        f"The run designed and verified {made['tried']} proposals. It took {cpu / 60:.0f} minutes of CPU time "
+        f"({cpu / made['tried']:.0f} s per proposal)\nand {wall / 60:.0f} minutes of wall time on two shared cores.",
         "",
     ]
 
@@ -94,9 +94,9 @@ def _summary(tasks: list[TaskSpec]) -> list[str]:
     return [
         *_table(("", "count"), rows),
         "",
-        f"{rigid} tasks use only rigid objects. A rigid class has one object, so these tasks were verified in new "
-        "poses. All other tasks were verified on objects that the search did not use, with a different "
-        "object in each episode.",
+        f"{rigid} tasks use only rigid objects. A rigid class has only one object, so these tasks were verified in "
+        "new poses.\nAll other tasks were verified on unseen objects, with a different object in each "
+        "episode.",
         "",
         "## Objects per task",
         "",

@@ -85,9 +85,15 @@ def every(rows: Sequence[Row]) -> str:
     others = [row for row in keyposes if row not in plain and row not in wide]
     parts = [_table(plain, others=False)] if plain else []
     if wide:
-        parts.append("**`wide` scenes**, in training and evaluation.\n\n" + _table(wide, others=False))
+        parts.append(
+            "**`wide` scenes.** Training and evaluation of these policies use the randomization `wide`.\n\n"
+            + _table(wide, others=False)
+        )
     if others:
-        parts.append("**Others**\n\n" + _table(others, others=True))
+        parts.append(
+            "**Others.** These policies use other objects, or learn long-horizon tasks or several tasks.\n\n"
+            + _table(others, others=True)
+        )
     return "\n".join(parts)
 
 

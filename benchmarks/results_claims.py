@@ -30,13 +30,16 @@ def _beside_the_paper(rows: Iterable[Figure]) -> str:
             low, _ = interval(row.paper, row.episodes)
             (above if low > PAPER[row.task][0] else not_above).append(row)
     named = ", ".join(
-        f"{row.task} {row.paper / row.episodes:.2f} against {PAPER[row.task][0]:.2f}" for row in not_above
+        f"{row.task}, with {row.paper / row.episodes:.2f} against the paper's {PAPER[row.task][0]:.2f}"
+        for row in not_above
     )
     return (
-        "**Compared with the paper** (real objects, the original's physics, scenes not redrawn, one attempt, verdict "
-        f"`paper`): {_means(own, 'paper')}. The paper reports {_published()}; its release reaches {_released()}. "
-        f"The 95 % interval lies above the paper's figure in {len(above)} of {len(above) + len(not_above)} rows"
-        + (f" (exception: {named})." if named else ".")
+        "**Compared with the paper.** We use real objects, the physics settings of the GenSim2 release, one attempt "
+        "per episode and the verdict `paper`. Invalid placements of objects are not sampled again. The mean success "
+        f"rates of our planner are {_means(own, 'paper')}. The paper reports {_published()}. The authors' release "
+        f"reaches {_released()}. In {len(above)} of {len(above) + len(not_above)} rows the 95 % interval of our "
+        "success rate lies above the paper's figure."
+        + (f" The exception{'s are' if len(not_above) > 1 else ' is'} {named}." if named else "")
     )
 
 
@@ -44,12 +47,12 @@ def _by_its_method(rows: Iterable[Figure]) -> str:
     found = {
         name: [row for row in rows if _is_plain_original(row, **{field: True})]
         for name, field in (
-            ("one plan per step by the first strategy, no replanning", "one_plan"),
-            ("open loop, all steps planned at the start", "open_loop"),
+            ("If the planner plans each step once, with its first strategy, and never replans,", "one_plan"),
+            ("In open loop, where all steps are planned at the start of the episode,", "open_loop"),
         )
     }
-    said = [f"{name}: {_means(own, 'paper')}" for name, own in found.items() if own]
-    return f"**Without parts of the method** (same conditions): {'; '.join(said)}." if said else ""
+    said = [f"{name} the mean success rates are {_means(own, 'paper')}." for name, own in found.items() if own]
+    return f"**Without parts of the method**, under the same conditions. {' '.join(said)}" if said else ""
 
 
 def _wide(rows: Iterable[Figure]) -> str:
@@ -64,8 +67,8 @@ def _wide(rows: Iterable[Figure]) -> str:
     if not own:
         return ""
     return (
-        "**Beyond the paper's ranges** (real objects, default physics, randomization `wide`, verdict `strict`): "
-        f"{_means(own, 'strict')}."
+        "**Beyond the paper's ranges.** With real objects, default physics, randomization `wide` and the verdict "
+        f"`strict`, the mean success rates are {_means(own, 'strict')}."
     )
 
 
@@ -88,8 +91,8 @@ def _means(rows: Sequence[Figure], verdict: str) -> str:
         own = [row for row in rows if load_task(row.task).is_single_step == (kind == TYPES[0])]
         if own:
             share = mean(getattr(row, verdict) / row.episodes for row in own)
-            parts.append(f"{kind} {share:.3f} ({len(own)} tasks, {sum(row.episodes for row in own)} episodes)")
-    return ", ".join(parts)
+            parts.append(f"{share:.3f} on {kind} tasks ({len(own)} tasks, {sum(row.episodes for row in own)} episodes)")
+    return " and ".join(parts)
 
 
 def _published() -> str:

@@ -171,21 +171,23 @@ def section(title: str, rows: Sequence[Figure]) -> str:
     """Return the tables of one condition below its heading."""
     rows = sections(rows)[title]
     sizes = sorted({(row.runs, row.episodes // row.runs) for row in rows})
-    shown = " or ".join(f"{runs} x {episodes}" for runs, episodes in sizes)
-    seeds = ", ".join(map(str, sorted({row.seed for row in rows})))
-    head = f"## {title}\n\nEach cell has {shown} episodes (runs x episodes); seeds {seeds}; {_made(rows)}.\n"
+    shown = " or ".join(f"{runs} run{'s' * (runs > 1)} of {episodes} episodes" for runs, episodes in sizes)
+    seeds = sorted({row.seed for row in rows})
+    used = f"The seed is {seeds[0]}" if len(seeds) == 1 else f"The seeds are {', '.join(map(str, seeds))}"
+    head = f"## {title}\n\nEach cell of the following tables has {shown}. {used}. {_made(rows)}\n"
     return f"{head}\n{_tables(rows, _three_verdicts, averages=_average_of_three)}"
 
 
 def _made(rows: Sequence[Figure]) -> str:
-    """Commits and dates of a section's rows; older ones have none."""
+    """Return sentences with the commits and dates of a section's rows; older rows have none."""
     found = sorted({(row.source.date, row.source.commit[:12]) for row in rows if row.source is not None})
     commits = ", ".join(f"{commit} ({date})" for date, commit in found)
-    made = [f"measured at commits {commits}"] if found else []
+    made = [f"The commits of the measurements are {commits}."] if found else []
     older = sum(row.source is None for row in rows)
     if older:
-        made.append(f"{older} of {len(rows)} rows were measured before commits were recorded")
-    return "; ".join(made)
+        which = f"all {older}" if older == len(rows) else f"{older} of {len(rows)}"
+        made.append(f"For {which} rows no commit was recorded.")
+    return " ".join(made)
 
 
 def objects(rows: Sequence[Figure]) -> str:
@@ -201,8 +203,9 @@ def objects(rows: Sequence[Figure]) -> str:
         cells = (by_place.get((task, condition)) for condition in conditions)
         lines.append(line([task, *("" if row is None else _worst(row) for row in cells)]))
     head = (
-        "## The worst object of each row\n\nA cell names the real object with the lowest success rate, and its "
-        f"successes (verdict `held`) / episodes. Objects with fewer than {MIN_EPISODES} episodes are ignored.\n"
+        "## The worst object of each row\n\nEach cell names the real object with the lowest success rate. The two "
+        "numbers before the name are the successful episodes (verdict `held`) and all episodes with this object. "
+        f"Objects with fewer than {MIN_EPISODES} episodes are ignored.\n"
     )
     return "\n".join([head, *lines]) + "\n"
 

@@ -72,8 +72,8 @@ def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> 
         "| Randomization wide, up to 8 attempts, open loop | single-step |  | 0.96 / 0.40 / 0.20 (of 1) |  |  |",
         "| Instances test, disturbance push | single-step |  | 0.96 / 0.20 / 0.10 (of 1) |  |  |",
     ]
-    made_at = "seeds 7, 8; 4 of 4 rows were measured before commits were recorded."
-    assert f"Each cell has 5 x 50 episodes (runs x episodes); {made_at}" in first
+    made_at = "The seeds are 7, 8. For all 4 rows no commit was recorded."
+    assert f"Each cell of the following tables has 5 runs of 50 episodes. {made_at}" in first
     assert [line for line in first if line.startswith("|")] == [
         "| single-step task | default, real | original, real | paper | its release |",
         "| --- | --- | --- | --- | --- |",
@@ -96,7 +96,8 @@ def test_rows_say_their_commit_and_the_object_on_which_they_hold_least(made: Any
     }
     row = _row("OpenBox", 225).model_copy(update={"source": source, "instances": seen})
     text = made.everything([row, _row("TurnOnFaucet", 200)])
-    assert "seeds 7; measured at commits 0123456789ab (2026-01-02); 1 of 2 rows were measured before" in text
+    made_at = "The seed is 7. The commits of the measurements are 0123456789ab (2026-01-02)."
+    assert f"{made_at} For 1 of 2 rows no commit was recorded." in text
     assert "| OpenBox | 24/46 box/2 |" in text
     assert "| TurnOnFaucet |" not in text.split("## The worst object of each row")[1]
 
@@ -194,12 +195,14 @@ def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:
         _row("OpenBox", 200, physics="original", open_loop=True),
     ]
     first, second = results_claims.claims(own).splitlines()
-    assert "single-step 0.994 (2 tasks, 500 episodes)" in first
-    assert "in 1 of 2 rows (exception: PushToasterForward 0.99 against 0.99)" in first
-    assert "The paper reports 0.81 and 0.47; its release reaches 0.77 (556 of 720) and 0.16 (8 of 50)" in first
+    assert "0.994 on single-step tasks (2 tasks, 500 episodes)" in first
+    assert "In 1 of 2 rows the 95 % interval" in first
+    assert "The exception is PushToasterForward, with 0.99 against the paper's 0.99." in first
+    assert "The paper reports 0.81 and 0.47. The authors' release reaches 0.77 (556 of 720) and 0.16 (8 of 50)" in first
     assert second == (
-        "2. **Without parts of the method** (same conditions): one plan per step by the first strategy, no "
-        "replanning: single-step 0.900 (1 tasks, 250 episodes)."
+        "2. **Without parts of the method**, under the same conditions. If the planner plans each step once, with its "
+        "first strategy, and never replans, the mean success rates are 0.900 on single-step tasks (1 tasks, 250 "
+        "episodes)."
     )
 
 
