@@ -369,6 +369,38 @@ def test_what_is_wrong_with_constraints_goes_back_in_words(
     assert words in server.asked[3].last
 
 
+def test_the_frame_of_a_joint_is_offered_only_to_steps_that_move_the_joint(server: ModelServer, brief: Brief) -> None:
+    model = GoodModel(LONG)
+
+    def script(asked: Asked) -> str:
+        text = model(asked)
+        if asked.stage != "constraints" or asked.again or "step `place`" not in asked.prompt:
+            return text
+        found = yaml.safe_load(text)["constraint_list"]
+        found[0] |= {"target_offset": [0.0, 0.01, 0.0], "target_offset_frame": "joint"}
+        return yaml.safe_dump({"constraint_list": found})
+
+    server.script = script
+    found = designer(server, mode="topdown")
+    (task,) = proposed(found, brief)
+    found.candidates(task, brief, seed=0)
+    asked = [asked for asked in server.asked if asked.stage == "constraints"]
+    offered = {each.prompt.split("step `")[1].split("`")[0]: "fits every instance" in each.prompt for each in asked}
+    assert offered == {"open": True, "place": False, "close": True}
+    assert any("the frame joint is not available, because this step moves no joint" in each.last for each in asked)
+
+
+def test_names_of_steps_may_be_joined_by_hyphens(server: ModelServer, brief: Brief) -> None:
+    spoiled = copy.deepcopy(WHOLE)
+    for step in spoiled["steps"]:
+        step["name"] = step["name"].replace("_", "-")
+    model = GoodModel()
+    server.script = lambda asked: json.dumps(spoiled) if asked.stage == "free" else model(asked)
+    (task,) = proposed(designer(server, mode="free"), brief)
+    assert [step.name for step in task.steps] == ["close_box", "open_drawer", "grasp_apple", "place_apple"]
+    assert server.stages() == ["free", "reflection"]
+
+
 @pytest.mark.parametrize(
     ("trial", "words"),
     [

@@ -205,7 +205,7 @@ def _steps(
         raise Wrong([f'"steps" must be 1 to {MAX_STEPS}, not {len(given)}'])
     found, sentences, held = [], {}, None
     for number, each in enumerate(given):
-        name, tool, on = str(each.get("name", "")), each.get("tool") or HAND, each.get("object")
+        name, tool, on = str(each.get("name", "")).replace("-", "_"), each.get("tool") or HAND, each.get("object")
         where = f"steps[{number}]"
         rigid = on in objects and objects[on]["class"] in catalog.rigid
         if name.startswith(GRASP):

@@ -69,6 +69,15 @@ class StepToSolve:
         return None if self.step.tool == HAND else self.things[self.step.tool]
 
     @property
+    def moves_joint(self) -> bool:
+        """Whether the step moves the joint of its object, so that configs may use the joint's frame."""
+        if self.things[self.step.object].joint_type is None:
+            return False
+        return self.held is None or any(
+            isinstance(each, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween) for each in self.step.done
+        )
+
+    @property
     def openness(self) -> float | None:
         """Openness of the step's object before the step, after all steps before it succeeded; None for a rigid one."""
         spec, thing = self.task.objects[self.step.object], self.things[self.step.object]
@@ -105,6 +114,7 @@ class StepToSolve:
             "task_name": self.task.name,
             "step_name": self.step.name,
             "thing": thing,
+            "moves_joint": self.moves_joint,
             "held": self.held,
             "settings": self.settings,
             "tool_keypoints": self.settings.tool_keypoints,
@@ -157,8 +167,16 @@ def read_constraints(data: Sequence[Data], job: StepToSolve) -> list[Any]:
     if found is None:
         raise Wrong([f'there is no field "{CONSTRAINTS}"'])
     problems = configs.problems_of_constraints(found)
+    if (
+        not problems
+        and not job.moves_joint
+        and any(
+            each.get("target_axis_frame") == "joint" or each.get("target_offset_frame") == "joint" for each in found
+        )
+    ):
+        problems = ["the frame joint is not available, because this step moves no joint; use object or world"]
     if not problems:
-        fingers = "closed" if job.held is None else "release"
+        fingers = "closed" if job.held is None else "hold" if job.moves_joint else "release"
         whole = {CONSTRAINTS: found, "pre_actuation_motions": [["translate_z", -0.08]], "gripper": fingers}
         problems = configs.problems_of_names(job.task, job.step, whole, job.things, job.profile)
     if problems:
