@@ -136,6 +136,9 @@ class LLMDesigner:
         Candidate n uses the n-th config of every step. A task of several steps gets one more candidate, which tries all
         configs of each step in turn.
 
+        In a task with several steps, the other configs of a step follow config n and are used where config n has no
+        plan, because one step without a plan ends the task.
+
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
         """
@@ -149,11 +152,9 @@ class LLMDesigner:
             raise Declined(str(error)) from error
         ways = {job.step.name: found for job, found in zip(jobs, designed, strict=True)}
         count = max((len(found) for found in ways.values()), default=1)
-        choices = [
-            (f"trial {n + 1}", {name: [found[n % len(found)]] for name, found in ways.items()}) for n in range(count)
-        ]
-        if not task.is_single_step and count > 1:
-            choices.insert(0, ("all trials in turn", {name: list(found) for name, found in ways.items()}))
+        choices = [(f"trial {n + 1}", {name: _from(found, n) for name, found in ways.items()}) for n in range(count)]
+        if task.is_single_step:
+            choices = [(label, {name: found[:1] for name, found in chosen.items()}) for label, chosen in choices]
         made = []
         for label, chosen in choices:
             steps = {
@@ -347,6 +348,12 @@ def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateRe
 
     same = [each for each in results if each.episodes and each.physics_score == results[0].physics_score]
     return max(same, key=reached, default=results[0])
+
+
+def _from(configs: Sequence[Config], first: int) -> list[Config]:
+    """Return the configs in a cycle that begins with number ``first``."""
+    first %= len(configs)
+    return [*configs[first:], *configs[:first]]
 
 
 def _in_turn(name: str, configs: Sequence[Config]) -> Strategies:

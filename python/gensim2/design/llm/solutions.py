@@ -163,6 +163,8 @@ def _tried(step: Step, result: CandidateResult) -> solving.Tried:
     told = f"Planned on {result.plan_score:.0%} of the scenes."
     if result.episodes:
         told += f" In physics it succeeded in {result.held:.0f} of {result.episodes} episodes."
+    if len(result.candidate.steps[step.name]) > 1:
+        told += " Where it had no plan, other configs of the step were used."
     if len(result.by_object) > 1:
         rates = ", ".join(f"{each} {held} of {count}" for each, (held, count) in result.by_object.items())
         told += f" By object: {rates}."
