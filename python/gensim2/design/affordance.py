@@ -91,6 +91,13 @@ class Affordance:
     samples: tuple[ArticulatedObject, ...] = field(default=(), compare=False, repr=False)
 
     @property
+    def hinge_axes(self) -> list[Array] | None:
+        """Unit axis (3,) of each instance's hinge in the world, about which the joint opens; None without a hinge."""
+        if self.joint_type != "revolute" or not self.samples:
+            return None
+        return [each.placement.rotation @ each.joint.axis for each in self.samples]
+
+    @property
     def measured(self) -> str:
         """Name of the keypoint that distance criteria use."""
         return list(self.keypoints)[-1]

@@ -20,6 +20,7 @@ from gensim2.design.affordance import Affordance
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined, StageResult
 from gensim2.design.diagnosis import Diagnosis
 from gensim2.design.llm import Asking, LanguageModel, LLMDesigner, ModelOptions, Prompts
+from gensim2.design.llm.templating import hinge
 from gensim2.design.pictures import LazyPicture
 from gensim2.objects import Library
 from gensim2.planning.strategies import parse_strategy
@@ -73,7 +74,9 @@ def test_prompts_say_what_there_is_and_what_is_known(server: ModelServer, brief:
     assert "Write 2 different ways" in motions
     for text in (constraints, motions):
         assert "base stands at (-0.61, 0.00, 0) m" in text
-        assert re.search(r"a hinge of \d+° about a level axis", text)
+        assert re.search(
+            r"a hinge of \d+° about a level axis; the hinge's axis points along \(0.00, 1.00, 0.00\)", text
+        )
         assert re.search(
             r"`articulated_object_head`.*, at \(-0.*\) m, on a convex part of .*cm from the hinge, moves along", text
         )
@@ -318,6 +321,13 @@ def test_an_average_is_of_one_kind_of_joint(library: Library) -> None:
     slide = library.load("drawer", library.instances("drawer")[0])
     alone, mixed = Affordance.of(hinges), Affordance.of([replace(slide, keypoints=hinges[0].keypoints), *hinges])
     assert (mixed.joint_type, mixed.joint_range) == ("revolute", alone.joint_range)
+
+
+def test_hinges_at_both_sides_have_no_common_axis(library: Library) -> None:
+    box = library.load("box_rotate", library.instances("box_rotate")[0])
+    turned = replace(box, joint=replace(box.joint, axis=-box.joint.axis))
+    assert "opposite directions in different instances" in hinge(Affordance.of([box, turned]))
+    assert hinge(Affordance.of([library.load("drawer", library.instances("drawer")[0])])) == ""
 
 
 def test_what_stays_wrong_is_dropped_and_counted(server: ModelServer, brief: Brief, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import jinja2
 import jinja2.sandbox
+import numpy as np
 import yaml
 from jinja2 import Template
 
@@ -43,6 +44,17 @@ def motion(thing: Affordance) -> str:
     if thing.joint_type == "revolute":
         return f"a hinge of {math.degrees(high - low):.0f}° about a {thing.joint_axis} axis"
     return f"a {thing.joint_axis} slide of {100 * (high - low):.0f} cm"
+
+
+def hinge(thing: Affordance) -> str:
+    """Describe the direction of a hinge's axis before randomization; empty for a slide or a rigid object."""
+    if thing.hinge_axes is None:
+        return ""
+    mean = np.mean(thing.hinge_axes, axis=0)
+    if np.linalg.norm(mean) < SAME_WAY:
+        return "; the hinge's axis has opposite directions in different instances"
+    x, y, z = (float(value) + 0.0 for value in np.round(mean / np.linalg.norm(mean), 2))
+    return f"; the hinge's axis points along ({x:.2f}, {y:.2f}, {z:.2f})"
 
 
 def reached(thing: Affordance, goal: End) -> str:
@@ -105,6 +117,9 @@ def known_task(task: TaskSpec) -> str:
     return f"{task.name}: {task.description} ({classes}; {goal})"
 
 
+#: Minimum length of the mean of hinge axes (unit vectors) that point in similar directions.
+SAME_WAY = 0.9
+
 SUFFIX = ".md.j2"
 BANK = "tasks.yaml"
 
@@ -146,6 +161,7 @@ class Prompts:
             yaml=as_yaml,
             json=as_json,
             motion=motion,
+            hinge=hinge,
             size=size,
             reached=reached,
             place=place,
