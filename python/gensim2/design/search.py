@@ -90,10 +90,10 @@ LONG_BUDGET = Budget(
     refined=(3, 2),
     comparison=(2, 4),
     max_episodes=16,
-    enough=0.8,
+    enough=0.9,
     enough_strict=0.0,
-    enough_episodes=7,
-    max_physics_episodes=40,
+    enough_episodes=10,
+    max_physics_episodes=60,
 )
 
 
