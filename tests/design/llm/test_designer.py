@@ -413,6 +413,17 @@ def test_names_of_steps_may_be_joined_by_hyphens(server: ModelServer, brief: Bri
     assert server.stages() == ["free", "reflection"]
 
 
+def test_an_object_in_another_has_little_room(server: ModelServer, brief: Brief) -> None:
+    inside = copy.deepcopy(WHOLE)
+    inside["objects"]["apple"] = {"class": "apple", "on": "box"}
+    inside["objects"]["drawer"]["on"] = "table"
+    model = GoodModel()
+    server.script = lambda asked: json.dumps(inside) if asked.stage == "free" else model(asked)
+    (task,) = proposed(designer(server, mode="free"), brief)
+    shifts = {name: thing.randomization.x for name, thing in task.objects.items()}
+    assert shifts == {"box": (-0.03, 0.03), "drawer": (-0.03, 0.03), "apple": (-0.01, 0.01)}
+
+
 @pytest.mark.parametrize(
     ("trial", "words"),
     [

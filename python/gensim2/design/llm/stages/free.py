@@ -27,6 +27,9 @@ _ROLES = {"object": "articulated", "articulated": "articulated", "rigid": "rigid
 #: Ranges (m) of the positions in a task with several objects.
 _CLOSE = {"x": [-0.03, 0.03], "y": [-0.03, 0.03], "yaw": 0.2}
 
+#: Ranges (m) of the position of an object in or on another object, where it has little room.
+_WITHIN = {"x": [-0.01, 0.01], "y": [-0.01, 0.01], "yaw": 0.2}
+
 _CRITERIA = {
     "type": "array",
     "items": {"type": "object", "properties": {"type": {"type": "string"}}, "required": ["type"]},
@@ -184,7 +187,8 @@ def _objects(given: Any, catalog: Catalog, wish: Wish, problems: list[str]) -> d
         if unknown := sorted(fields.keys() - {"class", "at", "on", "openness"}):
             problems.append(f"objects.{name}: there is no field {unknown[0]}; the fields are class, at, on, openness")
         place = {key: fields[key] for key in ("at", "on") if fields.get(key) is not None}
-        scene = dict(_CLOSE) if len(given) > 1 else {}
+        within = place.get("on", TABLE) != TABLE
+        scene = dict(_WITHIN if within else _CLOSE if len(given) > 1 else {})
         if fields.get("openness") is not None:
             scene["openness_mean"] = fields["openness"]
         found[name] = {"class": asset_class, "place": place, "randomization": scene}
