@@ -20,7 +20,7 @@ from gensim2.design.llm.conversations import read_log
 from gensim2.design.llm.store import AnswerStore
 from gensim2.objects import Library
 from gensim2.tasks.library import load_task_file
-from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.spec import Randomization, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
 RECORDS = Path(__file__).parents[3] / "benchmarks" / "model_designer.tar.xz"
@@ -79,7 +79,7 @@ def test_recorded_answers_make_the_same_task_and_the_same_configs(path: str, rec
         model = LanguageModel(ModelOptions(model="recorded", base_url=server.url, timeout=5.0, retries=0))
         designer = LLMDesigner(model, Prompts(), asking)
         task = next(iter(designer.propose(brief, seed=0)))
-        assert _without_strategies(task) == _without_strategies(stored)
+        assert _as_written(task) == _as_written(stored)
         candidates = designer.candidates(task, brief, seed=0)
     design = read_design(records / path)
     assert design is not None
@@ -92,6 +92,11 @@ def _configs(candidates: Iterable[Mapping[str, Strategies]]) -> set[tuple[str, s
     return {(step, json.dumps(way)) for each in candidates for step, ways in each.items() for way in ways.values()}
 
 
-def _without_strategies(task: TaskSpec) -> TaskSpec:
+def _as_written(task: TaskSpec) -> TaskSpec:
+    """Return the task without strategies and random ranges, which do not come from the model."""
     steps = tuple(step.model_copy(update={"strategies": ("designed",)}) for step in task.steps)
-    return task.model_copy(update={"steps": steps, "provenance": None})
+    objects = {
+        name: thing.model_copy(update={"randomization": Randomization(openness_mean=thing.randomization.openness_mean)})
+        for name, thing in task.objects.items()
+    }
+    return task.model_copy(update={"steps": steps, "objects": objects, "provenance": None})
