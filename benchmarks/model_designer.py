@@ -142,31 +142,15 @@ def different(rows: Sequence[Row]) -> list[Row]:
 def proposals(rows: Sequence[Row], rigid: frozenset[str]) -> str:
     """Return the table of all proposals."""
     head = ["run", "sentence", "steps", "special", "round", "SAPIEN", "MuJoCo", "kept", "prompts", "tokens", "CPU s"]
-    lines = [line(head), line(["---"] * len(head))]
     new = different(rows)
+    table: list[list[Any]] = [head, ["---"] * len(head)]
     for row in rows:
         special = row.kinds(rigid) if row in new else [*row.kinds(rigid), "repetition"]
         tokens = row.sums["tokens_in"] + row.sums["tokens_out"]
-        lines.append(
-            line(
-                map(
-                    str,
-                    [
-                        row.run,
-                        row.task.description,
-                        len(row.task.steps),
-                        ", ".join(special),
-                        "" if row.round is None else row.round,
-                        *row.counts,
-                        "yes" if row.kept else "no",
-                        row.sums["answers"],
-                        tokens,
-                        round(row.cpu_s),
-                    ],
-                )
-            )
-        )
-    return "\n".join(lines)
+        found = [row.run, row.task.description, len(row.task.steps), ", ".join(special)]
+        found += ["" if row.round is None else row.round, *row.counts, "yes" if row.kept else "no"]
+        table.append([*found, row.sums["answers"], tokens, round(row.cpu_s)])
+    return "\n".join(f"|{'|'.join(map(str, cells))}|" for cells in table)
 
 
 def sums(rows: Sequence[Row], rigid: frozenset[str]) -> str:
