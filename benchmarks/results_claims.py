@@ -36,9 +36,9 @@ def _beside_the_paper(rows: Iterable[Figure]) -> str:
     return (
         "**Compared with the paper.** We use real objects, the physics settings of the GenSim2 release, one attempt "
         "per episode and the verdict `paper`. Invalid placements of objects are not sampled again. The mean success "
-        f"rates of our planner are {_means(own, 'paper')}. The paper reports {_published()}. The authors' release "
-        f"reaches {_released()}. In {len(above)} of {len(above) + len(not_above)} rows the 95 % interval of our "
-        "success rate lies above the paper's figure."
+        f"rates of our planner are {_means(own, 'paper')}. In the same order, the paper reports {_published()}. The "
+        f"authors' release reaches {_released()}. In {len(above)} of {len(above) + len(not_above)} tasks the 95 % "
+        "interval of our success rate lies above the paper's figure."
         + (f" The exception{'s are' if len(not_above) > 1 else ' is'} {named}." if named else "")
     )
 

@@ -196,9 +196,10 @@ def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:
     ]
     first, second = results_claims.claims(own).splitlines()
     assert "0.994 on single-step tasks (2 tasks, 500 episodes)" in first
-    assert "In 1 of 2 rows the 95 % interval" in first
+    assert "In 1 of 2 tasks the 95 % interval" in first
     assert "The exception is PushToasterForward, with 0.99 against the paper's 0.99." in first
-    assert "The paper reports 0.81 and 0.47. The authors' release reaches 0.77 (556 of 720) and 0.16 (8 of 50)" in first
+    assert "In the same order, the paper reports 0.81 and 0.47." in first
+    assert "The authors' release reaches 0.77 (556 of 720) and 0.16 (8 of 50)" in first
     assert second == (
         "2. **Without parts of the method**, under the same conditions. If the planner plans each step once, with its "
         "first strategy, and never replans, the mean success rates are 0.900 on single-step tasks (1 tasks, 250 "
