@@ -156,7 +156,7 @@ def gallery_of(tasks: list[str], out: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
     def filmed(replay: Any, path: Path, *, still: Path, **_: Any) -> Film:
         draw_film(path, still)
-        return Film(12, True)
+        return Film(12, True, "a fake camera draws")
 
     for name in fake_world.REPLACED:
         monkeypatch.setattr(worker, name, getattr(worker, name))
@@ -284,7 +284,7 @@ def quality_page(collected: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     def filmed(replay: Any, path: Path, *, still: Path) -> Film:
         draw_film(path, still)
-        return Film(12, True)
+        return Film(12, True, "a fake camera draws")
 
     dataset = DataSet.open(collected)
     cloud = {

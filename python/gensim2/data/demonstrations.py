@@ -13,7 +13,7 @@ from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
-from gensim2.data.video import Replay, film
+from gensim2.data.video import Film, Replay, film
 from gensim2.objects import Library
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.identity import versions
@@ -144,15 +144,15 @@ def _film(
     jobs = {number: (folder / "trajectory.h5", number, films[number], stills[number]) for number in missing}
     found = evaluator.each(film_job, jobs, f"{task.name}: film")
     try:
-        for _ in found:
-            pass
+        for sentence in {made.renderer: None for _, made in found}:
+            progress.message(f"{task.name}: in the films, {sentence}")
     except GenSim2Error as error:
         progress.message(f"{task.name}: no video: {error}")
 
 
-def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) -> int:
-    """Record a video of one episode of a trajectory and return the number of frames."""
-    return film(Replay.stored(trajectory, episode), video, still=still).frames
+def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) -> Film:
+    """Record a video of one episode of a trajectory."""
+    return film(Replay.stored(trajectory, episode), video, still=still)
 
 
 def film_attempt(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:

@@ -85,6 +85,8 @@ def _film(dataset: DataSet, store: TaskStore, row: Episode, number: int, progres
     progress.start(f"{store.name}: film", 1)
     recording = store.read(row).recording
     assert recording is not None
-    film(Replay.of(recording, dataset.scene.with_task(store.spec())), dataset.path / video, still=dataset.path / still)
+    replay = Replay.of(recording, dataset.scene.with_task(store.spec()))
+    made = film(replay, dataset.path / video, still=dataset.path / still)
+    progress.message(f"{store.name}: in the film, {made.renderer}")
     progress.advance()
     return video, still

@@ -1,7 +1,7 @@
 """Render videos and images of recorded episodes.
 
-If SAPIEN's renderer works, the actions are replayed in SAPIEN and rendered; states that another engine recorded are
-rendered without a replay. Otherwise a ray caster draws the recorded states.
+If SAPIEN simulated the episode and its renderer works, the actions are replayed in SAPIEN and rendered. Otherwise
+MuJoCo's renderer or the ray caster draws the recorded states; :func:`~gensim2.sim.driver.renderer` selects it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
 from gensim2.scenes.config import SceneConfig, SceneOptions
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
-from gensim2.sim.driver import can_render
+from gensim2.sim.driver import renderer, state_drawing
 from gensim2.tasks.parse import parse_task
 
 Frame = npt.NDArray[np.uint8]
@@ -88,7 +88,7 @@ class Replay:
         reset_kwargs: seed and options of the reset.
         actions: (T, m + 1) actions of T control steps; m is the number of arm joints.
         scene: configuration of the environment.
-        states: recorded states (T + 1, ...), named as in ManiSkill's ``env_states``; None if SAPIEN can replay the
+        states: recorded states (T + 1, ...), named as in ManiSkill's ``env_states``; None if SAPIEN replays the
             actions.
     """
 
@@ -103,13 +103,6 @@ class Replay:
     def control_hz(self) -> int:
         """Number of actions per second."""
         return robot(self.scene.robot).control_hz
-
-    @property
-    def is_simulated_again(self) -> bool:
-        """Whether SAPIEN simulates the actions again. This is possible only for episodes that SAPIEN has simulated;
-        other episodes are drawn from their recorded states.
-        """
-        return self.scene.engine == "sapien"
 
     @staticmethod
     def stored(trajectory: Path, episode: int = 0) -> Replay:
@@ -149,7 +142,7 @@ class Replay:
             group = group_in(file, f"traj_{episode}")
             actions = array_in(group, "actions", np.float32, (None, None))
             states = None
-            if options.engine != "sapien" or not can_render():
+            if renderer(options.engine).name != "sapien":
                 states = read_tree(group_in(group, "env_states"), STATES_DEPTH)
                 _check_states(states, len(actions) + 1)
         return Replay(env_id(task), kwargs, reset.model_dump(), actions, options.with_task(task), states)
@@ -182,10 +175,12 @@ class Film:
     Attributes:
         frames: number of frames in the video.
         success: whether the goal was reached at the end of the replay; None if the video shows recorded states.
+        renderer: sentence that says which renderer drew the frames, and why.
     """
 
     frames: int
     success: bool | None
+    renderer: str
 
 
 def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
@@ -201,7 +196,8 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
         speed: 1 plays in real time, 2 twice as fast.
     """
     shown = _Shown()
-    frames = _frames if can_render() else _drawn
+    chosen = renderer(replay.scene.engine)
+    frames = _frames if chosen.name == "sapien" else _drawn
     stride = stride or (1 if len(replay.actions) <= LONG else 2)
     with replacing(video) as path:
         write_video(path, frames(replay, shown, stride), speed * replay.control_hz / stride)
@@ -209,7 +205,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
         assert shown.farthest is not None
         with replacing(still) as path:
             Image.fromarray(shown.farthest).save(path)
-    return Film(shown.frames, shown.success)
+    return Film(shown.frames, shown.success, chosen.reason)
 
 
 class _Shown:
@@ -238,8 +234,7 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     from gensim2.data.close_up import CloseUp  # import late, because this module loads the ray caster
     from gensim2.sim import rendering
 
-    kwargs = {name: value for name, value in replay.env_kwargs.items() if name != "engine"}
-    env = gym.make(replay.env_id, **{**kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
+    env = gym.make(replay.env_id, **{**replay.env_kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
 
     world: Any = env.unwrapped
 
@@ -261,40 +256,39 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
         close_up = CloseUp(world.profile, models, rendering.video_camera().height)
         yield see(outcome)
         for number, action in enumerate(replay.actions, 1):
-            if replay.is_simulated_again:
-                outcome = env.step(action)[4]
+            outcome = env.step(action)[4]
             if number % stride and number != len(replay.actions):
                 continue
-            if not replay.is_simulated_again:
-                env.unwrapped.show(replay.states, number)  # type: ignore[attr-defined]
-                outcome = env.unwrapped.evaluate()  # type: ignore[attr-defined]
             yield see(outcome)
     finally:
         env.close()
 
 
 def _drawn(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
-    """Draw the recorded states with the ray caster."""
+    """Draw the recorded states with MuJoCo's renderer or the ray caster."""
     # Import late: this module imports the ray caster, which other videos do not need.
     from gensim2.data.close_up import CloseUp
     from gensim2.data.observing import objects_of
     from gensim2.perception.raycast.kinematics import state_at
-    from gensim2.perception.raycast.state_drawing import VIDEO_HEIGHT, StateDrawing
+    from gensim2.perception.raycast.state_drawing import VIDEO_HEIGHT
 
     states = replay.states
     assert states is not None
     given = read_options(replay.reset_kwargs["options"], tuple(replay.scene.task.objects))
     objects = objects_of(replay.scene, {name: own["instance"] for name, own in given.items() if "instance" in own})
     profile = robot(replay.scene.robot)
-    drawing, close_up = StateDrawing(profile, objects), CloseUp(profile, objects, VIDEO_HEIGHT)
+    drawing, close_up = state_drawing(replay.scene.engine, profile, objects), CloseUp(profile, objects, VIDEO_HEIGHT)
     keypoints = drawing.keypoints(states)
-    for number in range(len(replay.actions) + 1):
-        if number % stride and number != len(replay.actions):
-            continue
-        state = state_at(states, number)
-        frame = close_up.onto(drawing.of(state), state)
-        shown.add(frame, keypoints[number], None)
-        yield frame
+    try:
+        for number in range(len(replay.actions) + 1):
+            if number % stride and number != len(replay.actions):
+                continue
+            state = state_at(states, number)
+            frame = close_up.onto(drawing.of(state), state)
+            shown.add(frame, keypoints[number], None)
+            yield frame
+    finally:
+        drawing.close()
 
 
 def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *, exact: bool = False) -> None:

@@ -17,7 +17,7 @@ from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.demonstrations import TRIES_PER_DEMO
 from gensim2.data.runfolder import RunFolder, TaskFolder
-from gensim2.data.video import Replay, film
+from gensim2.data.video import Film, Replay, film
 from gensim2.design.description import description_of
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig, EvaluationArguments
@@ -110,16 +110,16 @@ class GalleryEntry:
 
 def film_one_that_holds(
     config: EpisodeConfig, strategies: Strategies, seeds: Sequence[int], folder: Path
-) -> list[Episode]:
+) -> tuple[list[Episode], Film | None]:
     """Run episodes until one succeeds, and record a video of that episode; runs in a worker process.
 
     Returns:
-        The episodes in the order of the seeds. The last one succeeded, or none did.
+        The episodes in the order of the seeds, and the video. The last episode succeeded, or all failed.
 
     Raises:
         GenSim2Error: the replay for the video does not reach the goal.
     """
-    tried = []
+    tried, filmed = [], None
     for seed in seeds:
         episode, recording = worker.demonstrate(config, strategies, seed)
         tried.append(episode)
@@ -131,7 +131,7 @@ def film_one_that_holds(
         if filmed.success is False:
             raise GenSim2Error(f"{config.task.name}: the replay of seed {seed} does not reach the goal")
         break
-    return tried
+    return tried, filmed
 
 
 INDEX = "index.html"
@@ -232,7 +232,11 @@ def tasks_gallery(
             for index, shelf in enumerate(shelves)
             if not shelf.is_finished
         }
-        for index, episodes in evaluator.each(film_one_that_holds, jobs, "films"):
+        renderers: set[str] = set()
+        for index, (episodes, filmed) in evaluator.each(film_one_that_holds, jobs, "films"):
+            if filmed is not None and filmed.renderer not in renderers:
+                progress.message(f"in the films, {filmed.renderer}")
+                renderers.add(filmed.renderer)
             shelves[index].finish(episodes)
             folder.add_episodes(library, episodes, shelves[index].log.path)
             write_page()

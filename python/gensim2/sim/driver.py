@@ -1,15 +1,79 @@
-"""Test whether SAPIEN can render on this machine; importing this module does not import a simulator."""
+"""Select the renderer of pictures and films; importing this module does not import a simulator."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Literal
+
+from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.scenes.physics import Engine
+
+if TYPE_CHECKING:
+    from gensim2.objects import ObjectModel
+    from gensim2.perception.raycast.state_drawing import StateDrawing
+    from gensim2.robots import RobotProfile
 
 NO_DRIVER = (
     "no Vulkan driver that SAPIEN can use was found, so no pictures can be made "
     "(on Debian or Ubuntu install mesa-vulkan-drivers 24.3 or newer)"
 )
+
+GL_LIBRARIES: Mapping[str, str] = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}
+"""System library of each OpenGL platform without a display, in order of preference."""
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """The renderer that draws pictures and films of an engine's episodes.
+
+    Attributes:
+        name: ``"sapien"``, ``"mujoco"`` or ``"ray caster"``.
+        reason: why this renderer draws, as a sentence for the user.
+    """
+
+    name: Literal["sapien", "mujoco", "ray caster"]
+    reason: str
+
+
+@cache
+def renderer(engine: Engine) -> Renderer:
+    """Return the renderer of the engine, or the ray caster if the engine's renderer does not work in this process."""
+    if engine == "sapien":
+        if can_render():
+            return Renderer("sapien", "SAPIEN's renderer draws")
+        cause = "is not installed" if find_spec("sapien") is None else "finds no Vulkan driver"
+        return Renderer("ray caster", f"the ray caster draws, because SAPIEN {cause}")
+    try:
+        gl_context(1, 1).free()
+    except GenSim2Error as error:
+        return Renderer("ray caster", f"the ray caster draws, because {error}")
+    return Renderer("mujoco", f"MuJoCo's renderer draws with {_platform().upper()}")
+
+
+def state_drawing(engine: Engine, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> StateDrawing:
+    """Return a drawing of recorded states by MuJoCo's renderer if the engine is ``mujoco``, else by the ray caster.
+
+    Args:
+        engine: engine of the states.
+        profile: robot profile.
+        objects: objects by name, in the task's order.
+
+    Raises:
+        InputError: a file of the robot or of an object cannot be used.
+    """
+    if renderer(engine).name != "mujoco":
+        from gensim2.perception.raycast.state_drawing import StateDrawing
+
+        return StateDrawing(profile, objects)
+    from gensim2.sim.mujoco.drawing import MujocoDrawing
+
+    return MujocoDrawing(profile, objects)
 
 
 @cache
@@ -31,3 +95,46 @@ def can_render() -> bool:
     finally:
         sapien.render.set_log_level(os.getenv("MS_RENDERER_LOG_LEVEL", "warn"))
     return True
+
+
+def gl_context(width: int, height: int) -> Any:
+    """Return an OpenGL context without a display for MuJoCo's renderer, through EGL or OSMesa.
+
+    The environment variable ``MUJOCO_GL``, which MuJoCo defines, selects ``egl`` or ``osmesa``. Otherwise EGL is used
+    if its library is installed.
+
+    Args:
+        width, height: largest size of a picture, pixels.
+
+    Raises:
+        GenSim2Error: PyOpenGL, a library or a driver is missing.
+        InputError: ``MUJOCO_GL`` has another value.
+    """
+    if find_spec("OpenGL") is None:
+        raise GenSim2Error("PyOpenGL is not installed (pip install 'gensim2[render]')")
+    platform = _platform()
+    try:
+        context: Any = import_module(f"mujoco.{platform}").GLContext(width, height)
+    except Exception as error:
+        raise GenSim2Error(f"no {platform.upper()} driver works: {_line(error)}") from error
+    return context
+
+
+def _platform() -> str:
+    """Return the OpenGL platform: the chosen one, or the first whose library is installed."""
+    chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if chosen in GL_LIBRARIES:
+        return chosen
+    if chosen:
+        raise InputError(f"is {chosen!r}", field="MUJOCO_GL", remedy=f"set it to {' or '.join(GL_LIBRARIES)}")
+    for platform, library in GL_LIBRARIES.items():
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            continue
+        return platform
+    raise GenSim2Error("neither EGL nor OSMesa is installed (on Debian or Ubuntu: apt-get install libegl1)")
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

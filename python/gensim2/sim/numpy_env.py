@@ -14,6 +14,7 @@ from gensim2.core.seeding import LARGEST_SEED
 from gensim2.perception import ObservationSpec
 from gensim2.perception.raycast.state_drawing import StateDrawing
 from gensim2.scenes.config import SceneConfig
+from gensim2.sim.driver import renderer, state_drawing
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.reward import StagedReward
 from gensim2.tasks.spec import TaskSpec
@@ -42,7 +43,8 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
             :class:`~gensim2.perception.Observation` by name.
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
         reward_mode: ``"sparse"`` (1 if the goal is reached, else 0) or ``"normalized_dense"`` (0 to 1).
-        render_mode: ``"rgb_array"`` or None; the ray caster draws the pictures.
+        render_mode: ``"rgb_array"`` or None. The engine's renderer draws the pictures, or the ray caster if the
+            engine's renderer does not work; ``info["renderer"]`` of a reset says which one draws, and why.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Raises:
@@ -100,8 +102,12 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
         self._require_open()
         super().reset(seed=seed)
         self.headless.reset(int(self.np_random.integers(LARGEST_SEED)) if seed is None else seed, options)
-        self._reward, self._drawing = StagedReward(self.headless.task), None
-        return self._observed(), self._info(self.headless.success)
+        self._reward = StagedReward(self.headless.task)
+        self._close_drawing()
+        info = self._info(self.headless.success)
+        if self.render_mode is not None:
+            info["renderer"] = renderer(self.headless.engine).reason
+        return self._observed(), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
         """Make one control step.
@@ -128,14 +134,20 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
         env = self.headless
         if self._drawing is None:
             models = {name: thing.model for name, thing in env.initial_state.objects.items()}
-            self._drawing = StateDrawing(env.profile, models)
+            self._drawing = state_drawing(env.engine, env.profile, models)
         rows = {kind: {name: row[None] for name, row in group.items()} for kind, group in env.state().items()}
         return self._drawing.of(rows)
 
     def close(self) -> None:
         """End the environment."""
+        self._close_drawing()
         self.headless.close()
         self._closed = True
+
+    def _close_drawing(self) -> None:
+        if self._drawing is not None:
+            self._drawing.close()
+            self._drawing = None
 
     def _require_open(self) -> None:
         if self._closed:

@@ -34,7 +34,7 @@ class Camera:
         self.seeds.append(replay.reset_kwargs["seed"])
         video.write_bytes(b"film")
         still.write_bytes(b"picture")
-        return Film(3, self.success)
+        return Film(3, self.success, "a fake camera draws")
 
 
 @pytest.fixture

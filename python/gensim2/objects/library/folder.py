@@ -15,6 +15,9 @@ from gensim2.core.foreign.limits import MAX_OBJECT, MAX_OBJECT_FILES, MAX_OBJECT
 from gensim2.core.foreign.tree import ForeignTree, megabytes, shortened
 from gensim2.objects.types import AssetError, MissingFileError
 
+MODELS = (".urdf", ".xml", ".mjcf", ".usd", ".usda", ".usdc", ".usdz")
+"""Suffixes of the files that an import reads."""
+
 
 @dataclass(frozen=True)
 class ObjectFolder(ForeignTree):
@@ -93,8 +96,8 @@ def maniskill_data() -> Path:
 
 
 def find_source(where: str) -> Path:
-    """Return the path of an object to import: a URDF or MJCF file, or the folder of a PartNet-Mobility model. ManiSkill
-    may have downloaded this model.
+    """Return the path of an object to import: a URDF, MJCF or USD file, or the folder of a PartNet-Mobility model.
+    ManiSkill may have downloaded this model.
 
     Args:
         where: path of the file or the folder, or number of the downloaded model.
@@ -104,7 +107,7 @@ def find_source(where: str) -> Path:
     """
     try:
         file = Path(where).expanduser()
-        if file.suffix in (".urdf", ".xml", ".mjcf") and not file.is_dir():
+        if file.suffix in MODELS and not file.is_dir():
             return file
     except (OSError, RuntimeError, ValueError):
         pass  # ``where`` cannot be a path, which the error below reports.
@@ -114,5 +117,5 @@ def find_source(where: str) -> Path:
         models = maniskill_data() / "partnet_mobility" / "dataset"
         if re.fullmatch(r"[0-9]{1,12}", where) and (models / where).is_dir():
             return models / where
-        remedy = f"give a URDF or MJCF file, a PartNet-Mobility folder, or the number of one in {models}"
+        remedy = f"give a URDF, MJCF or USD file, a PartNet-Mobility folder, or the number of one in {models}"
         raise AssetError(error.message, file=error.file, remedy=remedy) from error

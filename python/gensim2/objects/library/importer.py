@@ -1,4 +1,4 @@
-"""Convert a URDF, an MJCF file or a PartNet-Mobility folder to an object of a library.
+"""Convert a URDF, MJCF or USD file, or a PartNet-Mobility folder, to an object of a library.
 
 The object has one movable joint, its real size and keypoints.
 
@@ -44,14 +44,16 @@ from gensim2.core.foreign.names import RULE, is_name
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import generate
 from gensim2.objects.known import JOINT_TYPES
+from gensim2.objects.library import usd
+from gensim2.objects.library.conversion import as_urdf
 from gensim2.objects.library.export import MESHES, write_folder
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.info import UNSTATED, closest_axis, derived_head
 from gensim2.objects.library.meshes import MeshReader
-from gensim2.objects.library.mjcf import as_urdf
 from gensim2.objects.library.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, numbers, rpy_from_matrix
 from gensim2.objects.library.urdf import (
     MOVABLE,
+    T_FROM_Y_UP,
     URDF,
     Urdf,
     UrdfJoint,
@@ -72,8 +74,6 @@ PREFIX = "articulated_object_"  # prefix of keypoint names
 COMPANIONS = ("semantics.txt", "meta.json", "mobility_v2.json", "bounding_box.json")
 
 Up = Literal["y", "z"]
-T_FROM_Y_UP: Array = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-"""Pose of a model whose y axis points up and whose front faces z, in a frame with z up and the front at -x."""
 
 
 @dataclass(frozen=True)
@@ -118,16 +118,17 @@ def import_object(
     license: str = UNSTATED,
     replace: bool = False,
 ) -> Imported:
-    """Write ``library/articulated_objs/<asset_class>/<name>`` from a URDF, an MJCF file or a PartNet-Mobility folder.
+    """Write ``library/articulated_objs/<asset_class>/<name>`` from a model in another format.
 
     Args:
-        source: URDF or MJCF file, or a folder with ``mobility.urdf``.
+        source: URDF, MJCF or USD file, or a PartNet-Mobility folder, which contains ``mobility.urdf``.
         library: folder of objects; created if missing.
         asset_class: class of the object.
         name: id of the object.
         joint: name of the joint that stays movable.
         scale: length in metres of one unit of the model, or ``"auto"`` (see the rules above).
         up: axis of the model's root frame that points up. With ``"y"`` the front faces z, with ``"z"`` it faces -x.
+            A USD file states this axis itself.
         keypoints: (3,) by name, in units of the model: in the root frame if the name contains ``base``, otherwise in
             the frame of the moving link. They replace the proposed keypoints of the same name; ``head`` stands for
             ``articulated_object_head``, and so on.
@@ -147,12 +148,14 @@ def import_object(
         remedy = f"1 to {LONGEST_TEXT} printable characters, such as CC BY 4.0"
         raise InputError(f"{reprlib.repr(license)} is not a licence text", field="license", remedy=remedy)
     given = {_full_name(key): _checked(key, value) for key, value in (keypoints or {}).items()}
-    with as_urdf(source) as file:
+    if up == "y" and source.suffix in usd.SUFFIXES:
+        raise InputError("does not apply to a USD file", field="up", remedy="set upAxis in the file")
+    with as_urdf(source) as (file, is_convex):
         model = _Source(file, asset_class, joint, up)
         size = model.scale() if scale == "auto" else scale
         info = model.info(size, given) | {"license": license}
-        if file != source:
-            info["collision"] = "convex"  # MuJoCo treats every collision shape as convex
+        if is_convex:
+            info["collision"] = "convex"
 
         def write(folder: Path) -> None:
             model.copy_files(folder)

@@ -12,12 +12,8 @@ apply:
 
 from __future__ import annotations
 
-import contextlib
-import re
-import tempfile
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -26,11 +22,9 @@ import numpy as np
 from gensim2.core.errors import MissingExtraError
 from gensim2.core.foreign.geometry import MAX_URDF, opened_mesh
 from gensim2.core.foreign.library import read_by_library
-from gensim2.core.foreign.limits import LONGEST_LINK_NAME, MAX_OBJECT, MAX_TRIANGLES
+from gensim2.core.foreign.limits import MAX_OBJECT, MAX_TRIANGLES
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.library.meshes import write_obj
-from gensim2.objects.library.prepare import numbers, rpy_from_matrix
-from gensim2.objects.library.urdf import URDF
+from gensim2.objects.library.urdf_writer import UrdfWriter
 from gensim2.objects.shapes import Look, Mesh, hull_mesh, pose
 from gensim2.objects.types import Array, AssetError
 
@@ -44,31 +38,21 @@ DECORATION = frozenset(("camera", "light", "site", "texture"))
 MAX_INCLUDES = 100
 
 
-@contextlib.contextmanager
-def as_urdf(source: Path) -> Iterator[Path]:
-    """Convert an MJCF file, and yield the path of the temporary URDF file; yield ``source`` if it is no MJCF file.
+def convert(source: Path, scratch: Path) -> Path:
+    """Convert an MJCF file, and return the URDF file in the existing folder ``scratch``.
 
     Raises:
-        InputError: the file cannot be imported; the error names ``source`` also for errors inside the block.
+        InputError: the file cannot be imported.
         MissingExtraError: MuJoCo is not installed.
     """
-    if source.suffix not in SUFFIXES or source.is_dir():
-        yield source
-        return
-    with tempfile.TemporaryDirectory() as scratch:
-        try:
-            yield _Converter(source, Path(scratch)).write()
-        except AssetError as error:
-            if error.file is None or Path(scratch) not in Path(error.file).parents:
-                raise
-            raise AssetError(error.message, file=source, field=error.field, remedy=error.remedy) from error
+    return _Converter(source, scratch).write()
 
 
 class _Converter:
     def __init__(self, source: Path, scratch: Path) -> None:
-        self._file, self._tree, self._scratch = source, ObjectFolder(source.parent), scratch
+        self._file, self._tree = source, ObjectFolder(source.parent)
+        self._urdf = UrdfWriter(scratch)
         self._included: set[str] = set()
-        self._names: set[str] = set()
 
     def write(self) -> Path:
         try:
@@ -181,101 +165,78 @@ class _Converter:
         if len(moving) != 1:
             remedy = "leave one object in the file, and join its static parts and moving parts to one body"
             raise AssetError(f"{len(moving)} bodies below the world have joints", file=self._file, remedy=remedy)
-        self._root = ET.Element("robot", name="object")
         self._ends: dict[int, tuple[str, Array]] = {}
         for body in range(1, model.nbody):
             if model.body_rootid[body] in moving:
                 self._add_body(body, is_root=body in moving)
-        file = self._scratch / URDF
-        ET.ElementTree(self._root).write(file, encoding="utf-8", xml_declaration=True)
-        return file
-
-    def _name(self, written: str, kind: str) -> str:
-        """Return an unused name that is valid in a URDF."""
-        plain = re.sub(r"[^\w.-]", "_", written.rpartition("/")[2])[: LONGEST_LINK_NAME - 8].strip(".") or kind
-        name = next(
-            each for n in range(len(self._names) + 1) if (each := f"{plain}_{n}" if n else plain) not in self._names
-        )
-        self._names.add(name)
-        return name
+        return self._urdf.write()
 
     def _add_body(self, body: int, is_root: bool) -> None:
         """Add one link for each joint of a body. A link's origin is at the anchor of its joint. The shapes of the body
         belong to the last of these links.
         """
-        model, name = self._model, self._name(self._model.body(body).name, "link")
+        model, urdf = self._model, self._urdf
+        name = urdf.name(model.body(body).name, "link")
         joints = [int(model.body_jntadr[body]) + n for n in range(model.body_jntnum[body])]
         if is_root:
             joints = [j for j in joints if model.jnt_type[j] != self._free]
             if not joints:
                 self._ends[body] = name, np.zeros(3)
-                self._fill(ET.SubElement(self._root, "link", name=name), body, np.zeros(3))
+                self._fill(urdf.link(name), body, np.zeros(3))
                 return
-            parent, at = self._name("base", "link"), np.zeros(3)
-            ET.SubElement(self._root, "link", name=parent)
+            parent, at = urdf.name("base", "link"), np.zeros(3)
+            urdf.link(parent)
             T = np.eye(4)
         else:
             parent, at = self._ends[int(model.body_parentid[body])]
             T = _pose(model.body_pos[body] - at, model.body_quat[body])
         at = np.zeros(3)
         for number, joint in enumerate(joints):
-            link = name if joint == joints[-1] else self._name(f"{name}_{number}", "link")
+            link = name if joint == joints[-1] else urdf.name(f"{name}_{number}", "link")
             T = T @ pose(model.jnt_pos[joint] - at)
-            self._add_joint(joint, parent, link, T)
+            last = self._add_joint(joint, parent, link, T)
             parent, at, T = link, model.jnt_pos[joint].copy(), np.eye(4)
         if not joints:
-            self._join("fixed", self._name(f"{name}_joint", "joint"), parent, name, T)
-            ET.SubElement(self._root, "link", name=name)
+            urdf.join("fixed", urdf.name(f"{name}_joint", "joint"), parent, name, T)
+            last = urdf.link(name)
         self._ends[body] = name, at
-        self._fill(next(link for link in self._root.findall("link") if link.get("name") == name), body, at)
+        self._fill(last, body, at)
 
-    def _add_joint(self, joint: int, parent: str, child: str, T: Array) -> None:
+    def _add_joint(self, joint: int, parent: str, child: str, T: Array) -> ET.Element:
+        """Add a joint and its child link, and return the link."""
         model, name = self._model, self._model.joint(joint).name
         if model.jnt_type[joint] not in (self._hinge, self._slide):
             remedy = "an object has hinges and slides; its root body may be free"
             raise AssetError("is a ball or free joint", file=self._file, field=f"joint {name[:80]}", remedy=remedy)
         slides = model.jnt_type[joint] == self._slide
         kind = "prismatic" if slides else "revolute" if model.jnt_limited[joint] else "continuous"
-        element = self._join(kind, self._name(name, "joint"), parent, child, T)
-        ET.SubElement(element, "axis", xyz=numbers(model.jnt_axis[joint]))
+        element = self._urdf.join(kind, self._urdf.name(name, "joint"), parent, child, T)
         dof = model.jnt_dofadr[joint]
-        friction, damping = model.dof_frictionloss[dof], float(np.ravel(model.dof_damping[dof])[0])
-        ET.SubElement(element, "dynamics", friction=f"{friction:.9g}", damping=f"{damping:.9g}")
+        limits = None
         if model.jnt_limited[joint]:
             lower, upper = model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]
-            ET.SubElement(element, "limit", lower=f"{lower:.9g}", upper=f"{upper:.9g}", effort="0", velocity="0")
-        ET.SubElement(self._root, "link", name=child)
-
-    def _join(self, kind: str, name: str, parent: str, child: str, T: Array) -> ET.Element:
-        element = ET.SubElement(self._root, "joint", name=name, type=kind)
-        ET.SubElement(element, "parent", link=parent)
-        ET.SubElement(element, "child", link=child)
-        element.append(_origin(T))
-        return element
+            limits = float(lower), float(upper)
+        damping = float(np.ravel(model.dof_damping[dof])[0])
+        self._urdf.move(element, model.jnt_axis[joint], limits, float(model.dof_frictionloss[dof]), damping)
+        return self._urdf.link(child)
 
     def _fill(self, link: ET.Element, body: int, at: Array) -> None:
         """Add inertial and shapes of a body to a link. ``at`` (3,) is the link's origin in the body's frame."""
         model = self._model
         if model.body_mass[body] > 0:
             T = _pose(model.body_ipos[body] - at, model.body_iquat[body])
-            inertial = ET.SubElement(link, "inertial")
-            inertial.append(_origin(T))
-            ET.SubElement(inertial, "mass", value=f"{model.body_mass[body]:.9g}")
-            diagonal = dict(zip(("ixx", "iyy", "izz"), model.body_inertia[body], strict=True))
-            crossed = dict.fromkeys(("ixy", "ixz", "iyz"), 0.0)
-            ET.SubElement(inertial, "inertia", {key: f"{value:.9g}" for key, value in (diagonal | crossed).items()})
+            self._urdf.weigh(link, float(model.body_mass[body]), T, np.diag(model.body_inertia[body]))
         start = model.body_geomadr[body]
         geoms = [int(start) + n for n in range(model.body_geomnum[body])]
         solid = [geom for geom in geoms if geom in self._solid]
         seen = [geom for geom in geoms if geom not in self._solid]
         for kind, which in (("visual", seen or solid), ("collision", solid or seen)):
             for geom in which:
-                self._add_geom(ET.SubElement(link, kind), geom, at, is_solid=kind == "collision")
+                self._add_geom(link, kind, geom, at)
 
-    def _add_geom(self, element: ET.Element, geom: int, at: Array, is_solid: bool) -> None:
+    def _add_geom(self, link: ET.Element, element: str, geom: int, at: Array) -> None:
         model, kind, size = self._model, self._geoms.get(int(self._model.geom_type[geom])), self._model.geom_size[geom]
-        element.append(_origin(_pose(model.geom_pos[geom] - at, model.geom_quat[geom])))
-        geometry = ET.SubElement(element, "geometry")
+        T = _pose(model.geom_pos[geom] - at, model.geom_quat[geom])
         material = model.geom_matid[geom]
         rgba = np.asarray(model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom], float).clip(0.0, 1.0)
         if kind == "mesh":
@@ -286,24 +247,15 @@ class _Converter:
             look = Look(tuple(rgba.tolist()))
             faces = np.asarray(model.mesh_face[first : first + count], np.int64)
             with read_by_library(self._file, "correct the mesh", f"mesh {model.mesh(number).name[:80]} has no volume"):
-                mesh = hull_mesh(corners, look) if is_solid else Mesh(corners, faces, look)
-            file = f"geom_{geom}_{element.tag}.obj"
-            write_obj(self._scratch / file, [mesh])
-            ET.SubElement(geometry, "mesh", filename=file)
-            return
-        if kind == "box":
-            ET.SubElement(geometry, "box", size=numbers(2 * size))
-        elif kind == "sphere":
-            ET.SubElement(geometry, "sphere", radius=f"{size[0]:.9g}")
+                mesh = hull_mesh(corners, look) if element == "collision" else Mesh(corners, faces, look)
+            self._urdf.add_mesh(link, element, T, mesh)
         elif kind is not None:
-            ET.SubElement(geometry, kind, radius=f"{size[0]:.9g}", length=f"{2 * size[1]:.9g}")
+            sizes = {"box": 2 * size, "sphere": size[:1]}.get(kind, np.array([size[0], 2 * size[1]]))
+            self._urdf.add_primitive(link, element, T, kind, sizes, rgba)
         else:
             remedy = "use boxes, spheres, cylinders, capsules or meshes"
             field = f"geom {model.geom(geom).name[:80]}".strip()
             raise AssetError("has a type that cannot be imported", file=self._file, field=field, remedy=remedy)
-        if element.tag == "visual":
-            dressed = ET.SubElement(element, "material", name=f"look_{geom}")
-            ET.SubElement(dressed, "color", rgba=numbers(rgba))
 
 
 def _pose(position: Array, quaternion: Array) -> Array:
@@ -313,7 +265,3 @@ def _pose(position: Array, quaternion: Array) -> Array:
     T = pose(position)
     T[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     return T
-
-
-def _origin(T: Array) -> ET.Element:
-    return ET.Element("origin", xyz=numbers(T[:3, 3]), rpy=numbers(rpy_from_matrix(T[:3, :3])))

@@ -30,6 +30,9 @@ URDF = "mobility.urdf"
 MOVABLE = ("revolute", "prismatic", "continuous")
 SPHERE_DETAIL = 2  # subdivisions of a collision sphere; physics engines accept its 162 vertices as one hull
 
+T_FROM_Y_UP: Array = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""Pose of a model whose y axis points up and whose front faces z, in a frame with z up and the front at -x."""
+
 
 @dataclass(frozen=True)
 class Primitive:

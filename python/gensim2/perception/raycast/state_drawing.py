@@ -1,4 +1,4 @@
-"""Draw pictures of recorded states by ray casting, without a graphics driver."""
+"""Draw pictures of recorded states from the camera position of videos."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ VIDEO_FIELD_OF_VIEW = float(np.deg2rad(50))
 
 
 class StateDrawing:
-    """Renders recorded states from the camera position of videos.
+    """Renders recorded states by ray casting, without a graphics driver, from the camera position of videos.
 
     Args:
         profile: robot profile.
@@ -56,6 +56,9 @@ class StateDrawing:
         """
         (view,) = self._scene.see(self._scene.poses(state)[0])
         return shaded(view)
+
+    def close(self) -> None:
+        """Release the renderer's memory."""
 
     def keypoints(self, states: Mapping[str, Any]) -> Array:
         """Return the positions (T, K, 3) of the K keypoints of all objects in the base frame, m.
