@@ -2,7 +2,7 @@
 # Install system packages with apt-get: scripts/system_packages.sh vulkan|tests
 #
 #   vulkan  Mesa's software Vulkan driver (lavapipe), with which SAPIEN draws pictures on a machine without a GPU
-#   tests   what some tests skip without: Chromium, and the libusb that RealSense's library loads
+#   tests   what some tests skip without: Chromium, the libusb that RealSense's library loads, and EGL
 #
 # SAPIEN 3 needs VK_KHR_external_semaphore_fd; lavapipe has it from Mesa 24.3 on. Debian 12 carries 22.3, so its
 # backports suite is added in a sources file of its own (apt never upgrades anything from it unasked).
@@ -12,7 +12,7 @@ set -u
 
 case ${1:-} in
     vulkan) packages="mesa-vulkan-drivers libvulkan1" ;;
-    tests) packages="chromium fonts-liberation libusb-1.0-0" ;;
+    tests) packages="chromium fonts-liberation libusb-1.0-0 libegl1 libgl1-mesa-dri" ;;
     *) echo "usage: $0 vulkan|tests" >&2 && exit 2 ;;
 esac
 minimum_mesa=24.3

@@ -29,13 +29,26 @@ print(sapien.render.RenderSystem().device.name)
 """
 
 
+_MUJOCO_PROBE = """
+from gensim2.sim.driver import renderer
+found = renderer("mujoco")
+print(found.name)
+print(found.reason)
+"""
+_RAY_CASTER = "pip install 'gensim2[render]', apt-get install libegl1; without them the ray caster draws films"
+
+
 EXTRAS = {
+    "USD files": ("usd", ("pxr",), "all but the import of USD files works without"),
     "Data sets": ("data", ("matplotlib", "pyarrow", "zarr"), "all but reports, exports and imports works without"),
     "Ray": ("ray", ("ray",), "processes of this machine work without"),
     "Plans in the browser": ("viz", ("viser", "yourdfpy"), "all but view and --show works without"),
 }
 """Extras by name: the extra, its packages, and what works without it; extras with a detailed check are not listed."""
 
+
+DISTRIBUTIONS = {"pxr": "usd-core"}
+"""Names of distributions that differ from the name under which Python imports them."""
 
 Status = Literal["ok", "limited", "missing"]
 
@@ -97,6 +110,7 @@ def doctor(
         _simulation,
         _mujoco,
         vulkan,
+        mujoco_renderer,
         ray_casting,
         _video,
         lambda: language_model(model, base_url, config),
@@ -128,6 +142,21 @@ def vulkan() -> Check:
     return Check(name, "limited", lines[-1] if lines else f"ended with status {probe.returncode}", remedy)
 
 
+def mujoco_renderer() -> Check:
+    """Check whether MuJoCo can draw pictures; takes about a second."""
+    name = "MuJoCo's renderer"
+    try:
+        probe = subprocess.run(
+            [sys.executable, "-c", _MUJOCO_PROBE], capture_output=True, text=True, timeout=60, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return Check(name, "limited", "no answer within 60 s", _RAY_CASTER)
+    if probe.returncode != 0:
+        return Check(name, "limited", f"ended with status {probe.returncode}", _RAY_CASTER)
+    found, reason = probe.stdout.strip().splitlines()[-2:]
+    return Check(name, "ok", reason) if found == "mujoco" else Check(name, "limited", reason, _RAY_CASTER)
+
+
 def ray_casting() -> Check:
     """Check whether Embree and farthest point sampling work, which point clouds need."""
     name, remedy = "Ray casting", "pip install --force-reinstall embreex fpsample"
@@ -156,7 +185,7 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
         without: message about the functions that work without the extra.
     """
     remedy = f"pip install 'gensim2[{which}]'; {without}"
-    absent = [each for each in packages if importlib.util.find_spec(each) is None]
+    absent = [DISTRIBUTIONS.get(each, each) for each in packages if importlib.util.find_spec(each) is None]
     if absent:
         return Check(name, "limited", f"not installed: {', '.join(absent)}", remedy)
     for each in packages:
@@ -168,7 +197,8 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
 
 
 def _versions(packages: Sequence[str]) -> str:
-    return ", ".join(f"{each} {importlib.metadata.version(each)}" for each in packages)
+    names = [DISTRIBUTIONS.get(each, each) for each in packages]
+    return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
 
 
 def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gensim2.doctor import doctor, extra, language_model, ray_casting, vulkan
+from gensim2.doctor import doctor, extra, language_model, mujoco_renderer, ray_casting, vulkan
 
 
 def test_all_that_is_promised_is_looked_at() -> None:
@@ -19,9 +19,11 @@ def test_all_that_is_promised_is_looked_at() -> None:
         "SAPIEN",
         "MuJoCo",
         "Vulkan driver",
+        "MuJoCo's renderer",
         "Ray casting",
         "ffmpeg",
         "Language model",
+        "USD files",
         "Data sets",
         "Ray",
         "Plans in the browser",
@@ -38,6 +40,15 @@ def test_no_driver_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     check = vulkan()
     assert check.status == "limited"
     assert "Mesa" in check.remedy
+
+
+def test_the_renderer_and_its_reason_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mujoco")
+    pytest.importorskip("OpenGL")
+    monkeypatch.setenv("MUJOCO_GL", "glfw")
+    check = mujoco_renderer()
+    assert check.status == "limited"
+    assert check.value == "the ray caster draws, because MUJOCO_GL: is 'glfw' (set it to egl or osmesa)"
 
 
 def test_a_package_that_is_not_there_and_one_that_does_not_load_are_told_apart(

@@ -41,7 +41,7 @@ def reason(monkeypatch: pytest.MonkeyPatch, *, packages: bool = True, libraries:
         if name not in libraries:
             raise OSError(f"{name}: cannot open shared object file")
 
-    monkeypatch.setattr(driver, "find_spec", lambda name: packages or None)
+    monkeypatch.setattr(driver, "find_spec", lambda name: name == "mujoco" or packages or None)
     monkeypatch.setattr(driver.ctypes, "CDLL", load)
     found = driver.renderer("mujoco")
     assert found.name == "ray caster"

@@ -135,20 +135,21 @@ def import_(
     force: bool = False,
     progress: Progress,
 ) -> dict[str, Any] | Ending:
-    """Import an object from a URDF file, an MJCF file or a PartNet-Mobility folder.
+    """Import an object from a URDF, MJCF or USD file, or from a PartNet-Mobility folder.
 
-    FILE is a .urdf, .xml or .mjcf file with boxes, cylinders, spheres, capsules or meshes; MJCF needs the extra
-    gensim2[mujoco]. DIR is a folder with mobility.urdf, or the number of a model that ManiSkill has downloaded. The
-    import fixes all joints but one, scales the model, proposes keypoints from the geometry of the moving link, checks
-    the result and draws its keypoints. To change the proposed keypoints, give --keypoint, or edit info.json in the new
-    folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`. The exit code is 1 if the object fails a check.
+    FILE is a .urdf, .xml, .mjcf, .usd, .usda, .usdc or .usdz file with boxes, cylinders, spheres, capsules or meshes;
+    MJCF needs the extra gensim2[mujoco], and USD the extra gensim2[usd]. DIR is a folder with mobility.urdf, or the
+    number of a model that ManiSkill has downloaded. The import fixes all joints but one, scales the model, proposes
+    keypoints from the geometry of the moving link, checks the result and draws its keypoints. To change the proposed
+    keypoints, give --keypoint, or edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets
+    LIBRARY`. The exit code is 1 if the object fails a check.
 
     Args:
         asset_class: Class of the new object.
         name: Id of the new object.
         joint: Joint that stays movable.  [default: the only one of the class's joint type]
         scale: Length in metres of one unit of the model.
-        up: Axis of the model that points up. With z the front faces -x, with y it faces z.
+        up: Axis of the model that points up. With z the front faces -x, with y it faces z. A USD file states its axis.
         keypoints: Position of a keypoint such as head or tail in the frame of the moving link, in units of the model,
             or a YAML file of positions by name; may be given again.  [default: proposed from the geometry]
         license: Licence of the model.

@@ -110,6 +110,8 @@ def gl_context(width: int, height: int) -> Any:
         GenSim2Error: PyOpenGL, a library or a driver is missing.
         InputError: ``MUJOCO_GL`` has another value.
     """
+    if find_spec("mujoco") is None:
+        raise GenSim2Error("MuJoCo is not installed (pip install 'gensim2[mujoco]')")
     if find_spec("OpenGL") is None:
         raise GenSim2Error("PyOpenGL is not installed (pip install 'gensim2[render]')")
     platform = _platform()

@@ -33,7 +33,10 @@ MuJoCo, and shadows on so large a triangle would have speckles.
 """
 AMBIENT = 0.42
 LAMPS = (((0.5, -0.8, -1.3), 0.62, True), ((-0.6, 0.5, -1.0), 0.28, False))
-"""Direction in the base frame, brightness and whether the lamp casts shadows, like the lamps of SAPIEN's renderer."""
+"""Direction in the base frame, brightness and whether the lamp casts shadows, like the lamps of SAPIEN's renderer.
+
+Without a GPU a frame takes 0.2 s of CPU time, and 0.1 s without shadows.
+"""
 LAMP_DISTANCE = 2.0
 """Distance of a lamp from the workspace, m; only the shadow map depends on this distance."""
 
