@@ -21,6 +21,7 @@ from gensim2.perception.raycast.shapes import Surface, Texture
 from gensim2.perception.raycast.state_drawing import StateDrawing
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim import driver
+from gensim2.sim.drawing import state_drawing
 from gensim2.sim.headless import HeadlessEnv
 
 GIVEN: dict[str, Any] = {"assets": "builtin", "engine": "mujoco"}
@@ -99,7 +100,7 @@ def stood(task: str, seed: int = 7) -> tuple[HeadlessEnv, dict[str, Any], dict[s
 @pytest.mark.parametrize("task", ["OpenDrawer", "FillMugWithWater"])
 def test_pictures_agree_with_the_ray_caster(task: str) -> None:
     env, models, state = stood(task)
-    drawn = driver.state_drawing("mujoco", env.profile, models)
+    drawn = state_drawing("mujoco", env.profile, models)
     assert type(drawn).__name__ == "MujocoDrawing"
     picture, cast = drawn.of(state), StateDrawing(env.profile, models).of(state)
     drawn.close()
@@ -172,11 +173,11 @@ def test_pictures_do_not_change_the_physics() -> None:
 @renders
 def test_several_threads_can_render() -> None:
     env, models, state = stood("CloseBox")
-    drawn = driver.state_drawing("mujoco", env.profile, models)
+    drawn = state_drawing("mujoco", env.profile, models)
     first = drawn.of(state)
     with ThreadPoolExecutor(3) as pool:
         pictures = [future.result() for future in [pool.submit(drawn.of, state) for _ in range(1)]]
-        others = list(pool.map(lambda _: driver.state_drawing("mujoco", env.profile, models).of(state), range(3)))
+        others = list(pool.map(lambda _: state_drawing("mujoco", env.profile, models).of(state), range(3)))
     assert all(np.array_equal(first, each) for each in [*pictures, *others])
     drawn.close()
 

@@ -33,7 +33,7 @@ from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
 from gensim2.scenes.config import SceneConfig, SceneOptions
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
-from gensim2.sim.driver import renderer, state_drawing
+from gensim2.sim.driver import renderer
 from gensim2.tasks.parse import parse_task
 
 Frame = npt.NDArray[np.uint8]
@@ -271,6 +271,7 @@ def _drawn(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     from gensim2.data.observing import objects_of
     from gensim2.perception.raycast.kinematics import state_at
     from gensim2.perception.raycast.state_drawing import VIDEO_HEIGHT
+    from gensim2.sim.drawing import state_drawing
 
     states = replay.states
     assert states is not None

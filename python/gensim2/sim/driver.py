@@ -9,15 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.scenes.physics import Engine
-
-if TYPE_CHECKING:
-    from gensim2.objects import ObjectModel
-    from gensim2.perception.raycast.state_drawing import StateDrawing
-    from gensim2.robots import RobotProfile
 
 NO_DRIVER = (
     "no Vulkan driver that SAPIEN can use was found, so no pictures can be made "
@@ -54,26 +49,6 @@ def renderer(engine: Engine) -> Renderer:
     except GenSim2Error as error:
         return Renderer("ray caster", f"the ray caster draws, because {error}")
     return Renderer("mujoco", f"MuJoCo's renderer draws with {_platform().upper()}")
-
-
-def state_drawing(engine: Engine, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> StateDrawing:
-    """Return a drawing of recorded states by MuJoCo's renderer if the engine is ``mujoco``, else by the ray caster.
-
-    Args:
-        engine: engine of the states.
-        profile: robot profile.
-        objects: objects by name, in the task's order.
-
-    Raises:
-        InputError: a file of the robot or of an object cannot be used.
-    """
-    if renderer(engine).name != "mujoco":
-        from gensim2.perception.raycast.state_drawing import StateDrawing
-
-        return StateDrawing(profile, objects)
-    from gensim2.sim.mujoco.drawing import MujocoDrawing
-
-    return MujocoDrawing(profile, objects)
 
 
 @cache

@@ -14,7 +14,8 @@ from gensim2.core.seeding import LARGEST_SEED
 from gensim2.perception import ObservationSpec
 from gensim2.perception.raycast.state_drawing import StateDrawing
 from gensim2.scenes.config import SceneConfig
-from gensim2.sim.driver import renderer, state_drawing
+from gensim2.sim.drawing import state_drawing
+from gensim2.sim.driver import renderer
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.reward import StagedReward
 from gensim2.tasks.spec import TaskSpec
