@@ -320,7 +320,7 @@ HEAVY = (
     "PIL",
     "gensim2.inspection",
     "gensim2.sim",
-    "gensim2.rollout.container",
+    "gensim2.objects.meshwork.interior",
     "gensim2.scenes.goal",
     "gensim2.scenes.initial_state",
 )

@@ -128,7 +128,7 @@ LONGEST = (
     "pages/test_pages.py",
     "core/processes/test_ray.py",
     "sim/test_env.py",
-    "rollout/test_container.py",
+    "objects/test_interior.py",
     "policy/test_export.py",
     "real/test_rigid_real.py",
     "pages/test_viewing.py",

@@ -27,7 +27,7 @@ from runner import CANARY, Ended, Round, Say, Tally, in_process, main, tried
 
 from gensim2.bench import read_problems
 from gensim2.core.record_files import read_record
-from gensim2.data.records import Verification, VerificationRecord
+from gensim2.data.records import CheckerRecord, Verification, VerificationRecord
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
@@ -35,6 +35,7 @@ from gensim2.design.designs import CandidateRecord, Design, DesignRecord, StageR
 from gensim2.design.report import write_report
 from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.inputs import task_and_strategies
+from gensim2.rollout.mutated import CheckerResult, Mutation, WorldCount
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
 TASK = "OpenDrawer"
@@ -92,6 +93,8 @@ def good_folder(folder: Path, problems: str) -> None:
         files.write_task(task)
         files.write_strategies(strategies)
         files.write_verification(Verification(tuple(episodes), 0.5, "new"))
+        about = ("articulated_open",)
+        files.write_checker(CheckerResult.of([[WorldCount(None, str(Mutation.AT_START), "drawer", about, 3, 1)]]))
         stage = StageRecord(name="physics", episodes=2, successes=1.0, causes={"object did not move": 1})
         candidate = CandidateRecord(
             index=0,
@@ -130,6 +133,7 @@ def subjects() -> list[Subject]:
         Subject("run.json, report", "run/run.json", "json", lambda folder: write_report(folder / "run")),
         Subject("attempts.jsonl", inside("attempts.jsonl"), "lines", _attempts),
         Subject("verification.json", inside("verification.json"), "json", _verification),
+        Subject("checker.json", inside("checker.json"), "json", record(inside("checker.json"), CheckerRecord)),
         Subject("design.json", inside("design.json"), "json", record(inside("design.json"), DesignRecord)),
         Subject("task.yaml, report", inside("task.yaml"), "yaml", lambda folder: write_report(folder / "run")),
         Subject("trajectory.json, report", inside("trajectory.json"), "json", lambda f: write_report(f / "run")),

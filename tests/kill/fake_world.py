@@ -17,6 +17,7 @@ from gensim2.core import seeding
 from gensim2.objects import open_library
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.mutated import Mutation, WorldCount
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneOptions
@@ -28,13 +29,14 @@ EPISODE_SECONDS = float(os.environ.get("FAKE_EPISODE_SECONDS", "0.2"))
 
 
 #: Names in `gensim2.rollout.worker` that `install` replaces.
-REPLACED = ("PRELOAD", "prepare", "screen_scene", "episode", "trial", "demonstrate", "record")
+REPLACED = ("PRELOAD", "prepare", "judge_scene", "screen_scene", "episode", "trial", "demonstrate", "record")
 
 
 def install() -> None:
     """Use the fake world for the runs of this process."""
     worker.PRELOAD = dict.fromkeys(ENGINES, ("gensim2.rollout.worker", "gensim2.rollout.recording"))
     worker.prepare = prepare
+    worker.judge_scene = judge_scene
     worker.screen_scene = screen_scene
     worker.episode = episode
     worker.trial = trial
@@ -44,6 +46,11 @@ def install() -> None:
 
 def prepare(scenes: Sequence[SceneOptions]) -> None:
     """Do nothing: a fake world needs no preparation."""
+
+
+def judge_scene(config: EpisodeConfig, seed: int) -> list[WorldCount]:
+    """Return an honest check: the goal does not hold in the no-op baseline."""
+    return [WorldCount(None, str(Mutation.NOTHING), "", tuple(c.type for c in config.task.success), 1, 0)]
 
 
 def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStrategies]) -> list[worker.Screened]:

@@ -101,7 +101,13 @@ def instant(
         speeds={"ball": np.array(speed), "cup": np.zeros(2)},
         gripper={"tool_head": place, "tool_tail": place + np.array([0.0, 0.0, 0.03])},
         finger_opening=opening,
+        contents={"drawer": frozenset({"ball"} if _is_in_tray(at - INSIDE - moved) else ())},
     )
+
+
+def _is_in_tray(offset: Array) -> bool:
+    """Return whether a point, from the drawer's measured keypoint 10 cm above its floor, lies between its walls."""
+    return bool((np.abs(offset[:2]) < 0.09).all() and -0.09 < offset[2] < 0.0)
 
 
 def _box(low: Sequence[float], high: Sequence[float]) -> Array:
@@ -174,9 +180,6 @@ class ScriptedWorld:
     def observation(self, tool: bool = True) -> npt.NDArray[np.float32]:
         return np.zeros(25, np.float32)
 
-    measured_point = "inside"
-    """Name of the drawer's last keypoint."""
-
     @property
     def initial_state(self) -> Any:
         point = SimpleNamespace(link="tray", position=np.array([0.0, 0.0, 0.1]))
@@ -184,7 +187,7 @@ class ScriptedWorld:
         common = {"id": "0", "source": "generated", "content_hash": "ab"}
         models = {
             "drawer": SimpleNamespace(
-                asset_class="drawer", joint=joint, keypoints={"head": point, self.measured_point: point}, **common
+                asset_class="drawer", joint=joint, keypoints={"head": point, "inside": point}, **common
             ),
             "ball": SimpleNamespace(asset_class="golf_ball", joint=None, keypoints={}, **common),
             "cup": SimpleNamespace(asset_class="cup", joint=None, keypoints={}, **common),

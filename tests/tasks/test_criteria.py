@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,6 +87,54 @@ def test_what_is_on_a_plate_is_above_it_and_low() -> None:
     assert on.holds(measured((0.32, 0.03, 0.04)))
     assert not on.holds(measured((0.32, 0.03, 0.2))), "held above it"
     assert not on.holds(measured((0.2, 0.0, 0.02))), "beside it"
+
+
+def box(x: float, y: float, z: float, half: float = 0.02) -> np.ndarray:
+    """Return the corners of a cube with the centre (x, y, z)."""
+    middle = np.array([x, y, z])
+    return np.stack([middle - half, middle + half])
+
+
+@pytest.mark.parametrize(
+    ("ball", "plate", "on"),
+    [
+        ((0.3, 0.0, 0.04), (0.3, 0.0, 0.01), True),  # the ball's lowest point is level with the top of the plate
+        ((0.3, 0.0, 0.06), (0.3, 0.0, 0.01), False),  # 2 cm above the plate
+        ((0.3, 0.0, 0.02), (0.3, 0.0, 0.05), False),  # the plate was put on the ball
+    ],
+)
+def test_an_object_on_a_plate_lies_neither_above_nor_below_it(
+    ball: tuple[float, float, float], plate: tuple[float, float, float], on: bool
+) -> None:
+    criterion = RigidOnRigid(rigid="ball", support="plate", threshold=0.08, height=0.09)
+    found = measured(ball)
+    poses = {**found.poses, "plate": np.array([*plate, 1.0, 0, 0, 0])}
+    bounds = {"ball": box(*ball), "plate": box(*plate, half=0.01)}
+    assert criterion.holds(replace(found, poses=poses, bounds=bounds)) is on
+    assert (criterion.progress(replace(found, poses=poses, bounds=bounds)) == 1.0) is on
+
+
+def test_an_object_above_a_container_is_inside_only_for_the_paper() -> None:
+    criterion = DistanceArticulatedRigid(articulated="door", rigid="ball")
+    above = replace(measured((0.1, 0.1, 0.5)), bounds={"ball": box(0.1, 0.1, 0.5)})
+    for contents, inside in (({"door": frozenset({"ball"})}, True), ({"door": frozenset()}, False)):
+        assert criterion.holds(replace(above, contents=contents)) is inside
+        assert (criterion.progress(replace(above, contents=contents)) == 1.0) is inside
+        assert criterion.holds_in_paper(replace(above, contents=contents))
+
+
+@pytest.mark.parametrize(("height", "under"), [(0.1, True), (0.5, False)])
+def test_an_object_at_a_faucet_is_not_above_its_spout(height: float, under: bool) -> None:
+    there = replace(measured((0.1, 0.1, height)), bounds={"ball": box(0.1, 0.1, height)})
+    assert DistanceArticulatedRigid(articulated="door", rigid="ball").holds(there) is under
+
+
+@pytest.mark.parametrize(("height", "near"), [(0.14, True), (0.02, False)])
+def test_a_hand_high_above_an_object_is_not_at_it(height: float, near: bool) -> None:
+    there = replace(measured((0.0, 0.0, height)), bounds={"ball": box(0.0, 0.0, height)})  # the hand is at 0.2
+    assert DistanceGripperRigid(rigid="ball").holds(there) is near
+    assert DistanceGripperRigid(rigid="ball").holds_in_paper(there)
+    assert (DistanceGripperRigid(rigid="ball").progress(there) == 1.0) is near
 
 
 @pytest.mark.parametrize("criterion", CRITERIA, ids=lambda criterion: criterion.type)

@@ -13,6 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.core.resumable import RunSettings, differing
 from gensim2.rollout.config import RolloutOptions, nested_options
+from gensim2.rollout.mutated import CheckerResult, WorldCount
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally, engines_record
 from gensim2.scenes.config import SCENE_FIELDS, SceneOptions, SceneRecord
@@ -121,6 +122,29 @@ class VerificationRecord(Record):
     def verification(self) -> Verification:
         second = None if self.second is None else SecondEngine(self.second.engine, tuple(self.second.episodes))
         return Verification(tuple(self.episodes), self.threshold, self.instances, second)
+
+
+class CheckerRecord(Record):
+    """Content of ``checker.json``."""
+
+    schema_version: Literal[1]
+    scenes: Annotated[int, Field(ge=1)]
+    worlds: Annotated[int, Field(ge=0)]
+    fooled: Annotated[int, Field(ge=0)]
+    error: Annotated[float, Field(ge=0, le=1)]
+    recognized: Annotated[int, Field(ge=0)]
+    built: Annotated[int, Field(ge=0)]
+    counts: list[WorldCount]
+
+    @model_validator(mode="after")
+    def _figures_are_those_of_the_counts(self) -> Self:
+        if self.model_dump() != {"schema_version": 1, **self.result.to_dict()}:
+            raise ValueError("the figures do not match the counts")
+        return self
+
+    @property
+    def result(self) -> CheckerResult:
+        return CheckerResult(self.scenes, tuple(self.counts))
 
 
 class EnvironmentSummary(BaseModel):
@@ -259,6 +283,7 @@ class TaskOutcome:
         demos: number of collected demonstrations.
         cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.
+        checker: how often the success criteria were wrong in mutated worlds; None in records of earlier versions.
     """
 
     name: str
@@ -270,6 +295,7 @@ class TaskOutcome:
     demos: int
     cpu_s: float
     effort: DesignEffort | None = None
+    checker: CheckerResult | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as JSON data, with the field names that the command prints."""
@@ -290,6 +316,7 @@ class TaskOutcome:
             **self.fresh.verdicts(),
             "cpu_s": round(self.cpu_s, 3),
             "design": None if self.effort is None else self.effort.to_dict(),
+            "checker": None if self.checker is None else self.checker.summary(),
         }
 
 

@@ -3,7 +3,7 @@
 OUT/run.json                    command, identity, versions, hashes and licences of the objects, outcome
 OUT/report.html
 OUT/errors.log                  failed attempts, with their tracebacks
-OUT/tasks/<Task>/               task.yaml, strategies/, design.json, verification.json, trajectory.h5, ...
+OUT/tasks/<Task>/               task.yaml, strategies/, checker.json, design.json, verification.json, trajectory.h5, ...
 OUT/rejected/<Task>/            the same files for tasks that were designed but rejected
 """
 
@@ -22,9 +22,10 @@ from gensim2.core.files import write_changed, write_json
 from gensim2.core.record_files import read_record
 from gensim2.core.resumable import ResumableFolder
 from gensim2.core.yaml_files import dump_yaml
-from gensim2.data.records import RUN_SCHEMA_VERSION, Effort, RunRecord, Verification, VerificationRecord
+from gensim2.data.records import RUN_SCHEMA_VERSION, CheckerRecord, Effort, RunRecord, Verification, VerificationRecord
 from gensim2.objects import Library, ObjectModel
 from gensim2.rollout.identity import versions
+from gensim2.rollout.mutated import CheckerResult
 from gensim2.rollout.record import Episode
 from gensim2.scenes.physics import DEFAULT_ENGINE, ENGINES, Engine
 from gensim2.tasks.spec import TaskSpec
@@ -161,6 +162,21 @@ class TaskFolder:
         """Write ``strategies/<name>.yaml`` for each strategy."""
         for name, data in strategies.items():
             write_changed(self.path / f"strategies/{name}.yaml", dump_yaml(data))
+
+    def write_checker(self, result: CheckerResult) -> None:
+        """Write ``checker.json``."""
+        write_json(self.path / "checker.json", {"schema_version": 1, **result.to_dict()})
+
+    def checker(self) -> CheckerResult | None:
+        """Return the check of the success criteria, or None if there is none yet.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        path = self.path / "checker.json"
+        if not path.exists():
+            return None
+        return read_record(path, CheckerRecord, "delete the file and resume").result
 
     @property
     def verification_path(self) -> Path:

@@ -229,7 +229,7 @@ def _facts(
 
 def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
     """Return the extents of the free space at the measured keypoint; None if an instance has no free space there."""
-    from gensim2.rollout.container import inner_box
+    from gensim2.objects.meshwork.interior import inner_box
 
     sizes = []
     for each in instances:

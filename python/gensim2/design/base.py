@@ -65,12 +65,15 @@ class Brief:
         classes: affordance (summary) of each articulated or rigid object class, by class name.
         known: existing tasks. A proposal must not repeat one of them, and long tasks may be built from them. The run
             appends each kept task, so that later proposals can build on earlier tasks.
+        familiar: tasks that count as already solved.
+        refused: reasons why success criteria of proposals were refused, by the name of the task. The run adds them.
     """
 
     settings: RobotSummary
     classes: Mapping[str, Affordance]
     known: Sequence[Known] = ()
     familiar: Sequence[TaskSpec] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
 
     def of(self, task: TaskSpec) -> dict[str, Affordance]:
         """Return the affordance of each object of a task, by its name in the task."""

@@ -19,6 +19,7 @@ from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design import Designer
 from gensim2.design.base import Brief, Declined, Known
 from gensim2.design.briefing import Classes, robot_summary
+from gensim2.design.checking import check_criteria
 from gensim2.design.designs import read_design, write_design
 from gensim2.design.proposals import goal_of
 from gensim2.design.report import PLAN_PICTURE, write_report
@@ -30,6 +31,7 @@ from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.identity import digest
 from gensim2.rollout.inputs import TaskInput, chosen_word
+from gensim2.rollout.mutated import CheckerResult
 from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.solving import draw_plan, plan_steps
@@ -271,7 +273,10 @@ class PipelineRun:
         self.notes: list[str] = []
         self._known, self._familiar = list(known), tuple(familiar)
         self._classes = Classes(library, extent.instances, seed, folder, progress)
-        self._brief = Brief(robot_summary(evaluator.scene.robot), self._classes, self._known, self._familiar)
+        self._refused: dict[str, str] = {}
+        self._brief = Brief(
+            robot_summary(evaluator.scene.robot), self._classes, self._known, self._familiar, self._refused
+        )
         self._designer_s = 0.0
         self._outcomes: list[TaskOutcome] = []
         self._kept: list[TaskSpec] = []
@@ -315,7 +320,12 @@ class PipelineRun:
         for given in stored:
             folder = self.folder.task(given.spec.name)
             folder.write_task(given.spec)
-            self._tested(given.spec, given.strategies, folder)
+            checker = self._checked(given.spec, folder)
+            if checker.passes:
+                self._tested(given.spec, given.strategies, folder, checker)
+            else:
+                reason = self._rejected(given.spec, folder, checker.reason)
+                rejected.append({"name": given.spec.name, "class": classes_of(given.spec), "reason": reason})
             write_report(self.folder.path)
         notes = (*self._classes.notes, *self.notes, *self.designer.notes)
         return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), notes)
@@ -328,6 +338,10 @@ class PipelineRun:
         folder = self.folder.task(task.name)
         begin = self.evaluator.cpu_s
         try:
+            checker = self._checked(task, folder)
+            if not checker.passes:
+                self._refused[task.name] = checker.reason
+                return self._rejected(task, folder, checker.reason)
             found = self._search(task, folder)
             if isinstance(found, str):
                 return self._rejected(task, folder, found)
@@ -337,7 +351,7 @@ class PipelineRun:
             )
             folder.write_task(task)
             strategies = {name: data for own in ways.values() for name, data in own.items()}
-            outcome = self._tested(task, strategies, folder)
+            outcome = self._tested(task, strategies, folder, checker)
         except Declined as declined:
             return self._rejected(task, folder, str(declined))
         except (PlacementError, GoalError) as error:  # only this proposal is faulty, so the run continues
@@ -440,7 +454,17 @@ class PipelineRun:
         except GenSim2Error as error:
             self.progress.message(f"{task.name}: not all pictures were made: {error}")
 
-    def _tested(self, task: TaskSpec, strategies: Strategies, folder: TaskFolder) -> TaskOutcome:
+    def _checked(self, task: TaskSpec, folder: TaskFolder) -> CheckerResult:
+        """Return how often the success criteria hold although the task is not done, from this call or an earlier one.
+
+        This check comes before the search, because it needs no strategies.
+        """
+        instances = kept_apart(self.library, task).search
+        return check_criteria(task, self.evaluator, instances, seed=self.seed, files=folder, progress=self.progress)
+
+    def _tested(
+        self, task: TaskSpec, strategies: Strategies, folder: TaskFolder, checker: CheckerResult
+    ) -> TaskOutcome:
         folder.write_strategies(strategies)
         begin = self.evaluator.cpu_s
         apart = kept_apart(self.library, task)
@@ -503,6 +527,7 @@ class PipelineRun:
                 fresh=Tally.of(fresh),
                 demos=demos,
                 cpu_s=self.evaluator.cpu_s - begin,
+                checker=checker,
             )
         )
         return self._outcomes[-1]

@@ -14,6 +14,7 @@ from gensim2.core.record_files import read_record
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
+from gensim2.design.checking import CHANGE_GOAL, check_criteria
 from gensim2.design.execution import repeated
 from gensim2.design.unseen import kept_apart
 from gensim2.rollout.config import RunArguments
@@ -61,7 +62,8 @@ def add_task(
     Raises:
         InputError: the folder or an argument cannot be used, or no task library exists.
         KnownTaskError: the library has the task already; raised before any episode.
-        UnverifiedTaskError: too few episodes succeeded; the message gives their number and the causes of failure.
+        UnverifiedTaskError: the success criteria hold in worlds in which the task is not done, or too few episodes
+            succeeded; the message gives the numbers and the causes.
         NotRunError: some episodes could not be run.
     """
     check_counts(episodes=episodes)
@@ -81,8 +83,12 @@ def add_task(
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"
-    progress.start(f"{task.name}: verify", episodes)
     with EpisodeRunner(read.scene.options, execution, progress, rollout=read.rollout) as evaluator:
+        searched = apart.search if read.instances == "all" else read.instances
+        checker = check_criteria(task, evaluator, searched, seed=seed, progress=progress)
+        if not checker.passes:
+            raise UnverifiedTaskError(f"{task.name}: {checker.reason}", file=folder, field="goal", remedy=CHANGE_GOAL)
+        progress.start(f"{task.name}: verify", episodes)
         jobs = [(evaluator.config(task, drawn[i]), read.strategies, seeds[i]) for i in range(episodes)]
         found = evaluator.episodes(f"{task.name}: verification", jobs)
         verification = Verification(tuple(found), LEAST_SHARE, kind)

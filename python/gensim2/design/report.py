@@ -101,6 +101,7 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
         "goal": criteria_in_words(spec.success) if spec else "",
         "steps": [_step(step) for step in spec.steps] if spec and not spec.is_single_step else [],
         "texts": [(path.name, _text(path)) for path in (source, *sorted(folder.glob("strategies/*.yaml")))],
+        "checker": files.checker(),
         "verification": _verification(verification, spec),
         "collection": _figures(logged, spec) if logged else None,
         "design": _design(read_design(files.path)),
@@ -281,6 +282,8 @@ def _share(stages: list[StageRecord]) -> float | None:
 
 
 def _why_rejected(task: dict[str, Any]) -> str:
+    if (checker := task["checker"]) is not None and not checker.passes:
+        return str(checker.reason)
     if (verification := task["verification"]) is not None:
         held, trials, needed = verification["held"], verification["trials"], verification["threshold"]
         where = ""

@@ -1,8 +1,6 @@
-"""Intersect convex hulls, given as planes, with straight lines."""
+"""Triangulate convex hulls."""
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -12,60 +10,9 @@ from gensim2.objects.shapes import Look, hull_mesh
 Array = npt.NDArray[np.float64]
 
 
-class HullsKey:
-    """Cache key for a tuple of hulls. Two keys are equal if they refer to the same tuple object. A key keeps a
-    reference to its tuple.
-
-    Args:
-        hulls: convex vertex sets, each (N, 3).
-    """
-
-    def __init__(self, hulls: tuple[Array, ...]) -> None:
-        self.hulls = hulls
-
-    def __hash__(self) -> int:
-        return id(self.hulls)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, HullsKey) and other.hulls is self.hulls
-
-
 def surface(hulls: tuple[Array, ...]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
     """Return the vertices (V, 3) and triangles (F, 3) of the surfaces of hulls."""
     meshes = [hull_mesh(hull, Look()) for hull in hulls]
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts[:-1], strict=True)]
     return np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float32), np.concatenate(faces).astype(np.int32)
-
-
-def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Array, Array]:
-    """Return where parallel lines enter and leave hulls. The planes are cached for each tuple object.
-
-    Args:
-        hulls: H convex vertex sets.
-        points: (N, 3) a point on each line.
-        along: (3,) unit direction of all lines.
-
-    Returns:
-        Two arrays (N, H): signed distance (m) from each point to the line's entry into each hull, and to its exit. They
-        are inf and -inf if the line misses the hull.
-    """
-    enters, leaves = [], []
-    for planes in _planes(HullsKey(hulls)):
-        distance, slope = points @ planes[:, :3].T + planes[:, 3], planes[:, :3] @ along
-        level = np.abs(slope) < 1e-9
-        at = -distance[:, ~level] / slope[~level]
-        rising = slope[~level] > 0
-        enter, leave = at[:, ~rising].max(axis=1, initial=-np.inf), at[:, rising].min(axis=1, initial=np.inf)
-        passes = (distance[:, level] > 0).any(axis=1) | (enter >= leave)
-        enters.append(np.where(passes, np.inf, enter))
-        leaves.append(np.where(passes, -np.inf, leave))
-    return np.stack(enters, axis=1), np.stack(leaves, axis=1)
-
-
-@lru_cache(maxsize=64)
-def _planes(key: HullsKey) -> tuple[Array, ...]:
-    """Return the outward normals and offsets (K, 4) of each hull."""
-    from scipy.spatial import ConvexHull  # imported here because checking a strategy does not need SciPy
-
-    return tuple(np.asarray(ConvexHull(hull, qhull_options="QJ").equations, dtype=np.float64) for hull in key.hulls)

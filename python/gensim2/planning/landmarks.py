@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.planning.hulls import crossings
+from gensim2.objects.meshwork.crossings import crossings
 from gensim2.planning.scene import Scene, SceneBody
 
 Array = npt.NDArray[np.float64]

@@ -62,7 +62,7 @@ class StrictMiss(StrEnum):
     NOT_LASTING = "goal undone a second later"
     MOVING = "still moving a second later"
     DISTURBED = "moved before the actuation pose"
-    NOT_INSIDE = "not inside the container"
+    NOT_INSIDE = "not inside the container"  # only in records of releases whose goals did not ask for it
     OTHERS_MOVED = "another object moved"
     PRESSED_IN = "pressed into something"
 

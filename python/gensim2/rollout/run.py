@@ -36,7 +36,7 @@ from gensim2.rollout.no_op import NoOpResult, no_op_baseline
 from gensim2.rollout.record import AttemptRecord, Cause, Episode, ObjectRecord, StrictMiss
 from gensim2.rollout.recording import EpisodeResult, Recorder, Recording
 from gensim2.rollout.strict import StrictMisses, strict_misses
-from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
+from gensim2.rollout.turns import goal_reached, judged_steps, paper_verdict, told_turns, turns_by_criteria
 from gensim2.rollout.world import World
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
@@ -128,7 +128,7 @@ def run(
     turns = told_turns(world.task, trace, begun, every) if begun else turns_by_criteria(world.task, trace, every)
     truncated = cut or steps > most
     stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
-    goal = all_hold(world.task.success, trace[-1])
+    goal = goal_reached(world.task, trace[-1], turns)
     events = events_of(controller)
     # Read these values from the world now, because the baseline resets the world.
     initial_state = world.initial_state

@@ -10,11 +10,10 @@ import numpy as np
 
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
-from gensim2.rollout.container import inner_box
 from gensim2.rollout.motion import change, changes
 from gensim2.rollout.record import StrictMiss
 from gensim2.rollout.world import World
-from gensim2.tasks.criteria import OF_GRIPPER, DistanceArticulatedRigid, RigidLifted, all_hold
+from gensim2.tasks.criteria import OF_GRIPPER, RigidLifted, all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
@@ -29,9 +28,6 @@ LINEAR_SPEED, ANGULAR_SPEED = 0.01, 0.05
 
 DISTURBED_OPENNESS, DISTURBED_DISTANCE = 0.02, 0.005
 """Maximum openness change and displacement (m) of objects before the first actuation pose."""
-
-INSIDE = "inside"
-"""Word that the name of a container's measured point contains."""
 
 DEEPEST = 0.001
 """Maximum penetration (m) of a rigid object into another body; a deeper penetration is an artefact of the contact
@@ -71,8 +67,6 @@ def strict_misses(
         misses[StrictMiss.MOVING] = {"speeds": speeds}
     if at_actuation is not None and (disturbed := _disturbed(start, at_actuation)):
         misses[StrictMiss.DISTURBED] = {"objects": disturbed}
-    if outside := _outside(world):
-        misses[StrictMiss.NOT_INSIDE] = {"objects": outside}
     if moved := _moved_beside(start, later, acted_on):
         misses[StrictMiss.OTHERS_MOVED] = {"objects": moved}
     if pressed := pressed_in(world.scene_state(), world.profile):
@@ -150,36 +144,6 @@ def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float
         for name, moved in changes(start, at_actuation).items()
         if moved.exceeds(DISTURBED_OPENNESS, DISTURBED_DISTANCE)
     }
-
-
-def _outside(world: World) -> dict[str, str]:
-    """Return a mapping from each rigid object whose centre is outside its container to the name of the container. The
-    goal determines the container.
-
-    An object of the goal that is no container, such as a faucet, is ignored.
-    """
-    pairs = [
-        (c.articulated, c.rigid)
-        for c in world.task.success
-        if isinstance(c, DistanceArticulatedRigid)
-        and INSIDE in list(world.initial_state.objects[c.articulated].model.keypoints)[-1]
-    ]
-    if not pairs:
-        return {}
-    scene = world.scene_state()
-    return {rigid: container for container, rigid in pairs if not _is_inside(world, scene, container, rigid)}
-
-
-def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
-    point = list(world.initial_state.objects[container].model.keypoints.values())[-1]
-    containing = next(b for b in scene.objects[container].bodies if b.name == f"{container}/{point.link}")
-    T_body_world = np.asarray(np.linalg.inv(scene.T_world_base @ containing.T_base_body), dtype=np.float64)
-    box = inner_box(containing.hulls, point.position, T_body_world[:3, 2])
-    lying = scene.objects[rigid].bodies[0]
-    corners = np.concatenate(lying.hulls)
-    centre = np.append((corners.min(axis=0) + corners.max(axis=0)) / 2, 1.0)
-    place = T_body_world @ scene.T_world_base @ lying.T_base_body @ centre
-    return box is not None and box.contains(place[:3])
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from gensim2.rollout.controller_spec import ControllerError
 from gensim2.rollout.record import StepRecord
-from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.criteria import all_hold, all_hold_in_paper
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import Step, TaskSpec
 
@@ -64,12 +64,18 @@ def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int =
     first = 0
     for step in task.steps:
         looks = _looks(first, len(trace) - 1, every)
-        last = next((i for i in looks if all_hold(step.done, trace[i])), len(trace) - 1)
+        last = next((i for i in looks if all_hold_in_paper(step.done, trace[i])), len(trace) - 1)
         turns.append(_turn(step, trace, first, last, every))
-        if not turns[-1].done:
+        if not turns[-1].paper:
             break
         first = last
     return tuple(turns)
+
+
+def goal_reached(task: TaskSpec, end: Measurement, turns: Sequence[Turn]) -> bool:
+    """Return whether the goal is reached at the end, after the steps whose results do not last to the end."""
+    done = {turn.step.name for turn in turns if turn.paper}
+    return all_hold(task.success, end) and task.transient <= done
 
 
 def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
@@ -96,7 +102,7 @@ def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[S
 
 
 def _turn(step: Step, trace: Sequence[Measurement], first: int, last: int, every: int) -> Turn:
-    paper = any(all_hold(step.done, trace[look]) for look in _looks(first, last, every))
+    paper = any(all_hold_in_paper(step.done, trace[look]) for look in _looks(first, last, every))
     return Turn(step, first, last, paper, all_hold(step.done, trace[last]))
 
 

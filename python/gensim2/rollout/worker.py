@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from gensim2.planning.scene import Scene
     from gensim2.planning.steps import StepPlanner
     from gensim2.rollout.controller import Controller
+    from gensim2.rollout.mutated import WorldCount
     from gensim2.rollout.no_op import NoOpResult
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.run import Stop
@@ -118,6 +119,13 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
             raise
         return 0.0, f"planner error: {type(error).__name__}: {error}", {}
     return 1.0, None, {}
+
+
+def judge_scene(config: EpisodeConfig, seed: int) -> list[WorldCount]:
+    """Judge the success criteria in the mutated worlds of the scene of one seed."""
+    from gensim2.rollout.mutated import judge
+
+    return judge(simulator(config.scene), seed)
 
 
 def _reaches_actuation(plan: kpam.Plan | None) -> bool:

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gensim2.core.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.footprint import keypoint_in_root
+from gensim2.scenes.geometry import bounds_of, contents_of, measured_link
 from gensim2.scenes.initial_state import InitialState, PlacedObject
 from gensim2.tasks.criteria import (
+    JOINT,
     ArticulatedBetween,
     ArticulatedClosed,
     ArticulatedOpen,
@@ -25,9 +28,8 @@ from gensim2.tasks.criteria import (
 from gensim2.tasks.measurement import Array, Measurement
 from gensim2.tasks.spec import TaskSpec
 
-_OF_JOINTS = (ArticulatedOpen, ArticulatedClosed, ArticulatedBetween)
 _OF_POSES = (RigidLifted, RigidMoved, RigidOnRigid)
-_DIRECTIONS = {"away": (1.0, 0.0), "closer": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
+DIRECTIONS = {"away": (1.0, 0.0), "closer": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
 
 
 class GoalError(InputError):
@@ -38,6 +40,8 @@ def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measureme
     """Return the measurement of a sampled initial state at rest, without simulation."""
     articulated = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, ArticulatedObject)}
     rigid = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, RigidObject)}
+    models = {name: thing.model for name, thing in state.objects.items()}
+    poses = {name: measured_pose(thing) for name, thing in state.objects.items()}
     return Measurement(
         openness={name: float(thing.openness or 0.0) for name, thing in articulated.items()},
         joint_speed=dict.fromkeys(articulated, 0.0),
@@ -47,6 +51,8 @@ def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measureme
         gripper=robot.gripper_with(state.start),
         finger_opening=robot.gripper.widest,
         start_positions={name: thing.position for name, thing in rigid.items()},
+        bounds=bounds_of(models, poses),
+        contents=contents_of(models, poses),
     )
 
 
@@ -119,13 +125,24 @@ def _keypoints(thing: PlacedObject) -> dict[str, Array]:
     return {name: thing.in_world(point) for name, point in local.items()}
 
 
+def measured_pose(thing: PlacedObject) -> Array:
+    """Return the pose (4, 4) of an object's measured link in the world frame."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_quat(thing.quaternion, scalar_first=True).as_matrix()
+    pose[:3, 3] = thing.position
+    model = thing.model
+    if isinstance(model, ArticulatedObject) and measured_link(model) == model.joint.child_link:
+        return np.asarray(pose @ model.joint.T_root_child_at(thing.joint_value), dtype=np.float64)
+    return pose
+
+
 def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
     """Check the kind of object that each criterion names: criteria about joints need articulated objects, criteria
     about poses need rigid objects.
     """
     for criterion in criteria:
         for types, kind, other in (
-            (_OF_JOINTS, ArticulatedObject, "a rigid object, which has no joint"),
+            (JOINT, ArticulatedObject, "a rigid object, which has no joint"),
             (_OF_POSES, RigidObject, "an articulated object"),
         ):
             for name in criterion.objects if isinstance(criterion, types) else ():
@@ -160,7 +177,7 @@ def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robo
     base = np.array(robot.base_position)
     if isinstance(criterion, RigidLifted):
         return max(0.0, float(thing.position[2] + criterion.height - base[2]) - 2.0 * robot.reach)
-    along = np.array(_DIRECTIONS[criterion.direction])
+    along = np.array(DIRECTIONS[criterion.direction])
     across = np.array([-along[1], along[0]])
     offset = thing.position[:2] - base[:2]
     # A displacement counts if it has the required distance and deviates sideways by at most half of it. Such

@@ -363,12 +363,13 @@ ABOVE = 0.02
 """Height (m) above the measured point from which an object is lowered."""
 
 
-def set_down(thing: PlacedObject, support: PlacedObject) -> PlacedObject | None:
+def set_down(thing: PlacedObject, support: PlacedObject, above: float = ABOVE) -> PlacedObject | None:
     """Lower an object over the measured point of its support until object and support touch.
 
     Args:
         thing: object in its resting pose on the table; its x and y do not change.
         support: object to stand on or in.
+        above: height (m) above the measured point from which the object is lowered.
 
     Returns:
         The lowered object; None if there is no space above the point, or nothing to stand on below it.
@@ -380,7 +381,7 @@ def set_down(thing: PlacedObject, support: PlacedObject) -> PlacedObject | None:
     def is_free(height: float) -> bool:
         return bool(depth_inside(surface + np.array([0.0, 0.0, height]), blocks).max() <= CLOSE)
 
-    free = float(support.point()[2]) + ABOVE
+    free = float(support.point()[2]) + above
     if not is_free(free):
         return None
     while is_free(free - STEP):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,28 +16,32 @@ import numpy.typing as npt
 from gensim2.objects import RigidObject
 from gensim2.objects.types import BODY, ArticulatedObject
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
+from gensim2.scenes.geometry import measured_link
 from gensim2.scenes.initial_state import PlacedObject
 
 Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
 
-class LazyMapping(Mapping[str, Array]):
-    """Mapping from names to arrays. All arrays are computed when one of them is first read, because most mappings are
+Value = TypeVar("Value")
+
+
+class LazyMapping(Mapping[str, Value], Generic[Value]):
+    """Mapping from names to values. All values are computed when one of them is first read, because most mappings are
     never read.
 
     Args:
-        work_out: function that computes all arrays from stored values, without reading the simulator.
+        work_out: function that computes all values from stored ones, without reading the simulator.
     """
 
-    def __init__(self, work_out: Callable[[], Mapping[str, Array]]) -> None:
+    def __init__(self, work_out: Callable[[], Mapping[str, Value]]) -> None:
         self._work_out = work_out
 
     @cached_property
-    def _values(self) -> Mapping[str, Array]:
+    def _values(self) -> Mapping[str, Value]:
         return self._work_out()
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> Value:
         return self._values[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -49,7 +53,7 @@ class LazyMapping(Mapping[str, Array]):
     def __repr__(self) -> str:
         return repr(dict(self._values))
 
-    def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[Mapping[str, Array]]]:
+    def __reduce__(self) -> tuple[type[dict[str, Value]], tuple[Mapping[str, Value]]]:
         return dict, (dict(self._values),)  # pickle this mapping as a plain dict
 
 
@@ -105,6 +109,10 @@ class ArticulatedPart(ABC):
     @abstractmethod
     def frame(self, link: str) -> Frame:
         """Return the pose of a link at this instant."""
+
+    def measured_frame(self) -> Frame:
+        """Return the pose of the link with the measured keypoint."""
+        return self.frame(measured_link(self.model))
 
     @abstractmethod
     def state(self) -> Row:
@@ -215,6 +223,10 @@ class RigidPart(ABC):
     @abstractmethod
     def frame(self) -> Frame:
         """Return the pose of the body at this instant."""
+
+    def measured_frame(self) -> Frame:
+        """Return the pose of the body, which has all keypoints."""
+        return self.frame()
 
     @abstractmethod
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:

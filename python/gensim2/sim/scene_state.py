@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gensim2.core.errors import GenSim2Error
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
+from gensim2.scenes.geometry import bounds_of, contents_of
 from gensim2.scenes.initial_state import InitialState
 from gensim2.scenes.table import HALF_SIZE, corners
 from gensim2.sim.parts import ArticulatedPart, Frame, LazyMapping, Part, Parts, RigidPart
@@ -84,6 +85,12 @@ def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
     """Measure the current state in the world frame, for success criteria."""
     articulated = {name: part for name, part in parts.items() if isinstance(part, ArticulatedPart)}
     rigid = {name: part for name, part in parts.items() if isinstance(part, RigidPart)}
+    models = {name: part.model for name, part in parts.items()}
+    frames = {name: part.measured_frame() for name, part in parts.items()}
+
+    def poses() -> dict[str, Array]:
+        return {name: frame.matrix() for name, frame in frames.items()}
+
     return Measurement(
         openness={name: part.openness for name, part in articulated.items()},
         joint_speed={name: part.joint_speed for name, part in articulated.items()},
@@ -93,6 +100,8 @@ def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
         gripper=robot.gripper(),
         finger_opening=robot.finger_opening,
         start_positions={name: part.thing.position for name, part in rigid.items()},
+        bounds=LazyMapping(lambda: bounds_of(models, poses())),
+        contents=LazyMapping(lambda: contents_of(models, poses())),
     )
 
 

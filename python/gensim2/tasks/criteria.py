@@ -1,10 +1,12 @@
 """Define the success criteria of steps and tasks, each a pure function of a :class:`Measurement`.
 
-Five criteria come from the paper. As in the original GenSim2, they use horizontal distances between measured keypoints
-(an object's last keypoint); only the `strict` verdict checks heights. The other criteria describe a joint that is
-partly open, and the position of a rigid object, which is the origin of its frame, near the object's middle.
+Five criteria come from the paper. In the original GenSim2 they use only horizontal distances between measured keypoints
+(an object's last keypoint), so an object in the air above a box counts as inside. Here they also check heights and the
+interiors of containers; ``holds_in_paper`` is the original definition, for the verdict ``paper``. The other criteria
+describe a joint that is partly open, and the position of a rigid object, which is the origin of its frame, near the
+object's middle.
 
-Each criterion has three methods. ``objects`` returns the names of the objects that it measures. ``holds`` returns
+Each criterion has four methods. ``objects`` returns the names of the objects that it measures. ``holds`` returns
 whether the criterion is met; with NaN it is never met. ``progress`` returns a value from 0 to 1, where 1 means that the
 criterion is met.
 """
@@ -27,6 +29,11 @@ AJAR = (0.3, 0.7)
 NEAR = 0.05
 """Horizontal distance (m) within which the paper considers two points to be together."""
 
+THICKNESS, GAP = 0.001, 0.01
+"""Minimum height (m) of an object's lowest point above its support's lowest point, and maximum height above the
+support's highest point.
+"""
+
 SCALE = 0.3
 """Distance (m) at which the progress towards a point is 0.24 (:func:`nearness`)."""
 
@@ -47,6 +54,10 @@ class _Criterion(BaseModel, ABC):
     @abstractmethod
     def holds(self, measured: Measurement) -> bool:
         """Return whether the criterion holds; false if a measured value is NaN."""
+
+    def holds_in_paper(self, measured: Measurement) -> bool:
+        """Return whether the criterion holds by the definition of the original GenSim2."""
+        return self.holds(measured)
 
     @abstractmethod
     def progress(self, measured: Measurement) -> float:
@@ -144,8 +155,9 @@ class RigidMoved(_Criterion):
 
 
 class RigidOnRigid(_Criterion):
-    """A rigid object is on or in a support: their origins are within ``threshold`` (m) horizontally, and the object's
-    origin is at most ``height`` (m) above the support's.
+    """A rigid object is on or in a support: their origins are within ``threshold`` (m) horizontally, the object's
+    origin is at most ``height`` (m) above the support's, and the object's lowest point is higher than the support's but
+    at most 1 cm higher than the support's highest point.
     """
 
     type: Literal["rigidbody_on_rigidbody"] = "rigidbody_on_rigidbody"
@@ -155,29 +167,44 @@ class RigidOnRigid(_Criterion):
     height: Threshold = 2 * NEAR
 
     def holds(self, measured: Measurement) -> bool:
-        x, y, z = (measured.poses[self.rigid] - measured.poses[self.support])[:3]
-        return math.hypot(x, y) < self.threshold and bool(z < self.height)
-
-    def progress(self, measured: Measurement) -> float:
-        x, y, z = (measured.poses[self.rigid] - measured.poses[self.support])[:3]
-        return nearness(math.hypot(max(0.0, math.hypot(x, y) - self.threshold), max(0.0, z - self.height)))
-
-
-class _Distance(_Criterion):
-    def holds(self, measured: Measurement) -> bool:
         return self._excess(measured) < 0.0
 
     def progress(self, measured: Measurement) -> float:
         return nearness(self._excess(measured))
 
+    def _excess(self, measured: Measurement) -> float:
+        """Return the largest distance (m) by which a condition is missed; negative if none is."""
+        x, y, z = map(float, (measured.poses[self.rigid] - measured.poses[self.support])[:3])
+        found = [math.hypot(x, y) - self.threshold, z - self.height]
+        if self.rigid in measured.bounds and self.support in measured.bounds:
+            lowest, (below, above) = measured.bounds[self.rigid][0, 2], measured.bounds[self.support][:, 2]
+            found += [float(below + THICKNESS - lowest), float(lowest - above - GAP)]
+        return math.nan if any(map(math.isnan, found)) else max(found)
+
+
+class _Distance(_Criterion):
+    def holds(self, measured: Measurement) -> bool:
+        return self._excess(measured) < 0.0 and self._height_excess(measured) <= 0.0
+
+    def holds_in_paper(self, measured: Measurement) -> bool:
+        return self._excess(measured) < 0.0
+
+    def progress(self, measured: Measurement) -> float:
+        return nearness(math.hypot(max(0.0, self._excess(measured)), self._height_excess(measured)))
+
     @abstractmethod
     def _excess(self, measured: Measurement) -> float:
         """Return by how many metres the horizontal distance exceeds the threshold; negative below the threshold."""
 
+    @abstractmethod
+    def _height_excess(self, measured: Measurement) -> float:
+        """Return the height (m) by which the criterion is missed, 0 if it is met or the shapes are unknown."""
+
 
 class DistanceArticulatedRigid(_Distance):
     """The horizontal distance between the measured keypoints of an articulated and a rigid object is less than
-    ``threshold`` (m).
+    ``threshold`` (m). If the articulated object is a container, the middle of the rigid object is also inside;
+    otherwise the rigid object's lowest point is not above the articulated object's keypoint.
     """
 
     type: Literal["distance_articulated_rigidbody"] = "distance_articulated_rigidbody"
@@ -188,10 +215,18 @@ class DistanceArticulatedRigid(_Distance):
     def _excess(self, measured: Measurement) -> float:
         return math.hypot(*(measured.point(self.articulated)[:2] - measured.point(self.rigid)[:2])) - self.threshold
 
+    def _height_excess(self, measured: Measurement) -> float:
+        if self._excess(measured) >= 0.0 or self.rigid in measured.contents.get(self.articulated, ()):
+            return 0.0
+        least = GAP if self.articulated in measured.contents else 0.0
+        if self.rigid not in measured.bounds:
+            return least
+        return max(least, float(measured.bounds[self.rigid][0, 2] - measured.point(self.articulated)[2]))
+
 
 class DistanceGripperRigid(_Distance):
     """The horizontal distance between a keypoint of the gripper and the rigid object's measured keypoint is less than
-    ``threshold`` (m).
+    ``threshold`` (m), and the keypoint of the gripper is at most ``threshold`` above or below the object.
     """
 
     type: Literal["distance_gripper_rigidbody"] = "distance_gripper_rigidbody"
@@ -201,10 +236,13 @@ class DistanceGripperRigid(_Distance):
     def _excess(self, measured: Measurement) -> float:
         return _from_gripper(measured, self.rigid) - self.threshold
 
+    def _height_excess(self, measured: Measurement) -> float:
+        return _beyond_height(measured, self.rigid, self.threshold)
+
 
 class DistanceGripperArticulated(_Distance):
     """A keypoint of the gripper is within ``threshold`` (m) of the articulated object's measured keypoint
-    horizontally.
+    horizontally, and not more than ``threshold`` above or below the link with this keypoint.
     """
 
     type: Literal["distance_gripper_articulated"] = "distance_gripper_articulated"
@@ -214,6 +252,13 @@ class DistanceGripperArticulated(_Distance):
     def _excess(self, measured: Measurement) -> float:
         return _from_gripper(measured, self.articulated) - self.threshold
 
+    def _height_excess(self, measured: Measurement) -> float:
+        return _beyond_height(measured, self.articulated, self.threshold)
+
+
+JointCriterion = ArticulatedOpen | ArticulatedClosed | ArticulatedBetween
+JOINT = (ArticulatedOpen, ArticulatedClosed, ArticulatedBetween)
+"""Criteria on the position of a joint."""
 
 OF_GRIPPER = (DistanceGripperRigid, DistanceGripperArticulated)
 """Criteria on the position of the gripper."""
@@ -237,14 +282,32 @@ def all_hold(criteria: tuple[Criterion, ...], measured: Measurement) -> bool:
     return all(criterion.holds(measured) for criterion in criteria)
 
 
+def all_hold_in_paper(criteria: tuple[Criterion, ...], measured: Measurement) -> bool:
+    """Return whether all criteria hold by the definitions of the original GenSim2."""
+    return all(criterion.holds_in_paper(measured) for criterion in criteria)
+
+
 def nearness(distance: float) -> float:
     """Map a distance (m) to a reward: 1 if the distance is zero or negative, 0.24 at ``SCALE``, and nearly 0 at 1 m."""
-    return _share(1.0 - math.tanh(max(0.0, distance) / SCALE))
+    return _share(1.0 - math.tanh(max(distance, 0.0) / SCALE))
 
 
 def _share(value: float) -> float:
     """Clip a number to 0..1; NaN becomes 0."""
     return 0.0 if math.isnan(value) else float(min(1.0, max(0.0, value)))
+
+
+def _beyond_height(measured: Measurement, name: str, threshold: float) -> float:
+    """Return the height (m) by which every gripper keypoint near an object is more than ``threshold`` above or below
+    the object; 0 if no keypoint is near, or if the shapes are unknown.
+    """
+    if name not in measured.bounds:
+        return 0.0
+    low, high = measured.bounds[name][:, 2]
+    point = measured.point(name)[:2]
+    near = [at[2] for at in measured.gripper.values() if float(np.hypot(*(at[:2] - point))) < threshold]
+    beyond = min((max(float(low - z), float(z - high)) for z in near), default=threshold)
+    return max(0.0, beyond - threshold)
 
 
 def _from_gripper(measured: Measurement, name: str) -> float:

@@ -25,6 +25,9 @@ class Measurement:
         gripper: tool keypoints of the robot, (3,) m.
         finger_opening: distance between the finger pads, m.
         start_positions: (3,) position (m) of each rigid object at the reset.
+        bounds: lowest and highest corner (2, 3), m, of each rigid object, and of the link with the measured keypoint of
+            each articulated object; empty if the shapes are unknown, so that criteria check distances only.
+        contents: names of the rigid objects inside each container; empty if the shapes are unknown.
     """
 
     openness: Mapping[str, float]
@@ -35,6 +38,8 @@ class Measurement:
     gripper: Mapping[str, Array]
     finger_opening: float
     start_positions: Mapping[str, Array] = field(default_factory=dict)
+    bounds: Mapping[str, Array] = field(default_factory=dict)
+    contents: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     def point(self, name: str) -> Array:
         """Return the measured keypoint (3,) of an object: its last keypoint, as in the original GenSim2."""

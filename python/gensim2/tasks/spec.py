@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from gensim2.tasks.criteria import Criterion
+from gensim2.tasks.criteria import JOINT, Criterion, JointCriterion
 
 SCHEMA_VERSION: Literal[2] = 2
 
@@ -280,6 +280,32 @@ class TaskSpec(_Value):
         step.
         """
         return frozenset(name for step in self.steps for name in (step.object, step.tool) if name != HAND)
+
+    @property
+    def transient(self) -> frozenset[str]:
+        """Names of the steps that move a joint only for a while: a later step moves the joint elsewhere, and nothing is
+        put into or taken out of its object in between. The goal cannot show that these steps were done.
+        """
+        return frozenset(
+            step.name
+            for first, step in enumerate(self.steps)
+            for second, later in enumerate(self.steps[first + 1 :], first + 1)
+            if later.object == step.object
+            and (moved := self.motion_of(step)) is not None
+            and (back := self.motion_of(later)) is not None
+            and back.type != moved.type
+            and not any(self.uses(between, step.object) for between in self.steps[first + 1 : second])
+        )
+
+    def motion_of(self, step: Step) -> JointCriterion | None:
+        """Return the criterion that a step's object must meet with its joint; None if there is none."""
+        criteria = step.done or (self.success if step is self.steps[-1] else ())
+        return next((c for c in criteria if isinstance(c, JOINT) and c.object == step.object), None)
+
+    def uses(self, step: Step, container: str) -> bool:
+        """Return whether a step puts a grasped object at ``container``, or grasps an object that stands on it."""
+        puts = step.object == container and step.tool != HAND and self.motion_of(step) is None
+        return puts or (step.tool == HAND and self.objects[step.object].place.on == container)
 
     @property
     def is_single_step(self) -> bool:

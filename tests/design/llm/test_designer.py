@@ -135,6 +135,16 @@ def test_a_task_of_the_benchmark_does_not_count_and_the_model_is_told(server: Mo
     assert "the benchmark has this task already" in server.asked[2].prompt
 
 
+def test_the_model_is_told_why_its_success_criteria_were_refused(server: ModelServer, brief: Brief) -> None:
+    server.script = GoodModel(DRAWER, BOX)
+    refused: dict[str, str] = {}
+    tasks = designer(server).propose(replace(brief, known=(), refused=refused), seed=0)
+    first = next(iter(tasks))
+    refused[first.name] = "drawer: it was left where it was"
+    assert next(iter(tasks)).name != first.name
+    assert f"{first.name} ({first.description}): drawer: it was left where it was" in server.asked[2].prompt
+
+
 def test_long_tasks_are_put_together_from_what_is_known(server: ModelServer, brief: Brief) -> None:
     found = designer(server, mode="bottomup")
     (task,) = proposed(found, brief)

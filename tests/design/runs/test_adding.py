@@ -12,6 +12,7 @@ import pytest
 from gensim2.cli.main import run
 from gensim2.objects import open_library
 from gensim2.rollout import worker
+from gensim2.rollout.mutated import Mutation, WorldCount
 from gensim2.tasks.library import load_strategies, load_task
 from gensim2.core.yaml_files import dump_yaml
 
@@ -71,6 +72,25 @@ def test_it_is_verified_and_added_or_refused(
     else:
         assert "11 of 20 fresh episodes succeeded" in err
         assert not added.exists()
+
+
+def test_a_task_whose_criteria_lie_is_not_added(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from functools import partial
+
+    import gensim2.design.remembering as adding
+
+    made_up(monkeypatch, 20)
+    monkeypatch.setattr(adding, "add_task", partial(_here, adding.add_task))
+    lie = [WorldCount(None, str(Mutation.AT_START), "box", ("articulated_between",), 4, 1)]
+    monkeypatch.setattr(worker, "judge_scene", lambda config, seed: lie)
+    monkeypatch.setattr(worker, "episode", None)
+    assert run(["tasks", "add", str(folder), "--assets", "builtin", "--library", str(tmp_path / "library")]) == 2
+    said = capsys.readouterr().err
+    assert "hold in 10 of 40 worlds in which the task is not done" in said
+    assert "box: it was left where it was" in said
+    assert not (tmp_path / "library" / "OpenMyBoxABit").exists()
 
 
 def _here(add: Any, folder: Path, **given: Any) -> Any:

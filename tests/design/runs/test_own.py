@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from gensim2.design.report import write_report
 from gensim2.design.search import Budget
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.mutated import Mutation, WorldCount
 from gensim2.rollout.record import Episode
 from gensim2.tasks.library import load_strategies_beside, load_task_file
 
@@ -122,6 +124,38 @@ def test_an_interrupted_search_repeats_nothing(
     resumed, whole = (where / "tasks" / "ShutMyBox" for where in (folder / "design", tmp_path / "undisturbed"))
     assert [(resumed / name).read_bytes() for name in names] == [(whole / name).read_bytes() for name in names]
     assert not (resumed / "search").exists()
+
+
+def test_a_task_whose_criteria_lie_is_refused_before_the_search(
+    folder: Path,
+    verdict: Callable[[bool], list[int]],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In two of three worlds of each scene the goal holds although the box was hardly moved."""
+    seeds = verdict(True)
+
+    def judge_scene(config: EpisodeConfig, seed: int) -> list[WorldCount]:
+        about = ("articulated_closed",)
+        return [
+            WorldCount(None, str(Mutation.AT_START), "box", about, 1, 0),
+            WorldCount(None, str(Mutation.A_LITTLE), "box", about, 2, 2),
+        ]
+
+    monkeypatch.setattr(worker, "judge_scene", judge_scene)
+    reason = (
+        "the success criteria hold in 20 of 30 worlds in which the task is not done (at most 1% may): "
+        "box: it was moved only a little (20 of 20; articulated_closed)"
+    )
+    found = design_task(folder, **GIVEN)
+    assert seeds == [], "nothing was searched"
+    assert found.folder is None
+    assert [each["reason"] for each in found.run.rejected] == [reason]
+    rejected = folder / "design" / "rejected" / "ShutMyBox"
+    assert json.loads((rejected / "checker.json").read_text())["error"] == 0.6667
+    assert "it was moved only a little" in (folder / "design" / "report.html").read_text()
+    monkeypatch.setattr(worker, "judge_scene", None)
+    assert design_task(folder, **GIVEN, resume=True).run.rejected == found.run.rejected, "it is not judged again"
 
 
 def test_what_never_holds_is_reported_with_what_to_do_next(

@@ -27,6 +27,7 @@ from gensim2.design.designing import offline_designer
 from gensim2.design.designs import Design, read_design, write_design
 from gensim2.core.errors import InputError
 from gensim2.core.record_files import read_record
+from gensim2.rollout.mutated import CheckerResult, Mutation, WorldCount
 from gensim2.rollout.record import Episode
 from gensim2.tasks.library import load_strategies, load_task
 from gensim2.core.yaml_files import dump_yaml
@@ -253,10 +254,19 @@ def test_design_and_verification_come_back_or_are_refused(tmp_path: Path) -> Non
     folder.write_verification(verification)
     write_design(folder.path, Design((), None, ("nothing planned",)))
     assert folder.verification() == verification
+    assert folder.checker() is None
+    checker = CheckerResult.of([[WorldCount(None, str(Mutation.AT_START), "drawer", ("articulated_open",), 3, 1)]])
+    folder.write_checker(checker)
+    assert folder.checker() == checker
     design = read_design(folder.path)
     assert design is not None
     assert design.notes == ["nothing planned"]
-    for name, read in (("verification.json", folder.verification), ("design.json", lambda: read_design(folder.path))):
+    files = {
+        "verification.json": folder.verification,
+        "checker.json": folder.checker,
+        "design.json": lambda: read_design(folder.path),
+    }
+    for name, read in files.items():
         content = (tmp_path / name).read_bytes()
         for change in (*DAMAGE.values(), _set(schema_version=99), _set(held=2, notes=[])):
             if change(content) == content:

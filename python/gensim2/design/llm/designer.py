@@ -127,6 +127,8 @@ class LLMDesigner:
                         "count as a new one; propose another object or another goal"
                     )
                 yield task
+                if task.name in brief.refused:
+                    refused.append(f"{task.name} ({task.description}): {brief.refused[task.name]}")
                 if self.asking.target_task is not None:
                     return
 

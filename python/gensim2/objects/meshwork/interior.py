@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
-from gensim2.planning.hulls import HullsKey, crossings
+from gensim2.objects.meshwork.crossings import HullsKey, crossings
 
 Array = npt.NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy.typing as npt
 import pytest
 
 from gensim2.objects import open_library
+from gensim2.objects.meshwork.interior import InnerBox, inner_box
 from gensim2.objects.types import ArticulatedObject
-from gensim2.rollout.container import InnerBox, inner_box
 
 Array = npt.NDArray[np.float64]
 
