@@ -121,18 +121,9 @@ def page(found: dict[str, Any]) -> str:
             "",
             "## By task",
             "",
-            *_table(
-                ["task", "goal: wrong / worlds", "steps: wrong / worlds", "end states recognized"],
-                [
-                    [
-                        name,
-                        "{} / {}".format(*total(result.of_goal)),
-                        "{} / {}".format(*total(result.of_steps)) if result.of_steps else "",
-                        "{} / {}".format(*result.recognized),
-                    ]
-                    for name, result in results.items()
-                ],
-            ),
+            "Wrong answers / mutated worlds of the goal, and then of the steps if a task has several:",
+            "",
+            *(f"- {name}: {_counts(result)}" for name, result in results.items()),
         ]
     )
 
@@ -140,6 +131,11 @@ def page(found: dict[str, Any]) -> str:
 def _result(fields: dict[str, Any]) -> CheckerResult:
     counts = (WorldCount(**{**each, "criteria": tuple(each["criteria"])}) for each in fields["counts"])
     return CheckerResult(fields["scenes"], tuple(counts))
+
+
+def _counts(result: CheckerResult) -> str:
+    steps = ", steps {}/{}".format(*total(result.of_steps)) if result.of_steps else ""
+    return "{}/{}".format(*total(result.of_goal)) + steps
 
 
 def _of(counts: Iterable[WorldCount], kind: str, goal: bool) -> tuple[int, int]:
