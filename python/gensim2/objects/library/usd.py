@@ -423,7 +423,7 @@ class _Converter:
 
     def _fill(self, element: Any, link: _Link, T_link: Array) -> None:
         """Write the shapes and the inertia of a link whose frame is ``T_link`` (4, 4) in the world."""
-        T_from_world: Array = np.linalg.inv(T_link)
+        T_from_world: Array = np.asarray(np.linalg.inv(T_link), dtype=np.float64)
         hulls: list[Array] = []
         for kind, prims in (("visual", link.seen or link.solid), ("collision", link.solid or link.seen)):
             for prim in prims:
