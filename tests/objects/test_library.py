@@ -116,7 +116,7 @@ def test_a_set_is_said_of_every_object_and_an_id_of_one(library: Library) -> Non
 @pytest.mark.parametrize("name", ["toilet", "oven"])
 def test_small_class_has_no_test_split(library: Library, name: str) -> None:
     assert library.choose(name, "train") == library.instances(name)
-    with pytest.raises(InputError, match=rf"{name} has \d instances, all for training.*use train or all"):
+    with pytest.raises(InputError, match=rf"{name} has only \d instances, all for training.*use train or all"):
         library.choose(name, "test")
 
 

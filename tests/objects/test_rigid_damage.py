@@ -54,7 +54,7 @@ REFUSED: dict[str, tuple[Change, str]] = {
         r"collision\.obj: cannot be read: contains no triangle",
     ),
     "collision is a speck": (told(scale=1e-6), r"collision\.obj: has no collision part"),
-    "scale is missing": (told(scale=None), r"info\.json: scale: no"),
+    "scale is missing": (told(scale=None), r"info\.json: scale: is missing"),
     "scale is 1e30": (told(scale=1e30), r"info\.json: scale: must be a positive number of plausible size"),
     "scale is 1000": (told(scale=1000), r"scale: its geometry reaches to 50"),
     "keypoint is text": (told(keypoints={"a": ["1", "2", "3"]}), r"keypoints\.a: not three finite numbers"),

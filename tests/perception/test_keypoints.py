@@ -51,7 +51,7 @@ def test_points_stand_where_the_simulator_has_them(task: str) -> None:
     assert 16 < count < SPEC.cloud.points
     assert np.abs(cloud.xyz[:count] - np.array(expected)).max() < 2e-4  # coordinates are rounded to 0.1 mm
     assert (cloud.xyz[count:] == cloud.xyz[: len(cloud.xyz) - count]).all()  # repeated from the start
-    with pytest.raises(InputError, match=rf"points: is 8, .* are {count} .*at least {count}"):
+    with pytest.raises(InputError, match=rf"points: is 8, but the objects have {count} .*at least {count}"):
         env.observe(ObservationSpec.of({"points": 8, "candidates": 64, "source": "keypoints"}))
 
 

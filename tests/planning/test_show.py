@@ -75,7 +75,7 @@ def test_labels_of_one_place_share_a_line() -> None:
         def __init__(self) -> None:
             self.scene, self.labels = self, {}
 
-        def add_label(self, name: str, text: str, position: np.ndarray) -> None:
+        def add_label(self, name: str, text: str, position: np.ndarray, anchor: str) -> None:
             self.labels[name] = text, position
 
         def add_frame(self, name: str, **_: Any) -> None: ...

@@ -79,8 +79,9 @@ def test_keywords_options_and_fields_are_the_same_words() -> None:
     assert set(options.EPISODES) <= set(get_type_hints(options.Shared))
     run = {each.name for each in fields(RolloutOptions)}
     assert set(FIXED_ARGUMENTS) >= {*SCENE_FIELDS, *run}
-    # Noise is for collections only and is not part of any figure.
-    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets", "redraw"} | run - {"noise"}
+    # Noise and a second engine are for collections only and are not part of any figure.
+    collected = {"noise", "engines"}
+    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets", "redraw"} | run - collected
 
 
 def test_it_pickles_and_finds_its_like() -> None:

@@ -245,7 +245,7 @@ def read_problems(path: Path) -> list[PlanProblem]:
         problem = parse_problem(line, file=path, number=number)
         if problem.id in lines:
             raise InputError(
-                f"{problem.id!r} is on line {lines[problem.id]} already",
+                f"the id {problem.id!r} is already used on line {lines[problem.id]}",
                 file=path,
                 field=f"line {number}: id",
                 remedy="give every problem its own id",
