@@ -71,7 +71,8 @@ def collect(
     Args:
         instances: name of the set of objects.
         episodes: number of demonstrations.
-        videos: number of demonstrations, from the first, for which videos are recorded.
+        videos: number of demonstrations, from the first, for which videos are recorded. If every episode failed,
+            videos of the first failed episodes are recorded instead.
 
     Returns:
         The episodes; fewer than ``episodes`` demonstrations if too many episodes failed.
@@ -105,6 +106,7 @@ def collect(
     kept = [entry for entry in entries if entry.held]
     collected = Collected(tuple(entries))
     if not kept:
+        _film_failures(entries[:videos], files, evaluator.config(task, instances), strategies, evaluator, progress)
         return collected
     names = sorted({f"{thing.asset_class}/{thing.id}" for entry in kept for thing in entry.objects.values()})
     write_trajectory(
@@ -126,6 +128,29 @@ def collect(
     )
     _film(store, kept[:videos], task, evaluator, progress)
     return collected
+
+
+def _film_failures(
+    failed: Sequence[Episode],
+    files: TaskFolder,
+    config: EpisodeConfig,
+    strategies: Strategies,
+    evaluator: EpisodeRunner,
+    progress: Progress,
+) -> None:
+    """Run failed episodes again and record videos of them; report an error as a message and continue."""
+    films = {episode.index: files.path / f"failed_{episode.index:06d}.mp4" for episode in failed}
+    jobs = {each.index: (config, strategies, each.seed, films[each.index]) for each in failed}
+    missing = {index: job for index, job in jobs.items() if not films[index].exists()}
+    if not missing:
+        return
+    what = f"{config.task.name}: films of failed episodes"
+    progress.start(what, len(missing))
+    try:
+        for _ in evaluator.each(film_attempt, missing, what):
+            pass
+    except GenSim2Error as error:
+        progress.message(f"{what}: {error}")
 
 
 def _film(

@@ -108,7 +108,7 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
         "model": model.of_task(spec.name if spec is not None else folder.name),
         "video": _beside(folder, "video.mp4"),
         "still": _beside(folder, "still.png"),
-        "films": _films(folder, verification),
+        "films": _films(folder, logged if verification is None else verification.episodes),
         "plan": _beside(folder, PLAN_PICTURE),
         "demos": len(recording.episodes) if recording is not None else 0,
         "env_id": recording.env_info.env_id if recording is not None else None,
@@ -116,7 +116,7 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
     }
 
 
-def _films(folder: Path, verification: Verification | None) -> list[tuple[str, str]]:
+def _films(folder: Path, episodes: Sequence[Episode]) -> list[tuple[str, str]]:
     """Return the path (in the run folder) and the caption of each video of a task.
 
     The video of the first demonstration is omitted, because the report shows it separately.
@@ -127,10 +127,10 @@ def _films(folder: Path, verification: Verification | None) -> list[tuple[str, s
         if word not in ("video", "held", "failed") or not number.isdecimal():
             continue
         caption = {"video": f"demonstration {number}", "held": "held", "failed": "failed"}[word]
-        if word == "failed" and verification is None:
+        if word == "failed" and not episodes:
             caption = "the best candidate"
-        elif word != "video" and verification is not None and int(number) < len(verification.episodes):
-            episode = verification.episodes[int(number)]
+        elif word != "video" and int(number) < len(episodes):
+            episode = episodes[int(number)]
             caption = f"seed {episode.seed}: {'held' if episode.held else episode.cause}"
         found.append((f"{folder.parent.name}/{folder.name}/{path.name}", caption))
     return found

@@ -13,6 +13,7 @@ import fake_world
 import pytest
 from kill_runs import contents, differences
 
+from gensim2.data import demonstrations
 from gensim2.data.demonstrations import TRIES_PER_DEMO
 from gensim2.core.errors import InputError, NotRunError
 from gensim2.rollout import worker
@@ -69,13 +70,22 @@ def test_it_gives_up_after_enough_tries(tmp_path: Path, record: Record, monkeypa
         episode, _ = fake_world.demonstrate(config, strategies, seed)
         return dataclasses.replace(episode, held=False, strict=False, cause=Cause.NO_CONTACT), None
 
+    def filmed(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> None:
+        video.write_text(str(seed))
+
     monkeypatch.setattr(worker, "demonstrate", hopeless)
-    result = record()
+    monkeypatch.setattr(demonstrations, "film_attempt", filmed)
+    result = record(videos=2)
     assert result.demos == 0
     assert len(lines(tmp_path / "run")) == 6 * TRIES_PER_DEMO
     told = result.to_dict()
     assert (told["episodes_run"], told["held"], told["strict"]) == (30, 0, 0)
     assert told["causes"] == {"object did not move": 30}
+    films = sorted((tmp_path / "run/tasks/OpenDrawer").glob("*.mp4"))
+    assert [film.name for film in films] == ["failed_000000.mp4", "failed_000001.mp4"]
+    assert [int(film.read_text()) for film in films] == [line["seed"] for line in lines(tmp_path / "run")[:2]]
+    page = (tmp_path / "run/report.html").read_text()
+    assert all(film.name in page for film in films)
 
 
 @pytest.mark.parametrize("workers", [0, 2])
