@@ -34,7 +34,6 @@ from gensim2_robot.pipes import DeviceGoneError, MessagePipe, PictureSlots, Room
 PRELOAD = (
     "gensim2_robot.real",
     "gensim2_robot.simulated",
-    "gensim2_robot.simulated",
     "gensim2.sim.sapien_scene",
 )
 SLIP = 0.2
@@ -98,14 +97,21 @@ class DeviceProcess:
     def kill(self) -> None:
         self._process.kill()
 
-    def close(self) -> None:
-        """End the process within four seconds, by force if necessary."""
+    def close(self) -> list[Any]:
+        """End the process within four seconds, by force if necessary, and return the messages that were not read yet.
+
+        A message about shared memory must still be read, because only its reader removes the memory's name.
+        """
         self.tell(None)
         self._process.join(timeout=ENDING)
         if self._process.is_alive():
             self._process.kill()
             self._process.join(timeout=KILLED)
+        unread: list[Any] = []
+        with contextlib.suppress(DeviceGoneError):
+            unread = self.pipe.drain()
         self.pipe.close()
+        return unread
 
 
 def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> None:
@@ -304,7 +310,9 @@ class ProcessMind:
             self._process.tell(fault)
 
     def close(self) -> None:
-        self._process.close()
+        for message in self._process.close():
+            if isinstance(message, Room):
+                self._slots = PictureSlots.enter(message)
         if self._slots is not None:
             self._slots.close()
 

@@ -53,7 +53,9 @@ class ProcessCameras:
             (room, serials), *self._early = self._opened(interrupted)
         except GenSim2Error:
             self._process.kill()
-            self._process.close()
+            for message in self._process.close():
+                if isinstance(message, tuple):  # the first message, which names the shared memory
+                    PictureSlots.enter(message[0]).close()
             raise
         self.cameras: tuple[Camera, ...] = room.cameras
         self.serials: Mapping[str, str] = serials

@@ -14,6 +14,7 @@ from gensim2.core.errors import InputError
 from gensim2.perception import Camera
 from gensim2.robots import robot
 from gensim2_robot.devices import CameraFrame
+from gensim2_robot.pipes import PictureSlots
 from gensim2_robot.simulated import simulated_cameras
 
 SERIAL = "827112070000"
@@ -84,3 +85,10 @@ def repeat(pipe: Connection, count: int, size: int) -> None:
         pipe.send(bytes(size))
     while (message := pipe.recv()) is not None:
         pipe.send(message)
+
+
+def announce(pipe: Connection, *_: object) -> None:
+    """Announce shared memory, and end on request."""
+    _, room = PictureSlots.make(())
+    pipe.send(room)
+    pipe.recv()

@@ -94,7 +94,9 @@ def ends_on_a_read_only_disk(words: list[str], out: Path, state: Path, log: Path
     begun = json.loads(state.read_text())["step"]
     process = start(words, out, log, OWN_MOUNTS)
     reached(state, begun + 2, process, log)
+    os.killpg(process.pid, signal.SIGSTOP)  # so that the training does not end before the disk is read-only
     make_read_only(out, process.pid)
+    os.killpg(process.pid, signal.SIGCONT)
     assert process.wait(timeout=300) == 2, log.read_text()
     (said,) = (line for line in log.read_text().splitlines() if line.startswith("gensim2"))
     assert said.startswith(f"gensim2: {out}/")

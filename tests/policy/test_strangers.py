@@ -385,3 +385,17 @@ def test_strangers_are_counted_by_connection_and_not_by_address(serving: PolicyS
         serving._admit(theirs, address)
     assert permits(serving) == server.MAX_STRANGERS
     served.close()
+
+
+def test_an_assertion_of_the_websockets_library_is_an_error_of_one_line(
+    hostile: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The library asserts an internal state if a server sends garbage at the same moment as the client's request."""
+    from websockets.sync.client import ClientConnection
+
+    def fail(*_: Any) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(ClientConnection, "handshake", fail)
+    with pytest.raises(RemoteError, match="cannot be reached: did not receive a valid HTTP response"):
+        RemoteController(hostile(), "panda")

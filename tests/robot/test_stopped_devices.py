@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from disks import can_mount, on_disk
-from fake_cameras import repeat
+from fake_cameras import announce, repeat
 
 from gensim2.cli import main as cli
 from gensim2.core.errors import MissingExtraError
@@ -28,7 +28,7 @@ from gensim2_robot.drivers.streamed import DriverError
 from gensim2_robot.limits import Sent
 from gensim2_robot.live import PATIENT
 from gensim2_robot.log import Journals
-from gensim2_robot.pipes import MAX_WAITING, DeviceGoneError
+from gensim2_robot.pipes import MAX_WAITING, DeviceGoneError, PictureSlots, Room
 from gensim2_robot.processes import ENDING, KILLED, DeviceProcess
 from gensim2_robot.run import run
 from gensim2_robot.watch import WatchRules
@@ -296,3 +296,19 @@ def test_neither_sending_nor_looking_waits_for_a_stopped_process() -> None:
     process.close()
     assert time.monotonic() - begun < 5.0 + ENDING + KILLED
     assert not process.is_alive
+
+
+def test_shared_memory_of_a_controller_that_was_never_polled_is_removed(monkeypatch: pytest.MonkeyPatch) -> None:
+    entered = []
+    enter = PictureSlots.enter
+
+    def noted(room: Room) -> PictureSlots:
+        entered.append(room.name)
+        return enter(room)
+
+    monkeypatch.setattr(PictureSlots, "enter", noted)
+    monkeypatch.setattr(processes, "_serve_mind", announce)
+    monkeypatch.setattr(processes, "ENDING", MARGIN)
+    processes.ProcessMind(None, None).close()  # type: ignore[arg-type]
+    (name,) = entered
+    assert not (Path("/dev/shm") / name).exists()

@@ -13,7 +13,7 @@ from gensim2.cli.main import run
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.archive import MAX_ENTRIES
 from gensim2.policy.array_file import read_arrays
-from gensim2.tasks.library import load_task, packaged_names, task_folder, task_names
+from gensim2.tasks.library import load_task, packaged_names, task_folder, task_names, using_library
 
 
 @pytest.fixture
@@ -103,3 +103,11 @@ def test_members_are_counted_before_the_directory_is_read(archive: Path) -> None
         assert tracemalloc.get_traced_memory()[1] < 2**24
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["file", "fifo"])
+def test_a_library_that_is_neither_a_folder_nor_an_archive_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("")
+    os.mkfifo(tmp_path / "fifo")
+    with using_library(str(tmp_path / name)), pytest.raises(InputError, match=r"is not a folder or a \.zip file"):
+        task_names()

@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import click
-
 from gensim2.cli.collect_view import CollectionView
 from gensim2.cli.options import EPISODES, PROCESSES, command
 from gensim2.cli.output import line, show_engines, table
-from gensim2.cli.typed import Folder, Option, count
+from gensim2.cli.typed import Folder, Option, Real, count
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -42,7 +40,7 @@ def collect(
     episodes: Annotated[int, count(999_999_999)],
     out: Folder,
     keep_failures: bool = False,
-    noise: Annotated[float, click.FloatRange(0, 0.2), Option(metavar="RAD")] = 0.0,
+    noise: Annotated[float, Real(0, 0.2), Option(metavar="RAD")] = 0.0,
     strategy: Annotated[tuple[str, ...], Option(metavar="NAME")] = (),
     objects: Annotated[int | None, count(100_000)] = None,
     resume: bool = False,

@@ -9,7 +9,7 @@ import click
 
 from gensim2.cli.options import command
 from gensim2.cli.output import line, table
-from gensim2.cli.typed import Count, Folder, Option, Tasks, count
+from gensim2.cli.typed import Count, Folder, Option, Real, Tasks, count
 from gensim2.core.progress import Progress
 
 Format = Literal["maniskill", "lerobot", "zarr"]
@@ -50,7 +50,7 @@ def export(
     first_try: bool = False,
     min_steps: Count = 1,
     max_steps: Annotated[int | None, count()] = None,
-    min_clearance: Annotated[float | None, click.FloatRange(max=0.2), Option(metavar="METRES")] = None,
+    min_clearance: Annotated[float | None, Real(max=0.2), Option(metavar="METRES")] = None,
     observations: bool = True,
     progress: Progress,
     **given: Any,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
-from gensim2.cli.typed import File, Folder, Option, count
+from gensim2.cli.typed import File, Folder, Option, Real, count
 from gensim2.core.errors import InputError, near
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 OFFLINE = "offline"
 
-Price = Annotated[float | None, click.FloatRange(0), Option(metavar="USD")]
+Price = Annotated[float | None, Real(0), Option(metavar="USD")]
 
 
 class Designing:
@@ -54,8 +54,8 @@ class Designing:
     replay: Annotated[Folder | None, Option(metavar="RUN")] = None
     config: Annotated[File | None, Option("--model-config", "FILE")] = None
     base_url: Annotated[str | None, Option(metavar="URL")] = None
-    temperature: Annotated[float | None, click.FloatRange(0, 2)] = None
-    budget: Annotated[float | None, click.FloatRange(0, min_open=True), Option(metavar="USD")] = None
+    temperature: Annotated[float | None, Real(0, 2)] = None
+    budget: Annotated[float | None, Real(0, min_open=True), Option(metavar="USD")] = None
     price_in: Price = None
     price_out: Price = None
     concurrency: Annotated[int | None, count(64)] = None

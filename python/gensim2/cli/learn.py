@@ -9,7 +9,7 @@ import click
 
 from gensim2.cli.options import SCENE, Checkpoint, command
 from gensim2.cli.output import line, table
-from gensim2.cli.typed import Count, File, Folder, Option, count
+from gensim2.cli.typed import Count, File, Folder, Option, Real, count
 from gensim2.core.progress import Progress
 
 
@@ -45,7 +45,7 @@ class Learning:
     """
 
     policy: Literal["keypose", "chunk", "transformer", "diffusion", "flow"] = "keypose"
-    minutes: Annotated[float, click.FloatRange(0, 1e5, min_open=True)] = 15.0
+    minutes: Annotated[float, Real(0, 1e5, min_open=True)] = 15.0
     multi_task: bool = False
     scenes: Count = 2000
     episodes: Count = 50

@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from gensim2.cli.output import Show, document, report
-from gensim2.cli.typed import Folder, Option, count, options_of_class, parameters, summary
+from gensim2.cli.typed import Folder, Option, Real, count, options_of_class, parameters, summary
 from gensim2.core.cores import usable_cores
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import LARGEST_SEED
@@ -115,7 +115,7 @@ class Shared:
     origin: Annotated[str | None, Option(metavar="NAME")] = None
     out: Folder | None = None
     workers: Annotated[int, count(1024), Option(shown="number of cores")] = usable_cores()
-    time_limit: Annotated[float, click.FloatRange(0, 1e6, min_open=True), Option(metavar="SECONDS")] = 900.0
+    time_limit: Annotated[float, Real(0, 1e6, min_open=True), Option(metavar="SECONDS")] = 900.0
     jobs_per_worker: Annotated[int, count()] = 500
     ray: Annotated[str | None, Option(metavar="local|ADDRESS")] = None
     resume: bool = False

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import click
-
 from gensim2.cli.options import command
 from gensim2.cli.output import line
-from gensim2.cli.typed import Option, Tasks, count
+from gensim2.cli.typed import Option, Real, Tasks, count
 from gensim2.core.errors import InputError
 from gensim2.core.progress import Progress
 
@@ -39,9 +37,7 @@ def render(
     points: Annotated[int, count(49152)] = 1024,
     source: Literal["depth", "keypoints"] = "depth",
     keep_robot: Literal["gripper", "all", "none"] = "gripper",
-    drop_outliers: Annotated[
-        float | None, click.FloatRange(0, 100, min_open=True), Option(metavar="DEVIATIONS")
-    ] = None,
+    drop_outliers: Annotated[float | None, Real(0, 100, min_open=True), Option(metavar="DEVIATIONS")] = None,
     depth_noise: bool = False,
     noise: str | None = None,
     tasks: Tasks = (),

@@ -7,6 +7,7 @@ help text.
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -33,6 +34,17 @@ class Option:
     flags: str = ""
     metavar: str | None = None
     shown: str | None = None
+
+
+class Real(click.FloatRange):
+    """Parameter type: a number in a range; NaN, which lies in every range of click, is refused."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value} is not a number.", param, ctx)
+        return number
 
 
 def count(max_count: int = 1_000_000) -> click.IntRange:

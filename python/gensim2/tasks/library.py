@@ -75,11 +75,13 @@ def _user_shelf() -> Traversable | None:
     """Return the user's library: a folder, or an archive that ``gensim2 tasks export`` wrote; None without a library.
 
     Raises:
-        InputError: the file is not an archive of tasks.
+        InputError: the path is neither a folder nor an archive of tasks.
     """
     path = user_library()
-    if path is None or path.suffix != ".zip" or not path.is_file():
+    if path is None or path.is_dir() or not path.exists():
         return path
+    if path.suffix != ".zip":
+        raise InputError("is not a folder or a .zip file", file=path, remedy="a library of gensim2 tasks export")
     return open_archive(path)
 
 

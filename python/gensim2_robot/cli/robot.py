@@ -12,7 +12,7 @@ import click
 
 from gensim2.cli.options import Ending, command
 from gensim2.cli.output import line, number, table
-from gensim2.cli.typed import Folder, Option, count
+from gensim2.cli.typed import Folder, Option, Real, count
 from gensim2.core.cores import usable_cores
 from gensim2.core.errors import InputError, Stopped
 from gensim2.core.progress import ConsoleProgress, Progress
@@ -58,8 +58,8 @@ def calibrate(
     board: Annotated[str | None, Option(metavar="COLUMNSxROWS:SQUARE:MARKER")] = None,
     carried: bool = False,
     poses: Annotated[int, click.IntRange(4, 12)] = 8,
-    degrees: Annotated[float, click.FloatRange(0, 60)] = 15.0,
-    metres: Annotated[float, click.FloatRange(0, 1)] = 0.1,
+    degrees: Annotated[float, Real(0, 60)] = 15.0,
+    metres: Annotated[float, Real(0, 1)] = 0.1,
     pixels: Pixels = "320x240",
     speed: Share = 0.1,
     out: Folder = Path("calibration.json"),

@@ -8,11 +8,11 @@ from typing import Annotated, Any
 import click
 
 from gensim2.cli.options import SCENE
-from gensim2.cli.typed import File, Folder, Option
+from gensim2.cli.typed import File, Folder, Option, Real
 from gensim2.core.errors import InputError
 
 Pixels = Annotated[str, Option(metavar="WIDTHxHEIGHT")]
-Share = Annotated[float, click.FloatRange(0.01, 1.0)]
+Share = Annotated[float, Real(0.01, 1.0)]
 
 #: Names of the shared options that select a scene. Commands take these options and those of :class:`LineOptions`.
 SCENES = ("library", "seed", *(each for each in SCENE if each != "redraw"))
@@ -48,15 +48,15 @@ class LineOptions:
     ] = "simulated"
     policy: Annotated[str | None, Option(metavar="DIR|builtin|ws://HOST:PORT")] = None
     plan: bool = False
-    deadline: Annotated[float, click.FloatRange(0.0, 60.0, min_open=True)] = 0.15
+    deadline: Annotated[float, Real(0.0, 60.0, min_open=True)] = 0.15
     speed: Share = 0.1
-    margin: Annotated[float, click.FloatRange(0.0, 1.0)] = 0.1
-    force: Annotated[float, click.FloatRange(1.0, 1000.0)] = 140.0
+    margin: Annotated[float, Real(0.0, 1.0)] = 0.1
+    force: Annotated[float, Real(1.0, 1000.0)] = 140.0
     pixels: Pixels = "320x240"
-    rate: Annotated[float, click.FloatRange(1.0, 60.0)] = 10.0
+    rate: Annotated[float, Real(1.0, 60.0)] = 10.0
     noise: Annotated[str, Option(metavar="d435|deployed|white|FILE")] = "d435"
     calibration: File | None = None
-    calibration_days: Annotated[float, click.FloatRange(0.0, 1e4, min_open=True)] = 7.0
+    calibration_days: Annotated[float, Real(0.0, 1e4, min_open=True)] = 7.0
     real_time: Annotated[bool | None, Option("--real-time/--simulated-clock")] = None
 
 
@@ -97,7 +97,7 @@ class Minutes:
         minutes: Time for which episodes are repeated, in minutes.
     """
 
-    minutes: Annotated[float, click.FloatRange(0.0, 1e4, min_open=True)] = 1.0
+    minutes: Annotated[float, Real(0.0, 1e4, min_open=True)] = 1.0
 
 
 class LogOptions:

@@ -163,6 +163,8 @@ class RemoteController:
         except RemoteError:
             self._drop()
             raise
+        except AssertionError as error:  # websockets asserts this if the peer sends garbage before the handshake.
+            raise RemoteError(f"{self._url} cannot be reached: did not receive a valid HTTP response") from error
 
     def _ask(self, message: dict[str, Any], expected: type[Answer], deadline: float) -> Answer:
         """Send a request and return the answer; reconnect if the connection is lost.
