@@ -22,7 +22,8 @@ from markdown_tables import line
 
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.seeding import scene_seeds
-from gensim2.rollout.mutated import DONE, LARGEST_ERROR, CheckerResult, Mutation, WorldCount, judge, total
+from gensim2.rollout.checker_result import DONE, LARGEST_ERROR, CheckerResult, Mutation, WorldCount, total
+from gensim2.rollout.mutated import judge
 from gensim2.rollout.tally import interval
 from gensim2.scenes.initial_state import PlacementError
 from gensim2.sim.headless import HeadlessEnv

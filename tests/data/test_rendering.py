@@ -267,4 +267,6 @@ def test_how_long_pictures_take_is_said_before(store: TaskStore, monkeypatch: py
     monkeypatch.setattr(rendering, "render_episode", render_episode)
     render(store.folder.parent, spec=ObservationSpec(("rgb",)), workers=0, progress=listener)
     (said,) = listener.messages
-    assert re.fullmatch(r"rgb without a GPU: about \d+ s an episode, \d+ minutes for \d+ episodes", said)
+    assert re.fullmatch(
+        r"rgb without a GPU: about \d+ s per episode, \d+\.\d minutes for (1 episode|\d+ episodes)", said
+    )

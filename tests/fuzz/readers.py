@@ -33,9 +33,9 @@ from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.design.designs import CandidateRecord, Design, DesignRecord, StageRecord
 from gensim2.design.report import write_report
+from gensim2.rollout.checker_result import CheckerResult, Mutation, WorldCount
 from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.inputs import task_and_strategies
-from gensim2.rollout.mutated import CheckerResult, Mutation, WorldCount
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
 TASK = "OpenDrawer"

@@ -16,8 +16,8 @@ import numpy as np
 from gensim2.core import seeding
 from gensim2.objects import open_library
 from gensim2.rollout import worker
+from gensim2.rollout.checker_result import Mutation, WorldCount
 from gensim2.rollout.config import EpisodeConfig
-from gensim2.rollout.mutated import Mutation, WorldCount
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneOptions

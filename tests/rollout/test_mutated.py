@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.rollout.mutated import DONE, CheckerResult, Mutation, WorldCount, _Mutant, _Worlds, judge, total
+from gensim2.rollout.checker_result import DONE, CheckerResult, Mutation, WorldCount, total
+from gensim2.rollout.mutated import _Mutant, _Worlds, judge
 from gensim2.rollout.turns import Turn, goal_reached
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_task

@@ -106,8 +106,14 @@ def test_members_are_counted_before_the_directory_is_read(archive: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["file", "fifo"])
-def test_a_library_that_is_neither_a_folder_nor_an_archive_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_library_that_is_neither_a_folder_nor_an_archive_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     (tmp_path / "file").write_text("")
     os.mkfifo(tmp_path / "fifo")
-    with using_library(str(tmp_path / name)), pytest.raises(InputError, match=r"is not a folder or a \.zip file"):
+    refused = r"is not a folder or a \.zip file"
+    with pytest.raises(InputError, match=refused), using_library(str(tmp_path / name)):
+        load_task("OpenDrawer")  # a task of the package does not need the library; the option is checked nevertheless
+    monkeypatch.setenv("GENSIM2_LIBRARY", str(tmp_path / name))
+    with pytest.raises(InputError, match=refused):
         task_names()

@@ -12,8 +12,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.core.resumable import RunSettings, differing
+from gensim2.rollout.checker_result import CheckerResult, WorldCount
 from gensim2.rollout.config import RolloutOptions, nested_options
-from gensim2.rollout.mutated import CheckerResult, WorldCount
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally, engines_record
 from gensim2.scenes.config import SCENE_FIELDS, SceneOptions, SceneRecord

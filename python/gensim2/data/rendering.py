@@ -148,8 +148,9 @@ class _Rendering:
             frames = sum(row.control_steps + 1 for _, row in missing) * len(self._spec.cameras)
             each = PICTURE_S * frames / len(missing)
             minutes = each * len(missing) / 60 / (execution.workers or 1)
+            episodes = "1 episode" if len(missing) == 1 else f"{len(missing)} episodes"
             self._progress.message(
-                f"rgb without a GPU: about {each:.0f} s an episode, {minutes:.0f} minutes for {len(missing)} episodes"
+                f"rgb without a GPU: about {each:.0f} s per episode, {minutes:.1f} minutes for {episodes}"
             )
         what = f"observations of {len(stores)} task{'s' if len(stores) > 1 else ''}"
         self._progress.start(what, self._there + len(missing))
@@ -173,7 +174,8 @@ class _Rendering:
                 yield row
                 continue
             if not self._resume:
-                raise InputError("the data set has observations already", file=path.parent, remedy="add --resume")
+                remedy = "to continue with the same options add --resume; for other options remove this folder"
+                raise InputError("the data set has observations already", file=path.parent, remedy=remedy)
             try:
                 found = read_description(path)
             except DamagedObservationError:
@@ -183,7 +185,7 @@ class _Rendering:
             expected = _description(store, row, self._spec)
             for name in ("episode_digest", *self._spec.to_dict()):
                 if found.get(name) != expected[name]:
-                    remedy = "give the same options, or remove the folder of observations"
+                    remedy = f"give the same options, or remove {path.parent}"
                     raise InputError(f"was made with {found.get(name)!r}", file=path, field=name, remedy=remedy)
             self._there += 1
             self._size += path.stat().st_size

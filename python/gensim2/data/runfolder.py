@@ -24,8 +24,8 @@ from gensim2.core.resumable import ResumableFolder
 from gensim2.core.yaml_files import dump_yaml
 from gensim2.data.records import RUN_SCHEMA_VERSION, CheckerRecord, Effort, RunRecord, Verification, VerificationRecord
 from gensim2.objects import Library, ObjectModel
+from gensim2.rollout.checker_result import CheckerResult
 from gensim2.rollout.identity import versions
-from gensim2.rollout.mutated import CheckerResult
 from gensim2.rollout.record import Episode
 from gensim2.scenes.physics import DEFAULT_ENGINE, ENGINES, Engine
 from gensim2.tasks.spec import TaskSpec

@@ -6,7 +6,7 @@ from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.runfolder import TaskFolder
 from gensim2.rollout import worker
-from gensim2.rollout.mutated import CheckerResult
+from gensim2.rollout.checker_result import CheckerResult
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.scenes.config import Drawn
 from gensim2.tasks.spec import TaskSpec

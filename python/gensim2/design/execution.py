@@ -27,11 +27,11 @@ from gensim2.design.search import Budget, Search, budget_for
 from gensim2.design.unseen import Apart, kept_apart
 from gensim2.objects import Library
 from gensim2.rollout import worker
+from gensim2.rollout.checker_result import CheckerResult
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.identity import digest
 from gensim2.rollout.inputs import TaskInput, chosen_word
-from gensim2.rollout.mutated import CheckerResult
 from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.solving import draw_plan, plan_steps

@@ -26,8 +26,8 @@ from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 if TYPE_CHECKING:
     from gensim2.planning.scene import Scene
     from gensim2.planning.steps import StepPlanner
+    from gensim2.rollout.checker_result import WorldCount
     from gensim2.rollout.controller import Controller
-    from gensim2.rollout.mutated import WorldCount
     from gensim2.rollout.no_op import NoOpResult
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.run import Stop

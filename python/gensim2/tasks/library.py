@@ -50,7 +50,12 @@ _chosen: ContextVar[str | None] = ContextVar("library", default=None)
 def using_library(folder: str) -> Iterator[None]:
     """Use the given user library within a block, instead of the default one: a folder, an archive, or ``none`` for no
     library.
+
+    Raises:
+        InputError: the path is neither a folder nor a ``.zip`` file.
     """
+    if folder != NO_LIBRARY:
+        _require_library(Path(folder))
     token = _chosen.set(folder)
     try:
         yield
@@ -80,9 +85,13 @@ def _user_shelf() -> Traversable | None:
     path = user_library()
     if path is None or path.is_dir() or not path.exists():
         return path
-    if path.suffix != ".zip":
-        raise InputError("is not a folder or a .zip file", file=path, remedy="a library of gensim2 tasks export")
+    _require_library(path)
     return open_archive(path)
+
+
+def _require_library(path: Path) -> None:
+    if path.exists() and not path.is_dir() and path.suffix != ".zip":
+        raise InputError("is not a folder or a .zip file", file=path, remedy="a library of gensim2 tasks export")
 
 
 def _suite() -> Traversable:

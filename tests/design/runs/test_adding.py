@@ -12,7 +12,7 @@ import pytest
 from gensim2.cli.main import run
 from gensim2.objects import open_library
 from gensim2.rollout import worker
-from gensim2.rollout.mutated import Mutation, WorldCount
+from gensim2.rollout.checker_result import Mutation, WorldCount
 from gensim2.tasks.library import load_strategies, load_task
 from gensim2.core.yaml_files import dump_yaml
 

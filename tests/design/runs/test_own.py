@@ -17,7 +17,7 @@ from gensim2.design.report import write_report
 from gensim2.design.search import Budget
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
-from gensim2.rollout.mutated import Mutation, WorldCount
+from gensim2.rollout.checker_result import Mutation, WorldCount
 from gensim2.rollout.record import Episode
 from gensim2.tasks.library import load_strategies_beside, load_task_file
 

@@ -27,7 +27,7 @@ from gensim2.design.designing import offline_designer
 from gensim2.design.designs import Design, read_design, write_design
 from gensim2.core.errors import InputError
 from gensim2.core.record_files import read_record
-from gensim2.rollout.mutated import CheckerResult, Mutation, WorldCount
+from gensim2.rollout.checker_result import CheckerResult, Mutation, WorldCount
 from gensim2.rollout.record import Episode
 from gensim2.tasks.library import load_strategies, load_task
 from gensim2.core.yaml_files import dump_yaml
