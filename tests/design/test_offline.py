@@ -284,6 +284,21 @@ def test_every_candidate_is_a_valid_config(joint_type: Literal["revolute", "pris
     assert any("team" in candidate.provenance for candidate in drawn)
 
 
+def test_the_motion_to_a_range_of_openness_ends_in_its_middle() -> None:
+    what = affordance("microwave")
+    task = spec(what, "half_open")
+    step = task.steps[0].model_copy(update={"done": (ArticulatedBetween(object="microwave", low=0.75, high=0.9),)})
+    candidates = OfflineDesigner().candidates(task.model_copy(update={"steps": (step,)}), brief(what), seed=0)
+    ends = {
+        motion[1]
+        for candidate in candidates
+        for config in candidate.strategies.values()
+        for motion in config["post_actuation_motions"]
+        if isinstance(motion, list) and str(motion[0]).endswith("_joint_to")
+    }
+    assert ends == {pytest.approx(0.825)}
+
+
 def test_the_hinge_itself_is_no_place_to_push() -> None:
     what = affordance("safe_rotate")
     candidates = OfflineDesigner().candidates(spec(what, "articulated_open"), brief(what), seed=0)

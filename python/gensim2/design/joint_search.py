@@ -17,7 +17,7 @@ from gensim2.design.affordance import Affordance
 from gensim2.design.manipulation import Axis, Direction, Manipulation, Motion
 
 #: Openness at which the commanded motion ends for each goal; beyond the joint limit, because a pushed part lags behind.
-OPENED, CLOSED_UP, HALFWAY = 1.05, -0.1, 0.5
+OPENED, CLOSED_UP = 1.05, -0.1
 
 _HALF = math.sqrt(0.5)
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -18,7 +18,7 @@ from gensim2.design.base import Brief, Candidate, CandidateResult, Declined
 from gensim2.design.drafting import ENDS, Family, chains, piece_ways
 from gensim2.design.manipulation import Manipulation
 from gensim2.objects.words import Goal, belongs
-from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen, RigidMoved
+from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen, Criterion, RigidMoved
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -127,11 +127,14 @@ class OfflineDesigner:
             step, thing = task.steps[0], brief.classes[goal[0]]
             if not thing.lever_arms:
                 raise Declined("the objects of the class share no keypoint on the moving part")
-            rules = skills.joint_ways(thing, "open" if OPENING[goal[1]] else "close", goal[1].startswith("half"))
+            end = _end(task.success[0])
+            rules = skills.joint_ways(
+                thing, "open" if OPENING[goal[1]] else "close", end if goal[1].startswith("half") else None
+            )
             teams = [_rules(step, rules), _rules(step, dict(reversed(rules.items())))]
             alone = [_rules(step, {name: data}) for name, data in rules.items()]
-            likely = joint_search.likely(thing, OPENING[goal[1]], _end(goal[1]))
-            drawn = _drawn(task, thing, goal[1], FIRST_DRAW, seed)
+            likely = joint_search.likely(thing, OPENING[goal[1]], end)
+            drawn = _drawn(task, thing, OPENING[goal[1]], end, FIRST_DRAW, seed)
             return [*teams, *alone, *(_candidate(task, each) for each in likely), *drawn]
         ways = {step.name: self._ways(task, step, brief) for step in task.steps}
         return _orders(ways)
@@ -155,7 +158,7 @@ class OfflineDesigner:
             for _ in range(REFINE_CHILDREN):
                 found.append(_candidate(task, joint_search.vary(manipulation, halfway, generator)))
         if round == 0:
-            every = list(joint_search.alignments(brief.classes[goal[0]], OPENING[goal[1]], _end(goal[1])))
+            every = list(joint_search.alignments(brief.classes[goal[0]], OPENING[goal[1]], _end(task.success[0])))
             found += [_candidate(task, each) for each in steering.draw(every, results, SECOND_DRAW, generator)]
         return list({str(each.steps): each for each in found if str(each.steps) not in seen}.values())
 
@@ -174,6 +177,9 @@ class OfflineDesigner:
                 return skills.places_in(thing, held)
         for criterion in step.done:
             if isinstance(criterion, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween):
+                if isinstance(criterion, ArticulatedBetween):
+                    opens = proposals.starts_below(task, criterion)
+                    return skills.joint_ways(thing, "open" if opens else "close", _end(criterion))
                 return piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
                     thing, "open" if isinstance(criterion, ArticulatedOpen) else "close"
                 )
@@ -185,14 +191,16 @@ def _rules(step: Step, rules: Strategies) -> Candidate:
     return Candidate(label, {step.name: rules}, {"rules": list(rules)})
 
 
-def _drawn(task: TaskSpec, thing: Affordance, goal: Goal, count: int, seed: int) -> list[Candidate]:
-    drawn = joint_search.sample(thing, OPENING[goal], _end(goal), count, seed, f"{task.name}/candidates")
+def _drawn(task: TaskSpec, thing: Affordance, opening: bool, end: float, count: int, seed: int) -> list[Candidate]:
+    drawn = joint_search.sample(thing, opening, end, count, seed, f"{task.name}/candidates")
     return [_candidate(task, manipulation) for manipulation in drawn]
 
 
-def _end(goal: Goal) -> float:
-    ends = {"articulated_open": joint_search.OPENED, "articulated_closed": joint_search.CLOSED_UP}
-    return ends.get(goal, joint_search.HALFWAY)
+def _end(criterion: Criterion) -> float:
+    """Return the openness at which the commanded motion to a joint goal ends."""
+    if isinstance(criterion, ArticulatedBetween):
+        return 0.5 * (criterion.low + criterion.high)
+    return joint_search.OPENED if isinstance(criterion, ArticulatedOpen) else joint_search.CLOSED_UP
 
 
 def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:

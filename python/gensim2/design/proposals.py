@@ -54,10 +54,14 @@ def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
     if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
         return task.objects[criterion.object].asset_class, criterion.type
     if isinstance(criterion, ArticulatedBetween):
-        thing = task.objects[criterion.object]
-        from_shut = (thing.randomization.openness_mean or 0.0) < criterion.low
-        return thing.asset_class, "half_open" if from_shut else "half_closed"
+        goal: Goal = "half_open" if starts_below(task, criterion) else "half_closed"
+        return task.objects[criterion.object].asset_class, goal
     return None
+
+
+def starts_below(task: TaskSpec, criterion: ArticulatedBetween) -> bool:
+    """Return whether the joint has to be opened to reach the range of ``criterion``, and not closed."""
+    return (task.objects[criterion.object].randomization.openness_mean or 0.0) < criterion.low
 
 
 def goal_of(task: TaskSpec) -> str:

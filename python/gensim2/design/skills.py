@@ -76,10 +76,12 @@ _DEPTHS = (0.02, 0.03)
 _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
 
 
-def joint_ways(thing: Affordance, way: Way, halfway: bool = False) -> Strategies:
-    """Return the library's strategies that move a joint to one limit, or halfway."""
+def joint_ways(thing: Affordance, way: Way, openness: float | None = None) -> Strategies:
+    """Return the library's strategies that move a joint to one limit, or, with ``openness``, only so far."""
     found = {name: shared_strategy(name) for name in _JOINTS[thing.joint_type or "revolute", way]}
-    return {f"{name}_halfway": stopping(data, 0.5) for name, data in found.items()} if halfway else found
+    if openness is None:
+        return found
+    return {f"{name}_halfway": stopping(data, openness) for name, data in found.items()}
 
 
 def stopping(strategy: dict[str, Any], openness: float) -> dict[str, Any]:
