@@ -286,7 +286,7 @@ def test_every_candidate_is_a_valid_config(joint_type: Literal["revolute", "pris
 
 def test_the_motion_to_a_range_of_openness_ends_in_its_middle() -> None:
     what = affordance("microwave")
-    task = spec(what, "half_open")
+    task = spec(what, "half_closed")
     step = task.steps[0].model_copy(update={"done": (ArticulatedBetween(object="microwave", low=0.75, high=0.9),)})
     candidates = OfflineDesigner().candidates(task.model_copy(update={"steps": (step,)}), brief(what), seed=0)
     ends = {

@@ -291,7 +291,7 @@ def test_the_page_shows_robot_cloud_next_actions_and_clocks() -> None:
         tool = PROFILE.model.forward_kinematics(q, PROFILE.tool_link)[:3, 3]
         assert page._next.points.shape == (2, 3), "the target that is no number is not drawn"
         np.testing.assert_allclose(page._next.points[0], tool, atol=1e-3)
-        for word in ("running: begun", "2.0 ms late", "left 40 ms", "cloud 31 ms", "3 N"):
+        for word in ("running: begun", "2.0 ms late", "left 40 ms", "ready 31 ms", "force 3 N"):
             assert word in page._said.content
         names = {name: handle for (_, handle), name in zip(page._links, page.shown, strict=True)}
         hand = PROFILE.model.forward_kinematics(q, "panda_hand")[:3, 3]

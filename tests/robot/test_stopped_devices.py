@@ -140,12 +140,12 @@ def test_a_process_that_is_stopped_at_the_end_does_not_hold_it_up(
     close = DeviceProcess.close
     begun = 0.0
 
-    def stopped(self: DeviceProcess) -> None:
+    def stopped(self: DeviceProcess) -> list[Any]:
         nonlocal begun
         begun = begun or time.monotonic()
         if self is started.get(device):
             os.kill(self.pid or 0, signal.SIGSTOP)
-        close(self)
+        return close(self)
 
     monkeypatch.setattr(DeviceProcess, "close", stopped)
     found = run("CloseBox", **{**RUN, "minutes": 0.01})

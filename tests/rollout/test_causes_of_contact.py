@@ -132,5 +132,5 @@ def test_a_ball_that_still_flies_when_it_is_judged() -> None:
     lane = HeadlessEnv(TAKE_BALL, assets="builtin")
     hover = {**_grasp((0.0, 0.0, 0.03)), "gripper": "open", "post_actuation_motions": []}
     episode = run(lane, _Tossed(ChainController(TAKE_BALL, {"grasp": hover}, lane.profile), lane), seed=1).episode
-    assert episode.cause is Cause.STILL_MOVING  # its horizontal position is right
+    assert episode.cause is Cause.GRASP_LOST  # its horizontal position is right, but not its height
     assert not episode.held

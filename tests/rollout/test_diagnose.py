@@ -193,9 +193,10 @@ def test_an_object_that_is_put_down_beside_its_goal() -> None:
 
 
 def test_an_object_that_rolls_out_again() -> None:
-    """It was over the drawer when the hand released it."""
-    rolled = {**OVER, "ball": (-0.1, 0.2, 0.02), "opening": 0.08}
-    episode = _put((0, THERE), (10, SHUT), (20, UP), (40, OVER), (41, {**OVER, "opening": 0.08}), (45, rolled))
+    """It was in the drawer when the hand released it."""
+    inside = {**OVER, "ball": (-0.1, 0.0, 0.05), "hand": (-0.1, 0.0, 0.05)}
+    rolled = {**inside, "ball": (-0.1, 0.2, 0.02), "opening": 0.08}
+    episode = _put((0, THERE), (10, SHUT), (20, UP), (40, inside), (41, {**inside, "opening": 0.08}), (45, rolled))
     assert episode.cause is Cause.GOAL_UNDONE
     assert episode.diagnosis["failing"] == ["distance_articulated_rigidbody"]
 

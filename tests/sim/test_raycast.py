@@ -202,7 +202,7 @@ def test_settings_are_for_rays_and_states_are_of_the_scene() -> None:
     scene = RaycastScene(robot("panda"), models(lane), [camera()])
     with pytest.raises(InputError, match="env_states/articulations/drawer"):
         scene.poses({"articulations": {"panda": states(lane)["articulations"]["panda"]}})
-    with pytest.raises(InputError, match=r"must be \(T, 31\)"):
+    with pytest.raises(InputError, match=r"must have the shape \(T, 31\)"):
         scene.poses({"articulations": {"panda": np.zeros((2, 30)), "drawer": np.zeros((2, 15))}})
 
 

@@ -66,9 +66,10 @@ def contents_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict
 
 
 def _is_inside(container: Model, pose: Array, point: Array) -> bool:
-    if not np.isfinite(point).all():
+    hulls = container.hulls.get(measured_link(container), ())
+    if not hulls or not np.isfinite(point).all():
         return False
     T_link_world: Array = np.linalg.inv(pose).astype(np.float64)
     measured = list(container.keypoints.values())[-1].position
-    box = inner_box(container.hulls[measured_link(container)], np.asarray(measured), T_link_world[:3, 2])
+    box = inner_box(hulls, np.asarray(measured), T_link_world[:3, 2])
     return box is not None and box.contains(T_link_world[:3, :3] @ point + T_link_world[:3, 3])

@@ -90,7 +90,7 @@ PROGRAMS: dict[str, tuple[str, str, int]] = {
         + "        a = [1, 2]\n"
         + "        a = [a, a, a, a, a, a, a, a, a, a]\n" * 20
         + "        self.step('a', self.thing, done=a)\n",
-        "holds more than 100000 values",
+        "contains more than 100000 values",
         0,
     ),
     "a list in a list in a list": (
@@ -100,7 +100,7 @@ PROGRAMS: dict[str, tuple[str, str, int]] = {
     ),
     "a long text many times": (
         HEAD + f"        a = '{'x' * 90_000}'\n" + "        self.goal(a, a, a, a, a)\n" * 10,
-        "holds more than 100000 values",
+        "contains more than 100000 values",
         0,
     ),
     "a long name": (HEAD + f"        self.step({'a' * 90_000}=1)\n", "TypeError: Task.step() got", LINE),

@@ -21,7 +21,7 @@ def test_the_interval_of_a_difference_is_newcombes() -> None:
     gap, (low, high) = difference(Rate(56, 70), Rate(48, 80))  # Newcombe 1998, table II, example (a), method 10
     assert gap == pytest.approx(0.2)
     assert (low, high) == pytest.approx((0.0524, 0.3339), abs=1e-4)
-    with pytest.raises(ValueError, match="without episodes"):
+    with pytest.raises(ValueError, match="has no episodes"):
         difference(Rate(1, 2), Rate(0, 0))
 
 

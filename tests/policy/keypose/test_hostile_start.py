@@ -53,7 +53,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a pipe for plans": (lambda f: _pipe(f, SHARD), "is a pipe"),
     "a pipe for the record": (lambda f: _pipe(f, RECORD), "is a pipe"),
     "a strategy of no step": (lambda f: _shard(f, way=np.full(32, 7, np.int16)), "strategy 7"),
-    "arrays of other lengths": (lambda f: _shard(f, step=np.zeros(3, np.int16)), "step has the shape (3,)"),
+    "arrays of other lengths": (lambda f: _shard(f, step=np.zeros(3, np.int16)), "the array 'step' has the shape (3,)"),
     "pickled": (lambda f: _shard(f, joints=np.array([{}] * 32, dtype=object)), "is damaged"),
     "not finite": (lambda f: _shard(f, joints=np.full((32, 9), np.nan, np.float32)), "NaN or infinity"),
     "no counts": (lambda f: _shard(f, about=np.array("[]")), "about"),
