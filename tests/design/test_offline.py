@@ -296,7 +296,7 @@ def test_the_motion_to_a_range_of_openness_ends_in_its_middle() -> None:
         for motion in config["post_actuation_motions"]
         if isinstance(motion, list) and str(motion[0]).endswith("_joint_to")
     }
-    assert ends == {pytest.approx(0.825)}
+    assert list(ends) == [pytest.approx(0.825)]
 
 
 def test_the_hinge_itself_is_no_place_to_push() -> None:
