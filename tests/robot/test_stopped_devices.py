@@ -33,8 +33,10 @@ from gensim2_robot.processes import ENDING, KILLED, DeviceProcess
 from gensim2_robot.run import run
 from gensim2_robot.watch import WatchRules
 
-SLOW = WatchRules(2.0, 2.0, 2.0, 60.0, 10**6, 2.0, 10.0, overrun=60.0)
-"""Rules for a busy machine: stopped processes are noticed after two seconds."""
+SLOW = WatchRules(2.0, 2.0, 4.0, 60.0, 10**6, 2.0, 10.0, overrun=60.0)
+"""Rules for a busy machine: a stopped arm or camera is noticed after two seconds. A stopped controller is noticed after
+four seconds, because a planner that waits for a stopped arm gives no action either.
+"""
 RUN: dict[str, Any] = {"assets": "builtin", "pixels": (64, 48), "minutes": 1.0, "speed": 0.3, "rules": SLOW}
 WORDS = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin", "--real-time", "--no-log", "--pixels", "64x48"]
 SHUTDOWN = 3 * (ENDING + KILLED)
