@@ -104,12 +104,15 @@ class _Film:
         self.times: list[float] = []
         self._cameras: tuple[CameraRecord, ...] = ()
         self._seen: set[str] = set()
+        self._final = ""  # state of the watchdog at the end of the log
         self._last = ""  # name of the camera whose image is the last one of a video frame
 
     def look(self, message: AnyMessage) -> None:
         """Process a message in the first pass over the log, which collects times, states and cameras."""
         if isinstance(message, About):
             self._cameras = tuple(message.cameras)
+        elif isinstance(message, WatchMessage):
+            self._final = _said(message)
         elif isinstance(message, PictureMessage):
             if not self._last:
                 self._seen.add(message.camera)
@@ -125,11 +128,13 @@ class _Film:
         due = next(rest)
         for _, message in messages(folder):
             if isinstance(message, WatchMessage):
-                watch = f"{message.state}: {message.reason}"
+                watch = _said(message)
             elif isinstance(message, PictureMessage):
                 pictures[message.camera] = message.colors
                 if message.captured == due and message.camera == self._last:
-                    yield self._frame(pictures, due - self.times[0], watch)
+                    # A run ends after its last picture, so the last frame shows the state at the end.
+                    said = self._final if due == self.times[-1] else watch
+                    yield self._frame(pictures, due - self.times[0], said)
                     due = next(rest, np.inf)
 
     def _frame(self, pictures: Mapping[str, Frame], time: float, watch: str) -> Frame:
@@ -143,6 +148,10 @@ class _Film:
             columns.append(np.concatenate([_line(camera.name, wide), resized]))
         row = np.concatenate(columns, axis=1)
         return np.concatenate([row, _line(f"{time:.1f} s  {watch}", row.shape[1])])
+
+
+def _said(message: WatchMessage) -> str:
+    return f"{message.state}: {message.reason}"
 
 
 def _line(text: str, width: int) -> Frame:

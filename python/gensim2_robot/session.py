@@ -260,10 +260,8 @@ class Session:
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
-        # At lower speed control steps take longer, so the task's time limit is longer, too.
-        most = self._given.spec.max_seconds * self._devices.arm.profile.control_hz / line.pace
         # The time limit includes the time in which the scene settles, as in a simulated rollout.
-        most -= MAX_SETTLE_SECONDS if goal_ends else 0.0
+        most = self._episode_limit - (MAX_SETTLE_SECONDS if goal_ends else 0.0)
         while True:
             self._cycle()
             now = clock.now()
@@ -286,7 +284,7 @@ class Session:
                 held_since = None
                 continue
             if now - self._held_s > end:
-                line.watch.rest(now)
+                line.watch.rest(now, f"the time limit of the run ended episode {len(self._outcomes) + 1} early")
                 self._stand()
                 return True
         result = Ended(stage.goal, over, clock.now() - begun, stage.at_rest, lost)
@@ -298,6 +296,11 @@ class Session:
         self._stand()  # the arm must be at rest, because the callback may wait for a person
         ended(result)
         return clock.now() - self._held_s > end
+
+    @property
+    def _episode_limit(self) -> float:
+        """Time limit of an episode, s. At lower speed control steps take longer, so the limit is longer, too."""
+        return self._given.spec.max_seconds * self._devices.arm.profile.control_hz / self._line.pace
 
     def _settle(self) -> float | None:
         """Keep the arm in place until the scene settles. Return the duration (s) of holds in this time, or None if a
@@ -408,6 +411,7 @@ class Session:
             "limits_passed": self._clips_passed,
             "clips": dict(self._line.arm.clips),
             "episodes": len(self._outcomes),
+            "episode_limit_s": self._episode_limit,
             "success": float(np.mean(judged)) if judged else None,
             "seconds": 0.0 if self._begun is None else self._devices.clock.now() - self._begun,
         }
@@ -449,6 +453,7 @@ def result(
         "refused": dict(figures.refused),
         "late_actions": figures.late_actions,
         "episodes": 0,
+        "episode_limit_s": None,
         "success": None,
         "seconds": 0.0,
         "interrupted": [signal.Signals(number).name for number in interrupted],

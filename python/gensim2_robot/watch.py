@@ -125,9 +125,9 @@ class Watch:
         self._require(State.ARMED)
         self._change(now, State.RUNNING, "begun")
 
-    def rest(self, now: float) -> None:
+    def rest(self, now: float, reason: str = "episode over") -> None:
         self._require(State.ARMED, State.RUNNING)
-        self._change(now, State.IDLE, "episode over")
+        self._change(now, State.IDLE, reason)
 
     def hold(self, now: float, reason: str) -> None:
         """Enter the state ``holding``, in which the arm comes to rest and stays there. A stopped arm stays stopped."""

@@ -56,7 +56,9 @@ def test_a_run_by_a_simulated_clock_says_what_came_of_it(tmp_path: Path, capfd: 
     assert "contains no log" in capfd.readouterr().err
 
 
-def test_a_dry_run_moves_nothing(tmp_path: Path) -> None:
+def test_a_dry_run_moves_nothing_and_says_why_it_finished_no_episode(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "out.json"
     words = ["--simulated-clock", "--minutes", "0.05", "--pixels", "64x48", "--json", str(out), "--no-log"]
     assert cli.run(["robot", "dry-run", *RUN[2:], *words]) == 0
@@ -65,6 +67,10 @@ def test_a_dry_run_moves_nothing(tmp_path: Path) -> None:
     assert found["log"] is None
     assert found["seconds"] > 2.0
     assert not found["success"]
+    assert (found["state"], found["reason"]) == ("idle", "the time limit of the run ended episode 1 early")
+    said = capfd.readouterr().out
+    assert "no episode was finished in 3 s of simulated time: at speed 0.1 an episode may take up to 200 s" in said
+    assert "give more --minutes or a higher --speed" in said
 
 
 def test_the_check_names_what_it_looked_at(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ SECONDS = 2.0
 PANDA = robot("panda")
 
 
-def _log(folder: Path, *, pictures: bool = True) -> Path:
+def _log(folder: Path, *, pictures: bool = True, ends: bool = False) -> Path:
     """A log of two seconds: an arm at rest, cameras whose pictures become brighter, one cloud."""
     (first, *_) = simulated_cameras(PANDA, 320, 240)
     cameras = [CameraRecord.of(replace(first, name=name)) for name in NAMES]
@@ -45,6 +45,8 @@ def _log(folder: Path, *, pictures: bool = True) -> Path:
         for name in NAMES if pictures else ():
             colors = np.full((240, 320, 3), 10 * number, np.uint8)
             log.frame(CameraFrame(name, number, time, np.zeros((240, 320), np.uint16), colors))
+    if ends:
+        log.change(SECONDS + 0.01, "idle", "episode over")
     log.close()
     assert log.trouble is None
     return folder
@@ -61,6 +63,14 @@ def test_the_film_shows_all_cameras_and_the_still_three_moments(tmp_path: Path) 
     assert still.shape == (3 * 288, 960, 3)
     middles = [int(still[288 * row + 150, 480, 0]) for row in range(3)]
     assert middles == [0, 100, 200]
+
+
+def test_the_last_picture_names_the_state_at_the_end(tmp_path: Path) -> None:
+    stills = []
+    for ends in (False, True):
+        export(_log(tmp_path / f"log{ends}", ends=ends), tmp_path / f"out{ends}")
+        stills.append(imageio.imread(tmp_path / f"out{ends}" / STILL).reshape(3, 288, 960, -1))
+    assert [(before == after).all() for before, after in zip(*stills, strict=True)] == [True, True, False]
 
 
 def test_foxglove_finds_what_the_layout_shows(tmp_path: Path) -> None:

@@ -204,7 +204,13 @@ def _show(result: dict[str, Any]) -> None:
     success = "" if result["success"] is None else f", {result['success']:.2f} held"
     passed = result["limits_passed"]
     exceeded = "no command exceeded a limit" if passed == 0 else f"{passed} commands exceeded a limit"
-    line(f"{result['episodes']} episodes{success}; {exceeded}")
+    line(f"{result['episodes']} {'episode' if result['episodes'] == 1 else 'episodes'}{success}; {exceeded}")
+    if result["state"] == "idle" and result["episodes"] == 0 and result["episode_limit_s"] is not None:
+        clock = "simulated time" if result["scheduling"] == "simulated" else "real time"
+        line(
+            f"no episode was finished in {result['seconds']:.0f} s of {clock}: at speed {result['speed']:g} an episode "
+            f"may take up to {result['episode_limit_s']:.0f} s; give more --minutes or a higher --speed"
+        )
     heads = ("ms", "median", "99th percentile", "worst")
     names = {
         "periods_ms": "period",

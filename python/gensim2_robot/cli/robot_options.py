@@ -94,7 +94,8 @@ class Minutes:
     """Options of commands that repeat episodes.
 
     Attributes:
-        minutes: Time for which episodes are repeated, in minutes.
+        minutes: Time limit of the run in minutes of the arm's clock, which is simulated time for a simulated arm
+            without --real-time. An episode that is not finished by then is not counted.
     """
 
     minutes: Annotated[float, Real(0.0, 1e4, min_open=True)] = 1.0
