@@ -1,6 +1,6 @@
 """Turn articulated objects into verified manipulation tasks, demonstrations and policies.
 
-The most common functions are here and are imported on first use, so ``import gensim2`` itself is fast.
+This module has the most common functions. Each is imported on first use, so ``import gensim2`` itself is fast.
 
     library = gensim2.open_library("builtin")     # objects: gensim2.objects
     task = gensim2.load_task("OpenDrawer")        # tasks and strategies: gensim2.tasks

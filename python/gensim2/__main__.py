@@ -1,4 +1,4 @@
-"""Run the command line: ``python -m gensim2`` is ``gensim2``."""
+"""Run the command line, so that ``python -m gensim2`` does the same as ``gensim2``."""
 
 from gensim2.cli.main import main
 

@@ -31,9 +31,10 @@ FINGERS_OPEN = 0.04
 
 @dataclass(frozen=True)
 class MotionProblem:
-    """Planning problem: move from one joint vector to any of several others, among obstacles in the base frame.
+    """Planning problem: move from one joint vector to any of several goals without touching the obstacles.
 
-    ``start`` and each of ``goals`` are (m,), the positions of the arm's joints from base to hand.
+    ``start`` and each of ``goals`` are (m,), the positions of the arm's joints from base to hand. ``obstacles`` are
+    given in the robot's base frame.
     """
 
     id: str
@@ -139,7 +140,7 @@ def solve_motions(
     - ``duration``: duration of the motion, s.
     - ``length``: length of the path in joint space, rad.
     - ``nearer``: pairs of bodies that are closer than ``margin`` at the start or at the goal, each with its distance in
-      m. The planner requires only this smaller distance for them.
+      m. For such a pair the planner requires only this smaller distance.
     - ``checks``: number of collision checks.
     - ``samples``: joint positions every 5 ms, rad.
 

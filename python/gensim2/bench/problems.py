@@ -167,7 +167,7 @@ class PlanProblem(_Record):
         }
 
     def check_times(self) -> None:
-        """Raise ValueError if the keyframe times do not fit the motions."""
+        """Raise ValueError if the keyframe times do not increase, or if a motion has no time."""
         for kind, times in (("pre", self.pre_actuation_times), ("post", self.post_actuation_times)):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):
@@ -222,7 +222,7 @@ def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
 
 
 def read_problems(path: Path) -> list[PlanProblem]:
-    """Read a problem file in order; blank lines are skipped.
+    """Read all problems of a file, in the order of the lines; blank lines are skipped.
 
     Raises:
         InputError: the file is missing, unreadable or empty, or has an invalid line or a repeated id.

@@ -28,7 +28,7 @@ SAME_PLACE = 1e-9  # vertices closer than this are merged (units of the file)
 
 @dataclass(frozen=True)
 class Parts:
-    """Connected parts of one mesh file: vertices (N, 3) each, in the file's units."""
+    """Connected parts of one mesh file. The vertices (N, 3) of each part are in the file's units."""
 
     vertices: tuple[Array, ...]
 
@@ -148,7 +148,7 @@ def _pose(rotation: Rotation, position: Array | list[float]) -> Array:
 
 
 def _scaled(T: Array, scale: float) -> Array:
-    """Return a pose with its translation multiplied by ``scale``, from units of a model to metres."""
+    """Return a pose with its translation multiplied by ``scale``, which converts units of a model to metres."""
     pose = T.copy()
     pose[:3, 3] *= scale
     return pose

@@ -32,7 +32,7 @@ SHORTEST_SAMPLE_DT = 0.001
 
 @dataclass(frozen=True)
 class BenchSummary:
-    """Summary of all problems. Times are medians over the problems, CPU time in ms.
+    """Summary of all problems. Each time is the median CPU time over the problems, in ms.
 
     ``peak_memory_mb`` is the peak memory of the process, including scenes and output.
     """
@@ -56,8 +56,8 @@ def _listed(value: Any) -> Any:
 
 
 def _clearance(question: kpam.KeypointProblem, plan: kpam.Plan) -> dict[str, float | None]:
-    """Return the smallest signed distances (m) along a motion between those pairs of bodies that the planner checks.
-    None: there is no motion, or no such pair.
+    """Return the smallest signed distances (m) along a motion. Only pairs of bodies that the planner checks are
+    measured. A distance is None if there is no motion or no such pair.
     """
     found = kpam.min_clearance(question, plan, CLEARANCE_STEP)
     values: dict[str, float | None] = {"self": None, "table": None, "object": None}

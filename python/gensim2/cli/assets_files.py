@@ -147,9 +147,10 @@ def import_(
     Args:
         asset_class: Class of the new object.
         name: Id of the new object.
-        joint: Joint that stays movable.  [default: the only one of the class's joint type]
+        joint: Joint that stays movable.  [default: the only joint that has the class's joint type]
         scale: Length in metres of one unit of the model.
-        up: Axis of the model that points up. With z the front faces -x, with y it faces z. A USD file states its axis.
+        up: Axis of the model that points up. The model's front must face -x if z points up, and z if y points up. A USD
+            file states its axis.
         keypoints: Position of a keypoint such as head or tail in the frame of the moving link, in units of the model,
             or a YAML file of positions by name; may be given again.  [default: proposed from the geometry]
         license: Licence of the model.
@@ -191,7 +192,7 @@ def import_(
 
 
 def _positions(given: tuple[str, ...]) -> dict[str, list[float]]:
-    """Read the values of ``--keypoint``. A value is a position, or a file with several positions. Return the positions
+    """Read the values of ``--keypoint``, each a position or a file with several positions. Return the positions, keyed
     by the name of the keypoint.
 
     Raises:

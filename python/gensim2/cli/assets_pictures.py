@@ -37,7 +37,7 @@ def render(
     A single articulated object is rendered at openness 0, 0.5 and 1, and a single rigid object from three sides, with
     the names of its keypoints. Several objects appear on one sheet with one picture each. WHICH selects objects of the
     class: an id, train, test, new, all or random. The first selected object is rendered; without WHICH, the first
-        object of the class.
+    object of the class.
 
     Args:
         out: Image file to write.
@@ -76,7 +76,7 @@ def gallery(
     """Write a page with pictures of every object.
 
     The page shows every object from several directions around it. Articulated objects are also shown at openness 0, 0.5
-    and 1. Existing pictures of unchanged objects are reused. After Ctrl-C, the same command continues.
+    and 1. Existing pictures of unchanged objects are reused. After Ctrl-C, run the same command again to continue.
 
     Args:
         where: Folder of objects, or 'builtin'; can be repeated.  [default: builtin, and $GENSIM2_ASSETS if set]

@@ -22,7 +22,7 @@ def _json_lines(result: dict[str, Any]) -> str:
 
 
 def _show_summary(**rows: tuple[str, str]) -> Callable[[dict[str, Any]], None]:
-    """Return a function that prints fields of a summary. A keyword is the name of a field; its value is the pair of
+    """Return a function that prints fields of a summary. Each keyword argument names a field and gives the field's
     label and format.
     """
 
@@ -179,7 +179,9 @@ def policy(
 
 
 def _refuse_beside_a_checkpoint(context: click.Context) -> None:
-    """Refuse options that cannot be combined with a trained policy, which determines network and device."""
+    """Refuse options that cannot be combined with ``--checkpoint``, because the trained policy determines these
+    settings.
+    """
     for param in context.command.params:
         fits = param.name in ("checkpoint", "decisions", "threads", "assets", "library", "json_file")
         if not fits and is_given(context, param.name or ""):

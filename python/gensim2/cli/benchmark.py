@@ -115,8 +115,8 @@ def benchmark(
         episodes: Number of episodes of each task in each run.
         attempts: Maximum number of attempts in an episode. Each attempt starts from the same state with another
             strategy first and another solver seed, until one attempt succeeds.
-        disturbance: At a random moment of each episode, push the object to be grasped 3 cm aside, or open the gripper
-            that holds it. Tasks without an object to grasp are skipped.
+        disturbance: At a random moment of each episode, push moves the object to be grasped 3 cm aside, and drop opens
+            the gripper that holds the object. Tasks without an object to grasp are skipped.
         method: chain uses several strategies for each step and replans after a deviation. one-plan is the paper's
             method with our solver: every step is planned once, at its start, with its first strategy.
         engines: both runs the same scenes in the other physics engine, too, and compares the success rates.

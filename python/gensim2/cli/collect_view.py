@@ -19,7 +19,7 @@ LINE_SECONDS = 30.0
 
 
 class CollectionView(NullProgress):
-    """Context manager that shows a collection on standard error; the last table stays on the screen."""
+    """Context manager that shows the progress of a collection on standard error; the last table stays on the screen."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         from rich.console import Console

@@ -25,9 +25,9 @@ class Designing:
 
     Attributes:
         mode: explore designs single-step tasks; topdown decomposes long tasks into steps; bottomup combines verified
-            tasks into long tasks; free designs whole tasks with several objects, held tools and all criteria.
-            [default: explore; offline designer: all tasks]
-        trials: Number of configs of a step to request at once.  [default: 3]
+            tasks into long tasks; free designs whole tasks, which may use several objects, grasped tools and all types
+            of success criteria.  [default: explore; offline designer: all tasks]
+        trials: Number of alternative configs to request at once for a step.  [default: 3]
         max_rounds: Maximum number of answers to a request, and of rounds that improve configs after simulation.
             [default: 3]
         visual: Send pictures of the object and of the actuation pose to the model.

@@ -17,8 +17,8 @@ class Learning:
     """Options of training.
 
     Attributes:
-        policy: Type of policy. keypose predicts hand poses, the planner moves between them, and it learns from plans.
-            The other types predict chunks of actions and learn from episodes.
+        policy: Type of policy. keypose predicts hand poses, between which the planner moves the hand; it learns from
+            plans. The other types predict chunks of actions and learn from episodes.
         minutes: CPU minutes for data and training of each policy. If a GPU is used, training time is measured as
             wall-clock time. Evaluation is not limited.
         multi_task: Train one policy for all TASKS; an instruction selects the task.
@@ -35,9 +35,10 @@ class Learning:
         start: Multi-task keypose policy to start from: a policy of learn, or builtin. TASKS are added to its tasks, and
             all tasks are evaluated.
         demonstrations: Earlier run of learn for another policy type with the same TASKS, objects and seed. Its
-            demonstrations are reused, and more are made if their share of --minutes is not used up.
+            demonstrations are reused, and more demonstrations are made if the share of --minutes for demonstrations is
+            not used up.
         text: Text encoder of a multi-task policy: small is trained with the policy, clip is CLIP's, sentence is a
-            sentence model's.  [default: that of --from, else small]
+            sentence model's.  [default: the encoder of --from, else small]
         text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP's on the hub]
         settings: YAML settings of network and training that differ from the defaults, such as encoder: pointnext.
         test_instances: Objects for the evaluation.  [default: test if the policy, or the policy of --from, was trained

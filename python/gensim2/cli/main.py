@@ -70,7 +70,9 @@ class LazyGroup(click.Group):
     """A group of commands that are imported individually on use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of ``COMMANDS``, then those of other installed distributions."""
+        """Return the names of the commands in the order of ``COMMANDS``, then the names of commands from other
+        installed distributions.
+        """
         return [*COMMANDS, *sorted(entry_points(group=COMMAND_GROUP).names - set(COMMANDS))]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
@@ -201,8 +203,8 @@ def _fail(text: str, code: int) -> int:
 
 
 def _drop_unwritten_output() -> bool:
-    """Return whether standard output can no longer be written. If so, redirect it, so that Python's flush at exit
-    raises no second error.
+    """Return whether writing to standard output fails. If it fails, redirect standard output to the null device, so
+    that Python's flush at exit raises no second error.
     """
     try:
         sys.stdout.flush()

@@ -90,7 +90,7 @@ class Shared:
         ray: Run on Ray (extra gensim2[ray]), on this machine or on a cluster whose nodes all have --out at the same
             path. --workers is then the maximum number of simultaneous environments.  [default of --workers: one for
             each CPU]
-        redraw: placement samples overlapping object placements again; none uses the first placement.  [default:
+        redraw: placement samples the placements again if objects overlap; none uses the first placements.  [default:
             placement; with --physics original: none]
         resume: Continue the run in --out.
         robot: Robot: panda, fr3, fetch, or a Python file that registers your own robot.
@@ -140,7 +140,7 @@ class Ending:
     """Result of a command whose exit code is not 0.
 
     Attributes:
-        result: document, which is shown and written as usual.
+        result: result of the command, which is shown and written as usual.
         error: exception that then ends the command.
     """
 
@@ -171,9 +171,10 @@ def command(
     Args:
         shared: options that the command has in common with others: names of attributes of :class:`Shared`, or classes
             of options. The function receives their values as keyword arguments.
-        name: name of the command; None: the function's.
-        show: prints the function's result, a dictionary or :class:`Ending`. The command then has ``--json``.
-        text: formats the result for the file of ``--json``.
+        name: name of the command; None: the function's name.
+        show: function that prints the command's result (a dictionary or :class:`Ending`). A command with ``show`` also
+            has the option ``--json``.
+        text: function that formats the result for the file of ``--json``.
         beside: additional options.
     """
 

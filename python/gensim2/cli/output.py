@@ -39,8 +39,8 @@ def report(
 
     Args:
         json_file: value of ``--json``: ``None``, ``"-"`` or a file.
-        show: prints the result as text.
-        text: formats the result for the file.
+        show: function that prints the result as text.
+        text: function that formats the result for the file.
 
     Raises:
         InputError: the file cannot be written to.
@@ -90,7 +90,9 @@ def line(text: str) -> None:
 
 
 def show_engines(name: str, episodes: int, result: dict[str, Any]) -> None:
-    """Print the success rates of a task's episodes in both engines; print nothing if they ran in one engine."""
+    """Print the success rates of a task's episodes in both engines; print nothing if the episodes ran in only one
+    engine.
+    """
     if "engines" not in result:
         return
     rates = ", ".join(f"{count} in {engine}" for engine, count in result["engines"].items())
@@ -114,7 +116,7 @@ def console() -> Console:
 
 @contextlib.contextmanager
 def _said_of_json(json_file: str) -> Iterator[None]:
-    """Add the option's name ``--json`` to error messages about the file."""
+    """Add the name of the option ``--json`` to error messages about the option's output file."""
     try:
         yield
     except InputError as error:

@@ -41,7 +41,7 @@ def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None
 
 
 def show_tasks(result: dict[str, Any]) -> None:
-    """Print the table of a run's tasks, the rejected ones, and what to do if none was kept."""
+    """Print the table of a run's tasks, the rejected tasks, and advice if no task was kept."""
     rows = [
         (
             task["name"],

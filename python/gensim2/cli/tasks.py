@@ -95,7 +95,7 @@ def _show_figures(figures: dict[str, Any]) -> None:
 
 
 def show_remembered(result: dict[str, Any]) -> None:
-    """Print which tasks were added to the library, and why others were not."""
+    """Print which tasks were added to the library, and why other tasks were not added."""
     for name, why in result["left_out"].items():
         line(f"left out {name}: {why}")
     if not result["added"] and not result["left_out"]:

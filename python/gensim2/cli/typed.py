@@ -60,7 +60,7 @@ Tasks = Annotated[tuple[str, ...], Option("--task", "NAME")]
 
 
 def summary(source: Any) -> str:
-    """Return a docstring without its sections."""
+    """Return the text of a docstring that precedes its sections (``Args``, ``Raises`` and so on)."""
     return _SECTION.split(inspect.getdoc(source) or "")[0]
 
 

@@ -153,7 +153,7 @@ class NotRunError(GenSim2Error):
 
     Args:
         what: name of the jobs, for example ``"OpenDrawer: demonstrations"``.
-        reasons: reason of each failed job's last failure, by job index.
+        reasons: for each failed job, by job index, the reason why its last attempt failed.
         log: file with the log of all attempts.
     """
 

@@ -54,9 +54,10 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; the file written there replaces ``path`` when the block ends.
 
-    The data is on disk before the file is renamed, and the new name is on disk before this returns. So a reader, a
-    crash or a power cut sees either the old file or the new one. If the block fails, ``path`` is unchanged. The
-    temporary path has the suffix of ``path``, because some libraries choose the file format by the suffix.
+    The data is on disk before the file is renamed, and the new name is on disk before the ``with`` statement ends.
+    Therefore ``path`` is always either the old file or the new file, even after a crash or a power cut. If the block
+    fails, ``path`` is unchanged. The temporary path has the suffix of ``path``, because some libraries choose the file
+    format by the suffix.
 
     A symbolic link at ``path`` is replaced and never followed, because its target may lie outside an untrusted folder.
 

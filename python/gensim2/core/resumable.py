@@ -168,7 +168,7 @@ class ResumableFolder(Generic[Settings]):
         holds: description of the folder's content for error messages, for example ``"a run"``.
         resume: continue a folder that has the marker.
         lock: name of the lock file; None: the caller has locked an outer folder.
-        alone: whether to refuse a folder that contains files of another kind (files, but no marker).
+        alone: whether to refuse a folder that contains files but no marker.
 
     Attributes:
         path: the folder.

@@ -55,8 +55,8 @@ class Seal:
         """Check a file and return its SHA-256 digest and its content (header and body).
 
         Raises:
-            InputError: the file cannot be read, or an incompatible gensim2 wrote it. If the bytes have changed, the
-                exception class is ``damaged``.
+            InputError: the file cannot be read, or an incompatible version of gensim2 wrote it. If the bytes have
+                changed, the exception class is ``damaged``.
         """
         content = read_input(path, MAX_BYTES, self.remedy)
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")

@@ -89,7 +89,8 @@ def collect(
         objects: use this many generated objects of each articulated class instead of ``instances``. These objects are
             neither built-in objects nor the objects that ``instances="new"`` selects. None: use ``instances``.
         engines: ``"both"`` runs each episode in the other physics engine, too, on the same scene. An episode counts as
-            a demonstration only if it holds in both engines. The states are those of the first engine.
+            a demonstration only if it passes the verdict `held` in both engines. The recorded states come from the
+            first engine.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.
         listener: receives the status of all tasks.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.

@@ -74,8 +74,8 @@ class DataSet:
 
     @cached_property
     def scene(self) -> SceneOptions:
-        """Return the scene options that all tasks share. ``assets`` is the folder in which the objects are now, which
-        may differ from the recorded folder.
+        """Return the scene options that all tasks share. ``assets`` is the current folder of the objects, which may
+        differ from the recorded folder.
 
         Raises:
             InputError: the folder of objects does not exist.

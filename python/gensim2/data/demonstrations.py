@@ -62,11 +62,12 @@ def collect(
 ) -> Collected:
     """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
 
-    If ``evaluator.rollout.engines`` is ``"both"``, an episode succeeds only if it holds in both engines.
+    If ``evaluator.rollout.engines`` is ``"both"``, an episode counts as successful only if it passes the verdict `held`
+    in both engines.
 
-    Each episode is written as soon as it is finished. Of a failed episode only the record is written, without states. A
-    second call records missing and damaged episodes again. The result depends on the seed only: the collection ends at
-    the first index at which enough episodes have succeeded.
+    Each episode is written as soon as it is finished. For a failed episode only the record is written, without states.
+    A second call runs episodes again whose files are missing or damaged. The result depends on the seed only: the
+    collection ends at the first index at which enough episodes have succeeded.
 
     Args:
         instances: name of the set of objects.

@@ -46,7 +46,7 @@ PICTURE_ALONE = ObservationSpec(modalities=())
 
 
 def film_again(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
-    """Run an episode again and record a video, also of a failed episode. Worker processes call this function.
+    """Run an episode again and record a video, even if the episode fails. Worker processes call this function.
 
     Args:
         config: configuration of the episode.

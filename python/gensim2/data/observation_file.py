@@ -140,7 +140,7 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
 
 
 def frame_arrays(path: Path, frames: int) -> list[str]:
-    """Return the names of those arrays of a file that have one row per frame. They become columns of
+    """Return the names of a file's arrays that have one row per frame. These arrays become columns of
     :class:`~gensim2.data.DataSet` frames.
 
     Args:

@@ -32,8 +32,9 @@ class TaskQuality:
 
     Attributes:
         name, sentence: name and instruction of the task.
-        tried: number of episodes. held, strict: number of episodes that pass the verdict of this name; `held` means
-            success. whole: number of held episodes without partial motions.
+        tried: number of episodes.
+        held, strict: number of episodes that pass the verdict of this name; `held` means success.
+        whole: number of successful episodes without partial motions.
         causes: number of failed episodes by cause.
         places: for each episode, x, y (m) and yaw (rad) of the first step's object, and whether the episode succeeded.
         openness: initial openness of the first step's object in successful episodes; empty if the object has no joint.

@@ -49,8 +49,8 @@ class TaskRecord(_Record):
         instances: name of the set of objects.
         objects: number of generated objects of each articulated class that replace ``instances``; None uses
             ``instances``.
-        tried, held, strict: number of all episodes, of those that pass `held` (success), and of those that pass
-            `strict`; None until all episodes are finished.
+        tried, held, strict: number of all episodes, number of successful episodes (verdict `held`), and number of
+            episodes that pass `strict`; None until all episodes are finished.
         causes: number of failed episodes by cause.
     """
 
@@ -103,7 +103,7 @@ class DatasetRecord(RunSettings):
         return self
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences between this record and ``now`` because of which the run cannot be resumed. Additional
+        """Yield the differences between this record and ``now`` that make it impossible to resume the run. Additional
         episodes and tasks are allowed.
         """
         for name in ("arguments", "versions", "seed", "keep_failures"):

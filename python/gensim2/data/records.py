@@ -74,7 +74,9 @@ class RunRecord(RunSettings):
     effort: dict[str, Effort] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences that would change results; the number of tasks and episodes may grow."""
+        """Yield the differences between this record and ``now`` that would change results; the number of tasks and
+        episodes may grow.
+        """
         was, given = ({name: each.arguments.get(name) for name in FIXED_ARGUMENTS} for each in (self, now))
         yield from differing("arguments", was, given)
         yield from differing("identity", self.identity, now.identity)

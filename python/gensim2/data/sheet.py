@@ -70,7 +70,7 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
 
 
 def picture(observation: ObservedEpisode, step: int) -> Frame | None:
-    """Return an image (H, W, 3) of one time step: a camera's image or a drawing of the point cloud; or None.
+    """Return an image (H, W, 3) of one time step: a camera's image, else a drawing of the point cloud, else None.
 
     The right camera is preferred, because it sees the side of the object that the robot acts on.
     """

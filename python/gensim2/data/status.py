@@ -16,8 +16,8 @@ class TaskStatus:
     Attributes:
         name: name of the task.
         total: number of episodes to run.
-        tried, held, strict: number of finished episodes, of those that pass `held` (success), and of those that pass
-            `strict`, including earlier runs.
+        tried, held, strict: number of finished episodes, number of successful episodes (verdict `held`), and number of
+            episodes that pass `strict`, all including earlier runs.
         causes: number of failed episodes by cause, most frequent first.
         engines: number of episodes that pass `held` in each engine, with ``engines="both"``.
         disagreed: seeds of the scenes in which only one engine passes `held`.
@@ -33,7 +33,7 @@ class TaskStatus:
     disagreed: tuple[int, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON fields; those that compare two engines are left out if one engine is used."""
+        """Return the JSON fields. Fields that compare two engines are left out if only one engine is used."""
         told = asdict(self)
         del told["engines"], told["disagreed"]
         return {**told, **engines_record(self.engines, self.disagreed)}

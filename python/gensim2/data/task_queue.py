@@ -106,7 +106,7 @@ class TaskQueue:
     def needed(self) -> int | None:
         """Number of episodes that the task needs to fill its quota.
 
-        Episodes count in the order of their indices. None while an episode is unfinished on which the number depends.
+        Episodes count in the order of their indices. None if the number still depends on an unfinished episode.
         """
         if self.quota.held is None:
             return self.quota.limit if self.tried == self.quota.limit else None
@@ -187,8 +187,8 @@ class TaskQueue:
             pass
 
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
-        """Yield the remaining jobs, numbered from ``first``. Yield None as long as it depends on the running episodes
-        whether another job is needed.
+        """Yield the remaining jobs, numbered from ``first``. Yield None as long as the running episodes decide whether
+        another job is needed.
 
         An episode is started only if the quota would stay unfilled even if all running episodes succeed. Therefore the
         same indices are run with any number of workers and in any order of completion.

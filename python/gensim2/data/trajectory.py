@@ -4,7 +4,8 @@ Each finished episode is first written atomically to its own file under ``episod
 merged into these two files in the given order. An interruption therefore loses no finished episode, and the number of
 workers does not change the bytes.
 
-ManiSkill's own command replays the result, because the environment's id names the module that registers it:
+ManiSkill's own command replays the result, because the environment's id names the module that registers the
+environment:
 
     python -m mani_skill.trajectory.replay_trajectory --traj-path trajectory.h5
 """

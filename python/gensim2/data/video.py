@@ -184,7 +184,7 @@ class Film:
 
 
 def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
-    """Write an episode as an mp4: H.264, which browsers play, 640 x 480.
+    """Record an episode as an mp4 of 640 x 480 pixels, with H.264, which browsers play.
 
     SAPIEN's renderer needs 2.2 GB of memory and 10 s for its first frame, so call this function in a worker process.
 

@@ -1,4 +1,4 @@
-"""Designers, the search that tests their strategies in simulation, and the pipeline that keeps successful tasks.
+"""Propose tasks and strategies, test the strategies in simulation, and keep successful tasks.
 
 Names are imported on first use, so that checking an argument does not load the simulator.
 """

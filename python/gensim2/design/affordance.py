@@ -60,8 +60,8 @@ class Affordance:
         size: (3,) extents in metres in the resting pose with the joint at zero: depth (away from the robot), width,
             height.
         mass: kg.
-        keypoints: description by name, for the keypoints that every sampled instance has. The last one is the measured
-            keypoint; distance criteria use it.
+        keypoints: description by name, for the keypoints that every sampled instance has. The last keypoint is the
+            measured keypoint, which distance criteria use.
         lever_arms: distance in metres from the joint axis by keypoint name, for the keypoints on the moving link; zero
             for a prismatic joint, empty for a rigid object.
         joint_type: the more frequent joint type of the instances, ``"revolute"`` or ``"prismatic"``; None for a rigid
@@ -123,7 +123,9 @@ class Affordance:
 
     @cached_property
     def interior(self) -> Triple | None:
-        """Extents (3,) in metres of the free space inside a container (depth, width, height); None without one."""
+        """Extents (3,) in metres of the free space inside a container (depth, width, height); None if the class is no
+        container.
+        """
         return _interior(self.samples, self.measured) if self.samples and self.is_container else None
 
     @property

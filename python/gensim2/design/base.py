@@ -66,7 +66,8 @@ class Brief:
         known: existing tasks. A proposal must not repeat one of them, and long tasks may be built from them. The run
             appends each kept task, so that later proposals can build on earlier tasks.
         familiar: tasks that count as already solved.
-        refused: reasons why success criteria of proposals were refused, by the name of the task. The run adds them.
+        refused: reasons why success criteria of proposals were refused, by the name of the task; the run fills this
+            mapping.
     """
 
     settings: RobotSummary

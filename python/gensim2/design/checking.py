@@ -28,7 +28,7 @@ def check_criteria(
     files: TaskFolder | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> CheckerResult:
-    """Count how often the success criteria of a task hold in worlds in which it is not done.
+    """Count how often the success criteria of a task hold in mutated worlds, in which the task is not done.
 
     Args:
         task: task to check; its strategies are not used.

@@ -1,4 +1,6 @@
-"""Draft tasks of several steps that move joints: two joints for one purpose, or one joint to one end and back."""
+"""Draft tasks of several steps that move joints: either two joints for one purpose, or one joint to an end of its range
+and back.
+"""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ def taken_out(brief: Brief, opens: bool, shuts: bool) -> Iterator[Draft]:
 
 
 def moved_over(brief: Brief, shuts: bool) -> Iterator[Draft]:
-    """Draft tasks that move an object from one open container into another; close the empty one if ``shuts``."""
+    """Draft tasks that move an object from one open container into another, and close the emptied one if ``shuts``."""
     narrow = [each for each in _containers(brief) if max(each.size[:2]) < NARROW]
     queues = []
     for source, target in itertools.permutations(narrow, 2):
@@ -209,7 +209,7 @@ def _support_for(thing: Affordance, number: int) -> str:
 
 
 def _about(openness: tuple[float, float] | None = None) -> Randomization:
-    """Return the randomization of a container; ``openness`` is (mean, spread), None the object's default."""
+    """Return the randomization of a container; ``openness`` is (mean, spread), None selects the object's default."""
     if openness is None:
         return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05))
     return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=openness[0], openness_spread=openness[1])

@@ -56,7 +56,7 @@ def _provenance(task: TaskSpec) -> dict[str, Any]:
 
 
 def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
-    """Return whether the task and its strategies equal the stored ones, so that the stored success rates apply."""
+    """Return whether the task library has the same task and strategies, so that the stored success rates apply."""
     if task.name not in packaged_names():
         return False
     return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)

@@ -75,7 +75,7 @@ def offline_designer(
     """Return the designer that works without a language model.
 
     Args:
-        mode: ``"explore"`` for tasks of one step, ``"bottomup"`` for tasks of several; None: both.
+        mode: ``"explore"`` for tasks of one step, ``"bottomup"`` for tasks of several steps; None: both.
         target_object: class that every task must use; None: any.
         review: function that returns whether to accept a proposal; None: accept all proposals.
     """

@@ -22,7 +22,7 @@ ENDS = ("articulated_open", "articulated_closed")
 
 
 class Piece(NamedTuple):
-    """A known task that moves a joint to one end, used as a step of longer tasks."""
+    """A known task that moves a joint to one end of its range, used as a step of longer tasks."""
 
     asset_class: str
     goal: End
@@ -41,7 +41,9 @@ def pieces(brief: Brief) -> list[Piece]:
 
 
 def has_joint(brief: Brief, asset_class: str) -> bool:
-    """Return whether the library has an articulated class of this name; known tasks may use others."""
+    """Return whether the library has an articulated class of this name; known tasks may use classes that the library
+    lacks.
+    """
     return asset_class in brief.classes and brief.classes[asset_class].kind == "articulated"
 
 

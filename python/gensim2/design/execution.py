@@ -179,7 +179,7 @@ class Wanted:
     long: int | None = None
 
     def wants(self, task: TaskSpec, kept: Sequence[TaskSpec]) -> bool:
-        """Return whether the run should keep another task with as many steps as ``task``."""
+        """Return whether the run should keep another task of the same kind as ``task``: single-step or several steps."""
         most = self.single if task.is_single_step else self.long
         return most is None or sum(each.is_single_step == task.is_single_step for each in kept) < most
 
@@ -331,7 +331,9 @@ class PipelineRun:
         return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), notes)
 
     def _designed(self, task: TaskSpec) -> str | None:
-        """Search strategies for a proposal and verify the task; return why the search was skipped, or None."""
+        """Search for strategies of a proposal and verify the task. Return the reason if the search is skipped, else
+        None.
+        """
         from gensim2.scenes.goal import GoalError
         from gensim2.scenes.initial_state import PlacementError
 
@@ -438,7 +440,7 @@ class PipelineRun:
         self._show(task, folder, films)
 
     def _show(self, task: TaskSpec, folder: TaskFolder, films: Mapping[Path, tuple[Any, ...]]) -> None:
-        """Record the videos and draw the plan of the first one; report errors as messages and continue."""
+        """Record the videos and draw the plan of the first recorded episode; report errors as messages and continue."""
         picture = folder.path / PLAN_PICTURE
         missing = {path: job for path, job in films.items() if not path.exists()}
         if not films or (not missing and picture.exists()):

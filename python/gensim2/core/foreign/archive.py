@@ -54,8 +54,8 @@ def open_archive(path: Path) -> zipfile.Path:
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
     """Open a zip file that has at most ``max_members`` entries, each stored or deflated.
 
-    ``zipfile`` creates an object for every directory entry, so entries are counted first. It limits the output of
-    deflate only; for bzip2 and LZMA it would unpack a whole block of input.
+    ``zipfile`` creates an object for every directory entry, so entries are counted first. ``zipfile`` limits the size
+    of unpacked data for deflate only; with bzip2 or LZMA it would unpack a whole block of input.
 
     Raises:
         BadZipFile: the file has too many entries, or an entry has another compression.

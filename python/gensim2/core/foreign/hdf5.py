@@ -46,7 +46,7 @@ def array_in(
     shape: tuple[int | None, ...] | None = None,
     max_bytes: int = MAX_ARRAY,
 ) -> Array:
-    """Read the array ``name`` in a group; arguments and errors as for :func:`dataset_in`."""
+    """Read the array ``name`` in a group. The arguments and errors are those of :func:`dataset_in`."""
     values: Array = dataset_in(parent, name, dtype, shape, max_bytes)[()]
     return values
 

@@ -1,7 +1,7 @@
 """Define size limits for untrusted files of objects and robots; larger files are refused.
 
-Limits of a file format in general are in the reader of the format: ``tree``, ``hdf5``, ``archive``, ``tensors``,
-``geometry``.
+Limits for a file format in general are defined in the module that reads the format: ``tree``, ``hdf5``, ``archive``,
+``tensors``, ``geometry``.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
-    """Within the block, this thread can create only the PyTorch weights that are listed in ``shapes``. Each shape may
+    """Allow the current thread to create only the PyTorch weights listed in ``shapes`` within the block. Each shape may
     be created at most as often as it is listed.
 
     A configuration that describes a larger model than its weights file then fails at the first excess weight, before
@@ -119,7 +119,7 @@ def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[s
     Args:
         path: the file.
         max_bytes: largest size of the file.
-        sha256: required digest of its content, in hexadecimal digits.
+        sha256: required digest of the file's content, in hexadecimal digits.
         remedy: remedy for the error message.
 
     Raises:

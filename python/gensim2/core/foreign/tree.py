@@ -32,7 +32,7 @@ _PUT_A_FILE = "put a regular file in its place"
 
 
 class NotRegularError(OSError):
-    """A path leads to a folder, pipe, socket or device; the first argument says which."""
+    """A path leads to a folder, pipe, socket or device; the first argument names the type."""
 
 
 class TooLargeError(OSError):
@@ -119,7 +119,7 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True)
 class ForeignTree:
-    """An untrusted folder, which may itself be a link; its contents must not lead out of it."""
+    """An untrusted folder, which may itself be a link; links in the folder must not lead out of the folder."""
 
     path: Path
 
@@ -149,7 +149,7 @@ class ForeignTree:
             raise self._error("is not a file name", repr(name), named_by) from error
 
     def inside(self, name: str, named_by: Reference | None = None) -> Path:
-        """Return the path of ``name``, relative to the folder, after a check that it lies inside.
+        """Check that ``name``, a path relative to the folder, lies inside the folder, and return its full path.
 
         Raises:
             InputError: a symbolic link or ``..`` leads out of the folder.
@@ -193,7 +193,7 @@ class ForeignTree:
                     shutil.copyfileobj(source, target)
 
     def names(self, under: str = "") -> list[str]:
-        """Return the relative paths of everything except folders, sorted; links are not followed.
+        """Return the relative paths of all entries except folders, sorted. Links are not followed.
 
         Raises:
             InputError: the folder has too many files, or a folder cannot be read.

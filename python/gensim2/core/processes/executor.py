@@ -1,8 +1,8 @@
 """Define the interface of executors, and the outcomes of jobs.
 
-A job is a pure function of its arguments, so it gives the same result on any machine and can run again. Therefore a job
-is run again if its process dies. A ``GenSim2Error`` that the function raises is the job's outcome. Any other exception
-is a bug; the job then counts as not run.
+A job is a pure function of its arguments, so it gives the same result in every attempt and on any machine. Therefore a
+job is run again if its process dies. A ``GenSim2Error`` that the function raises is the job's outcome. Any other
+exception is a bug; the job then counts as not run.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class Tries:
         return job
 
     def next(self) -> Job | None:
-        """Return a job to run now, or None if there is none at the moment."""
+        """Return a job to run now, or None if no job is available at the moment."""
         if self._again:
             return self._again.popleft()
         if self._exhausted:
@@ -186,9 +186,9 @@ class Executor(ABC):
 
         Args:
             function: function of a module, so that it is pickled by name.
-            jobs: jobs, taken when workers become free. The iterator may yield None if there is no job yet: it is asked
-                again after the next outcome, so that new jobs can depend on earlier outcomes. If None is yielded while
-                no job is running, the iteration ends.
+            jobs: jobs, taken when workers become free. The iterator may yield None if no job is available yet. The
+                executor then asks the iterator again after the next outcome, so that new jobs can depend on earlier
+                outcomes. If None is yielded while no job is running, the iteration ends.
 
         Raises:
             WorkerStartError: worker processes cannot start.
@@ -223,7 +223,7 @@ class Executor(ABC):
 
     @abstractmethod
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
-        """Wait for a limited time until a process answers, and return the outcomes."""
+        """Wait until a process answers, but only for a limited time; return the outcomes of the finished jobs."""
 
     @abstractmethod
     def _abandon(self) -> None:

@@ -18,8 +18,8 @@ def start_fork_server() -> None:
     """Start the fork server unless it is running, with SIGINT blocked in it.
 
     The server ignores SIGINT only after it has imported its preloaded modules. Until then Ctrl-C, which reaches the
-    whole process group, would end it with a traceback. SIGINT is blocked during the start, so the caller gets it
-    afterwards.
+    whole process group, would end the server with a traceback. SIGINT is also blocked in the caller during the start,
+    and the caller receives the signal afterwards.
     """
     global _registered_in
     forget_piped_script()

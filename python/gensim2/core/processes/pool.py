@@ -282,8 +282,8 @@ class WorkerPool(Executor):
             unchanged, for debugging.
         time_limit: time after which a job counts as hung and its worker is replaced, s.
         jobs_per_worker: number of jobs after which a process is replaced.
-        preload: modules that jobs need and that take long to import; they are imported once for all workers. Only the
-            first pool of this process has an effect.
+        preload: modules that jobs need and that take long to import; they are imported once for all workers. The
+            argument has an effect only in the first pool that this process creates.
         prepare: function called in each process before its first job; must be picklable.
         on_failure: callback for each failed attempt, even if a later one succeeds.
     """

@@ -11,7 +11,7 @@
 | ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
 | ``pointcloud/segmentation`` | ``point_segmentation`` | none |
 
-Names have no slash, because LeRobot's editing tools and Diffusion Policy's replay buffer interpret it as a folder.
+Names have no slash, because LeRobot's editing tools and Diffusion Policy's replay buffer interpret a slash as a folder.
 """
 
 from __future__ import annotations

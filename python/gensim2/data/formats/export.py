@@ -47,7 +47,8 @@ def export(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> int:
-    """Write episodes of a data set in another format, with a card, atomically; return the number of episodes.
+    """Export episodes of a data set to another format and return their number. The export includes a data set card, and
+    is written atomically.
 
     Args:
         path: folder of the data set.
@@ -166,8 +167,8 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """Return the record for ``dataset.json`` of an export. It is marked incomplete, because an export does not contain
-    all episodes.
+    """Return the record for ``dataset.json`` of an export. The record is marked incomplete, because an export does not
+    contain all episodes.
     """
     tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
     return dataset.record.model_copy(update={"tasks": tasks, "complete": False})

@@ -1,4 +1,4 @@
-"""Convert an episode to frames, each an observation and an action, which the frame-based export formats store."""
+"""Convert an episode to frames for the frame-based export formats. A frame is an observation with an action."""
 
 from __future__ import annotations
 

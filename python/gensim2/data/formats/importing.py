@@ -38,8 +38,8 @@ PRELOAD = ("gensim2.data.formats.importing", "zarr")
 def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROGRESS) -> int:
     """Make a data set from an export of :func:`~gensim2.data.formats.export.export` and return the number of episodes.
 
-    The episodes are the exported ones, byte for byte. They are read in a subprocess, so a script must call this below
-    ``if __name__ == "__main__":``.
+    The imported episodes are byte-identical to the exported episodes. They are read in a subprocess, so a script must
+    call this function below ``if __name__ == "__main__":``.
 
     Args:
         path: folder of the export.
@@ -99,7 +99,7 @@ def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
 
 
 def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress) -> int:
-    """Compare an export's frames with its original episodes and return their number."""
+    """Compare an export's frames with its original episodes and return the number of episodes."""
     profile = robot(dataset.record.scene.robot)
     count = 0
     for store, row, stored in read_back(dataset, progress):

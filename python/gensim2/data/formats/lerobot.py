@@ -93,7 +93,7 @@ class Totals:
 
 
 def thinned(pictures: Array) -> Array:
-    """Return the subset of an episode's images that its statistics are computed from."""
+    """Return the subset of an episode's images from which the image statistics are computed."""
     return np.asarray(pictures)[:: max(1, len(pictures) // 20)]
 
 
@@ -122,7 +122,8 @@ class LeRobotWriter:
 
     Args:
         root: new or empty folder.
-        features: features by name; names have dots but no slashes, which LeRobot's editing tools refuse.
+        features: features by name; names may contain dots but no slashes, because LeRobot's editing tools refuse
+            slashes.
         fps: frames per second.
         robot: robot type.
 
@@ -203,7 +204,7 @@ class LeRobotWriter:
         self._frames += length
 
     def finish(self) -> None:
-        """Write the files that summarize all episodes, which make the data set readable."""
+        """Write the files that summarize all episodes. Without these files the data set cannot be read."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None

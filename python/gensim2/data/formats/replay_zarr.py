@@ -1,8 +1,8 @@
 """Write a zarr folder in the layout of Diffusion Policy and DP3: the frames of all episodes concatenated.
 
-    data/<key>          (frames, ...), one array per key: state, action, point_cloud, ... meta/episode_ends
-    (episodes,) int64: number of frames up to the end of each episode meta/task           (episodes,) int64: index into
-    the attribute ``tasks`` of the root group, a list of instructions
+    data/<key>          (frames, ...), one array per key: state, action, point_cloud, ...
+    meta/episode_ends   (episodes,) int64: number of frames up to the end of each episode
+    meta/task           (episodes,) int64: index into the attribute ``tasks`` of the root group, a list of instructions
 
 The files use zarr format 2, which both versions 2 and 3 of the zarr library read. One episode is in memory at a time.
 The module ``zarr_reading`` reads such folders.
@@ -97,8 +97,8 @@ class ZarrWriter:
 
 
 def _finish_writing() -> None:
-    """After a failed write, wait for the other pending writes of zarr. Otherwise these would create the folder again
-    after its removal.
+    """After a failed write, wait for the other pending writes of zarr. Otherwise the pending writes would create the
+    folder again after its removal.
     """
     from zarr.core.sync import sync
 

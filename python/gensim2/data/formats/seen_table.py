@@ -20,8 +20,9 @@ class SeenTable:
 
     ``observations.json`` has four fields. ``spec`` is the observation spec. ``cameras`` has ``intrinsic`` (3, 3),
     pixels, and ``T_base_camera`` (4, 4) of each camera; a camera on the robot has ``T_link_camera`` and ``link``
-    instead. ``tables`` is a list of tables from segmentation ids to object and link. ``episodes`` has ``task``,
-    ``index`` and, in ``table``, the index of the episode's table (None if an old version rendered the episode).
+    instead. ``tables`` is a list of tables; a table maps each segmentation id to an object and a link. ``episodes`` has
+    ``task``, ``index`` and, in ``table``, the index of the episode's table (None if an old version rendered the
+    episode).
     """
 
     def __init__(self) -> None:
