@@ -179,7 +179,7 @@ class Wanted:
     long: int | None = None
 
     def wants(self, task: TaskSpec, kept: Sequence[TaskSpec]) -> bool:
-        """Return whether the run should keep another task of the same kind as ``task``: single-step or several steps."""
+        """Return whether the run should keep another task of the same type as ``task``: single-step or long."""
         most = self.single if task.is_single_step else self.long
         return most is None or sum(each.is_single_step == task.is_single_step for each in kept) < most
 

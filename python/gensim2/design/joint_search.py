@@ -25,7 +25,9 @@ _NAMES = "xyz"
 
 
 def _directions() -> list[Direction]:
-    """Return approach directions: the joint frame's six axes, twelve diagonals, and three for table-top arms."""
+    """Return approach directions: the joint frame's six axes, twelve diagonals, and three directions for table-top
+    arms.
+    """
     found = []
     for index, axis in enumerate(_AXES):
         for sign in (1.0, -1.0):

@@ -1,7 +1,7 @@
 """Design without a language model: try rules first, then search over alignments, keypoints and motions.
 
-Single-step tasks follow from the joints and sizes of objects; long tasks combine them by pre- and postconditions.
-Simulation decides which strategies are kept.
+Single-step tasks follow from the joints and sizes of objects; long tasks combine single-step tasks by pre- and
+postconditions. Simulation decides which strategies are kept.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ FAMILIES: list[Family] = [
 def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
     """Yield new long tasks composed from known tasks, alternating between kinds of tasks; names never repeat.
 
-    Each proposal uses the known tasks of that moment, including tasks kept in the meantime. None means that no new task
+    Each proposal uses all tasks known at that moment, including tasks kept in the meantime. None means that no new task
     can be composed at present.
     """
     proposed: set[str] = set()
@@ -109,7 +109,7 @@ class OfflineDesigner:
         """Do nothing: this designer keeps no records."""
 
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
-        """Yield single-step tasks, and after the first few alternate with long tasks composed of known ones."""
+        """Yield single-step tasks. After the first few, alternate them with long tasks composed of known tasks."""
         known = [each.task for each in brief.known]
         wanted = wanted_ends(brief)
         single = proposals.propose(brief.classes, known, brief.settings.stroke, brief.familiar, wanted)
@@ -211,13 +211,13 @@ def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
 
 
 def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
-    """Return two groups: the two best and the three best candidates among those that succeeded at least once."""
+    """Return two groups: the two best and the three best of all candidates that succeeded at least once."""
     alone = [result for result in results if result.held and len(result.candidate.strategies) == 1]
     return [alone[:count] for count in range(2, TEAM + 1) if len(alone) >= count]
 
 
 def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
-    """Return a candidate with the strategies of all candidates in ``group``; the planner uses a feasible one."""
+    """Return a candidate with the strategies of all candidates in ``group``; the planner uses a feasible strategy."""
     ways: Strategies = {}
     for number, result in enumerate(group, 1):
         ((name, data),) = result.candidate.strategies.items()
@@ -227,7 +227,7 @@ def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
 
 
 def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
-    """Return a candidate with all strategies of each step, and copies with other preferences in one or all steps."""
+    """Return a candidate with all strategies of each step, and copies that prefer other strategies in some steps."""
     turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
     found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]
     several = [name for name, own in ways.items() if len(own) > 1]

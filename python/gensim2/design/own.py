@@ -73,9 +73,9 @@ def design_task(
             steps).
         seed: seed of all random choices.
         resume: continue the run in the run folder.
-        videos: number of episodes to film, failed ones if the task is not kept.
+        videos: number of episodes to film; failed episodes are filmed if the task is not kept.
         engines: ``"both"`` repeats the verification in the other physics engine and keeps the strategies only if enough
-            episodes hold in both.
+            episodes succeed in both engines.
         budget: limits of the search; None: the default budget.
         progress: listener for stages and steps.
         scene: see :class:`~gensim2.rollout.config.RunArguments`.

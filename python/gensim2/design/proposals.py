@@ -110,10 +110,10 @@ def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
 
 
 def goals(thing: Affordance) -> list[Goal]:
-    """Return the joint goals that make sense for a class as tasks.
+    """Return the joint goals that make sense as tasks for a class of objects.
 
-    People must commonly ask for the goal. For a part that slides vertically, closing and half-way goals are included
-    only if the part starts open, because such a part falls shut by itself.
+    A goal is included only if people commonly ask for it. For a part that slides vertically, closing and half-way goals
+    are included only if the part starts open, because such a part falls shut by itself.
     """
     hangs = thing.joint_type == "prismatic" and thing.joint_axis == "vertical"
     return [

@@ -54,7 +54,7 @@ def add_task(
         episodes: number of verification episodes, at least ``LEAST_EPISODES``.
         seed: seed of the scenes.
         engines: ``"both"`` repeats the verification in the other physics engine and adds the task only if enough
-            episodes hold in both.
+            episodes succeed in both engines.
         memory: task library; default: the user's library.
         progress: progress listener.
         given: see :class:`~gensim2.rollout.config.RunArguments`.

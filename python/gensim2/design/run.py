@@ -60,7 +60,7 @@ def run_pipeline(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
 ) -> PipelineResult:
-    """Design new tasks, verify them in simulation and collect demonstrations of the successful ones.
+    """Design new tasks, verify them in simulation and collect demonstrations of the successful tasks.
 
     Example:
         ```python
@@ -73,9 +73,9 @@ def run_pipeline(
             ``single`` or ``long`` is given.
         single, long: number of single-step and of long tasks to keep; with both 0, only ``stored_tasks`` are run.
         verify: number of fresh episodes that decide whether a task is kept.
-        from_empty: hide the stored tasks from the designer. By default it knows all of them and proposes none again.
-            With this option, a task that repeats the paper's suite serves only as a part of longer tasks and does not
-            count.
+        from_empty: hide the stored tasks from the designer. By default the designer knows all stored tasks and proposes
+            none of them again. With this option, a task that repeats a task of the paper's suite serves only as a part
+            of longer tasks and does not count towards the number of tasks.
         episodes: number of demonstrations to keep for each task.
         seed: seed of all random choices.
         out: run folder; default ``runs/<date>-<time>``.
@@ -87,7 +87,7 @@ def run_pipeline(
         videos: number of videos for each task: of demonstrations, or of failed episodes if the task is not kept. 0 also
             omits the picture of a plan.
         engines: ``"both"`` repeats each verification in the other physics engine and keeps a task only if enough
-            episodes hold in both. Demonstrations must hold in both engines, too.
+            episodes succeed in both engines. Demonstrations must succeed in both engines, too.
         budget: episodes and rounds of the search for each task; None: the defaults.
         progress: listener for stages and steps.
         scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``; see

@@ -59,15 +59,15 @@ class Budget:
     Attributes:
         screen_scenes: number of scenes on which every candidate is planned.
         rounds: for each simulation round of the first candidates, the number of candidates and of episodes for each.
-        refined: number of refined candidates that are simulated, and of episodes for each.
-        comparison: number of candidates, and of episodes for each, in the comparisons before and after refinements.
+        refined: number of refined candidates that are simulated, and number of episodes for each candidate.
+        comparison: number of candidates, and number of episodes for each, in comparisons before and after refinements.
         max_episodes: maximum number of episodes for a candidate; leaders whose rates still do not differ count as
             equal.
         enough, enough_strict: success rate and strict success rate, over at least ``enough_episodes`` episodes, that
             end the search. A low strict rate alone causes at most one refinement.
-        enough_episodes: minimum episodes of a candidate that ends or wins the search.
-        hopeless: the search ends if no candidate exceeds this success rate after the refinements that the designer's
-            ``patience`` allows.
+        enough_episodes: minimum number of episodes for a candidate that ends or wins the search.
+        hopeless: success rate. The search ends if no candidate exceeds this rate after the refinements that the
+            designer's ``patience`` allows.
         max_physics_episodes: number of simulated episodes after which no candidates are compared or refined.
     """
 

@@ -85,7 +85,7 @@ def demo(
         resume: continue the run in ``out``.
         videos: number of demonstrations to record as videos.
         engines: ``"both"`` runs each episode in the other physics engine, too, on the same scene; a demonstration must
-            hold in both.
+            succeed in both engines.
         progress: listener for stages and steps.
         scene: options of scenes, execution and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 

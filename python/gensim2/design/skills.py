@@ -1,8 +1,8 @@
 """Provide the offline designer's strategies for joints, grasps and placements of objects of any class.
 
-Many come from the task library (``gensim2/tasks/library/strategies``), in the joint frame; placements are computed from
-object sizes. A step gets several strategies in order of preference, and the planner uses the first that it can plan on
-the scene.
+Many strategies come from the task library (``gensim2/tasks/library/strategies``), in the joint frame; placements are
+computed from object sizes. A step gets several strategies in order of preference, and the planner uses the first
+strategy that it can plan in the scene.
 """
 
 from __future__ import annotations
@@ -77,7 +77,9 @@ _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
 
 
 def joint_ways(thing: Affordance, way: Way, openness: float | None = None) -> Strategies:
-    """Return the library's strategies that move a joint to one limit, or, with ``openness``, only so far."""
+    """Return the library's strategies that move a joint to one limit or, if ``openness`` is given, only to this
+    openness.
+    """
     found = {name: shared_strategy(name) for name in _JOINTS[thing.joint_type or "revolute", way]}
     if openness is None:
         return found

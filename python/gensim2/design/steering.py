@@ -1,11 +1,11 @@
 """Sample alignments with weights learned from the results of earlier alignments.
 
 An alignment works if the arm reaches the actuation pose (``reach``), can follow the joint from there (``follow``), and
-moves the part (``effect``). The diagnosis of a failure tells which of the three failed, and which parts of the
-alignment are to blame: if the arm cannot reach a finger direction, this counts against the direction at every keypoint;
-if a finger hits the part, this counts against the contact only. The probability of each condition is estimated from
-trials of alignments that are similar in the blamed parts. Alignments likely to meet all three conditions are sampled
-more often.
+moves the part (``effect``). The diagnosis of a failure shows which of the three conditions failed, and which parts of
+the alignment are to blame: if the arm cannot reach a finger direction, this counts against the direction at every
+keypoint; if a finger hits the part, this counts against the contact only. The probability of each condition is
+estimated from trials of alignments that are similar in the blamed parts. Alignments likely to meet all three conditions
+are sampled more often.
 """
 
 from __future__ import annotations

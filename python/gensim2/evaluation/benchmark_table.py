@@ -114,10 +114,10 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
 
 
 def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str, Any]]:
-    """Return the ``held`` episodes of each task in two engines, on the same scenes.
+    """Return the number of successful episodes (verdict ``held``) of each task in two engines, on the same scenes.
 
-    ``p_value`` is that of Fisher's exact test of equal rates. ``lost`` and ``won`` are the seeds of episodes that hold
-    in the first or in the second engine only.
+    ``p_value`` is the p-value of Fisher's exact test of equal rates. ``lost`` are the seeds of episodes that succeed
+    only in the first engine, and ``won`` the seeds of episodes that succeed only in the second engine.
     """
     from scipy.stats import fisher_exact  # imported late because it takes long to import
 

@@ -66,11 +66,12 @@ def benchmark(
         runs: number of runs, from which the standard deviation is computed.
         episodes: number of episodes of each task in each run.
         seed: seed of the scenes, which differ from the scenes of all searches.
-        attempts: maximum number of attempts in an episode; each begins in the same scene, until one succeeds.
+        attempts: maximum number of attempts in an episode; every attempt begins in the same scene, and the episode ends
+            after the first successful attempt.
         one_plan: plan each step only once, before its execution and with its first strategy: the paper's method with
             gensim2's solver.
-        disturbance: ``"push"`` or ``"drop"``, once in an episode at a seeded moment; tasks that grasp no rigid object
-            are skipped.
+        disturbance: ``"push"`` or ``"drop"``: disturb each episode once, at a moment that depends on the seed. Tasks
+            that grasp no rigid object are skipped.
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.

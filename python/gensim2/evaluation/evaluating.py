@@ -1,4 +1,4 @@
-"""``gensim2 evaluate``: run any controller in the scenes of the benchmark; verdicts and table are the benchmark's."""
+"""``gensim2 evaluate``: run any controller in the scenes of the benchmark, with the benchmark's verdicts and table."""
 
 from __future__ import annotations
 
@@ -77,7 +77,8 @@ def evaluate(
             (docs/guides/controllers.md).
         tasks: names of library tasks, or folders with task.yaml and strategies/.
         arguments: keyword arguments of the controller, as JSON data.
-        data: rendered data set that the controller was trained on; its observation spec must agree.
+        data: rendered data set that the controller was trained on; the controller must have the observation spec of
+            this data set.
         stop: ``"goal"``: an episode ends when the controller returns None, when the goal has been reached for half a
             second and is still reached after the scene has settled, or at the step limit. The verdicts are computed at
             this end. ``"controller"``: an episode fails if the controller does not return None before the step limit.

@@ -42,7 +42,7 @@ class Table:
         versions: versions of the packages that affect results.
         rows: one row per task.
         skipped: names of tasks that cannot be run with these objects, with the reasons.
-        speeds: episodes per second of wall time in this call, by task; None if all were finished before.
+        speeds: episodes per second of wall time in this call, by task; None if all episodes were finished before.
         cpu_s: CPU time of all worker processes in this call, s, excluding their start.
     """
 

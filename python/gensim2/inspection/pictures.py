@@ -306,7 +306,8 @@ def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Ima
 
 
 def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image:
-    """Return views with labelled keypoints: of an object at openness 0, 0.5 and 1, or of three sides if it is rigid.
+    """Return views with labelled keypoints: an articulated object at openness 0, 0.5 and 1, or a rigid object from
+    three sides.
 
     Example:
         ```python

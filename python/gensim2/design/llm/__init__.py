@@ -1,4 +1,4 @@
-"""Use language models as designers: they answer prompts with tasks and solver configs as data, never run as code."""
+"""Use language models as designers. A model answers with tasks and solver configs, which are never run as code."""
 
 from typing import TYPE_CHECKING
 

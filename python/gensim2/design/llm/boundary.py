@@ -50,7 +50,7 @@ class Secret:
         return bool(self._value)
 
     def reveal(self) -> str:
-        """Return the key in clear text; only the client may call this."""
+        """Return the key in clear text; only the client may call this method."""
         return self._value
 
     @property
@@ -60,11 +60,11 @@ class Secret:
 
     @property
     def is_secret(self) -> bool:
-        """Return whether the key must be hidden; a placeholder such as ``"EMPTY"`` need not be."""
+        """Return whether the key must be hidden; a placeholder such as ``"EMPTY"`` need not be hidden."""
         return len(self._value) >= SHORTEST and self._value.lower() not in DUMMIES
 
     def hidden_in(self, text: str) -> str:
-        """Replace the key in ``text`` by ``***``, in upper or lower case, also percent-encoded or JSON-escaped."""
+        """Replace the key in ``text`` by ``***``, whether in upper or lower case, percent-encoded or JSON-escaped."""
         return self._spelled.sub(HIDDEN, text) if self.is_secret else text
 
     @cached_property

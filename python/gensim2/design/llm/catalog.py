@@ -65,7 +65,7 @@ class Catalog:
         )
 
     def for_prompts(self) -> dict[str, Any]:
-        """Return the values of the shared prompt template ``_world``."""
+        """Return the values that fill in the shared prompt template ``_world``."""
         return {
             "settings": self.settings,
             "articulated": list(self.articulated.values()),

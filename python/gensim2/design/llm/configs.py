@@ -1,4 +1,4 @@
-"""Validate solver configs that a model wrote: single constraints and complete configs. They are data, not code."""
+"""Validate solver configs that a model wrote: single constraints and complete configs. Configs are data, not code."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def problems_of_names(
 
 
 def _until(task: TaskSpec, step: Step) -> tuple[Step, ...]:
-    """Return the step that grasps the tool of ``step``, if any, and ``step``."""
+    """Return ``step``, preceded by the step that grasps its tool if there is one."""
     before = [each for each in task.steps if each.object == step.tool and each.name != step.name]
     return (*before[:1], step)
 

@@ -35,7 +35,7 @@ class TurnRecord(_Record):
     """Record of one prompt and its answer.
 
     Attributes:
-        answer: digest of the question; ``answers/<first 32 digits>.json`` stores both.
+        answer: digest of the question; ``answers/<first 32 digits>.json`` stores question and answer.
         problems: faults of the answer, as sent to the model; for a usable answer, the faults of the omitted parts.
     """
 
@@ -79,7 +79,7 @@ class ConversationLog:
         self._lock = threading.Lock()
 
     def open(self, folder: Path) -> None:
-        """Store conversations in ``folder``, and keep those of earlier calls of the run.
+        """Store conversations in ``folder``, and keep the conversations of earlier calls of the run.
 
         Raises:
             InputError: the existing file is damaged.
@@ -110,7 +110,7 @@ class ConversationLog:
 
 
 def read_log(folder: Path) -> LogRecord:
-    """Read the conversations of a run; empty if the run asked no model.
+    """Read the conversations of a run; the list is empty if the run asked no model.
 
     Raises:
         InputError: the file is damaged.
@@ -165,7 +165,7 @@ class Ask(Generic[T]):
         pictures: pictures sent with the prompt.
         sample: number that distinguishes repetitions of a question.
         remarks: faults of parts of a usable answer that were left out; ``read`` adds them, and the record keeps them.
-        prose: pass the raw answer to ``read``, as the field ``text``.
+        prose: whether ``read`` gets the raw answer, as the field ``text``.
     """
 
     stage: str

@@ -50,9 +50,9 @@ class LLMDesigner:
     Args:
         model: language model.
         prompts: prompt templates.
-        asking: what to ask for: mode, target task or object, and number of configs.
+        asking: requested designs: mode, target task or object, and number of configs.
         robot_name: robot whose keypoints configs are checked against.
-        views: renders scenes for the model; None: no pictures of scenes.
+        views: renderer of scenes for the model; None: no pictures of scenes.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class LLMDesigner:
         self.talk.open(folder)
 
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
-        """Yield the model's proposals until the model gives no more valid ones."""
+        """Yield the model's proposals until the model gives no more valid proposals."""
         self.talk.seed = seed
         refused: list[str] = []
         failures = 0
@@ -199,7 +199,7 @@ class LLMDesigner:
         return children
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
-        """Return one proposal; None if the model, asked for a reflection, rejects the proposal."""
+        """Return one proposal; None if the model rejects the proposal when asked to reflect on it."""
         catalog = Catalog.of(brief, articulated_only=self.asking.mode == "explore")
         catalog = replace(
             catalog, known=tuple({task.name: task for task in (*catalog.known, *self._proposed)}.values())
@@ -238,7 +238,7 @@ class LLMDesigner:
     def _approved(
         self, record: ConversationRecord, name: str, sentence: str, ask: Ask[tuple[bool, str]], refused: list[str]
     ) -> bool:
-        """Return whether the model's own reflection accepts a proposal; a rejected one is recorded and added to
+        """Return whether the model's own reflection accepts a proposal; a rejected proposal is recorded and added to
         ``refused``.
         """
         (good, why), _ = self.talk.ask(ask)
@@ -309,8 +309,8 @@ class LLMDesigner:
 def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
     """Return the answers to questions that are asked in at most ``count`` threads, in the order of the questions.
 
-    The threads are daemons: Ctrl-C ends the run at once, although a model may need minutes for its answer. Python would
-    wait at its exit for the threads of an executor.
+    The threads are daemons: Ctrl-C ends the run at once, although a model may need minutes for its answer. An executor
+    is not used, because Python waits for the threads of an executor at exit.
     """
     waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
     answers: queue.SimpleQueue[tuple[int, T | BaseException]] = queue.SimpleQueue()
@@ -341,7 +341,7 @@ def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
-    """Return the candidate whose failures occur at the latest step, among the candidates that tie with the first."""
+    """Return the candidate that fails at the latest step, among the candidates with the same score as the first."""
     order = [step.name for step in task.steps]
 
     def reached(result: CandidateResult) -> int:
@@ -353,7 +353,7 @@ def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateRe
 
 
 def _from(configs: Sequence[Config], first: int) -> list[Config]:
-    """Return the configs in a cycle that begins with number ``first``."""
+    """Return the configs rotated so that config number ``first`` comes first."""
     first %= len(configs)
     return [*configs[first:], *configs[:first]]
 

@@ -45,7 +45,7 @@ class LanguageModel:
         self._record = ModelRecord.of(options, prompts, asking or {}, endpoint)
 
     def open(self, folder: Path) -> None:
-        """Store answers in ``folder``, and reuse those of earlier calls of the run.
+        """Store answers in ``folder``, and reuse the answers of earlier calls of the run.
 
         Raises:
             InputError: an earlier call of the run used another model or other settings.
@@ -70,7 +70,7 @@ class LanguageModel:
         Raises:
             BudgetSpent: the question might cost more than the remaining budget.
             ModelError: the endpoint gives no answer.
-            InputError: the endpoint refuses the question, or the replayed record has no answer to it.
+            InputError: the endpoint refuses the question, or the replayed record has no answer to the question.
         """
         digest = self.digest(question)
         if self._client is None:

@@ -24,7 +24,7 @@ class ModelOptions(BaseModel):
     Attributes:
         model: model name at the endpoint.
         base_url: address of the endpoint; None: ``$OPENAI_BASE_URL`` or, if unset, OpenAI's address.
-        key_variable: environment variable that holds the API key; self-hosted endpoints need none.
+        key_variable: environment variable that holds the API key; self-hosted endpoints need no key.
         temperature: sampling temperature; None: default of the endpoint.
         max_tokens: maximum length of an answer, tokens.
         timeout: maximum seconds for one attempt, from the first byte sent to the last byte received.
@@ -32,7 +32,7 @@ class ModelOptions(BaseModel):
         concurrency: maximum number of concurrent requests.
         price_in, price_out: USD per million tokens of questions and of answers; None: unknown.
         budget: maximum USD that a run may spend; None: no limit.
-        structured: whether requests include a JSON schema; ``"auto"``: until the endpoint refuses one.
+        structured: whether requests include a JSON schema; ``"auto"``: include a schema until the endpoint refuses it.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())

@@ -25,7 +25,7 @@ class Account:
         asked: number of answers that the endpoint gave in this call; all others were read from a record.
         retries: number of failed attempts.
         tokens_in, tokens_out: number of tokens in questions and in answers.
-        counted: whether the endpoint reported all token counts; otherwise some are estimates.
+        counted: whether the endpoint reported all token counts; otherwise some counts are estimates.
         cost: total cost in USD; None if the prices are unknown.
     """
 

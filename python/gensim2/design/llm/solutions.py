@@ -48,15 +48,15 @@ class Asking:
 
     Attributes:
         mode: ``"explore"``: single-step tasks; ``"topdown"``: long tasks that are decomposed into steps;
-            ``"bottomup"``: long tasks composed of verified ones; ``"free"``: whole tasks with several objects, held
-            tools and all criteria.
+            ``"bottomup"``: long tasks composed of verified tasks; ``"free"``: whole tasks with several objects, grasped
+            tools and all types of success criteria.
         target_task: name of the task to propose; None: any.
         target_object: class that each task must use; None: any.
         trials: number of configs of a step requested at once.
         max_rounds: maximum number of answers to a question, and of rounds in which configs are improved after
             simulation.
         visual: whether to send pictures.
-        code: whether to ask also for each task as code.
+        code: whether to request each task as code, too.
     """
 
     mode: Mode = "explore"
@@ -88,8 +88,8 @@ class Solutions:
 
     Args:
         talk: conversations with the model.
-        asking: what to ask for: mode, target task or object, and number of configs.
-        views: renders scenes; None: no pictures of scenes.
+        asking: requested designs: mode, target task or object, and number of configs.
+        views: renderer of scenes; None: no pictures of scenes.
     """
 
     def __init__(self, talk: Conversations, asking: Asking, views: Views | None) -> None:
@@ -143,7 +143,8 @@ class Solutions:
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """Return tried configs of a step with their results: the best ones, then the newest others.
+    """Return tried configs of a step with their results: first the best configs, then the newest of the remaining
+    configs.
 
     Args:
         step: step of the configs.

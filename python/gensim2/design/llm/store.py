@@ -209,7 +209,7 @@ class AnswerStore:
 
 
 def recorded_answers(folder: Path) -> Path:
-    """Return the folder with a run's answers; ``folder`` is the run folder or already the folder with the answers."""
+    """Return the folder with a run's answers; ``folder`` is either the run folder or the folder with the answers."""
     inside = folder / MODEL_FOLDER
     return inside if (inside / MODEL_JSON).exists() else folder
 

@@ -47,7 +47,7 @@ def motion(thing: Affordance) -> str:
 
 
 def hinge(thing: Affordance) -> str:
-    """Describe the direction of a hinge's axis before randomization; empty for a slide or a rigid object."""
+    """Describe the direction of a hinge's axis before randomization; empty for a prismatic joint or a rigid object."""
     if thing.hinge_axes is None:
         return ""
     mean = np.mean(thing.hinge_axes, axis=0)
@@ -74,7 +74,7 @@ def place(thing: Affordance) -> str:
 
 
 def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> str:
-    """Return a phrase about a keypoint for a list of keypoints.
+    """Return a phrase that describes a keypoint in a list of keypoints.
 
     The phrase gives the keypoint's position, the size of the convex part on which it lies, and its direction of motion.
     """
@@ -182,7 +182,9 @@ class Prompts:
         return parse_yaml(self._texts[BANK].encode(), BANK)
 
     def good_tasks(self, long: bool) -> list[str]:
-        """Return the names of the bank's good tasks that the package stores: the long ones, or those of one step."""
+        """Return the names of the good example tasks that the package stores: only long tasks, or only single-step
+        tasks.
+        """
         kebab = [str(each["task-name"]) for each in self.bank["long" if long else "single"]]
         names = ["".join(map(str.capitalize, each.split("-"))) for each in kebab]
         return [name for name in names if name in task_names()]

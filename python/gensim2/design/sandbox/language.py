@@ -43,7 +43,9 @@ class Fields:
 
 
 class Object(Fields):
-    """Object of an asset class; the attribute of the task that it is assigned to becomes its name."""
+    """Object of an asset class. The object is assigned to an attribute of the task, whose name becomes the object's
+    name.
+    """
 
     def __init__(self, *values: Any, **named: Any) -> None:
         super().__init__("Object", ("asset_class", "instances", "place", "randomization"), values, named)
@@ -124,7 +126,7 @@ class Task:
             self._goal += listed(given)
 
     def fields(self, name: str, docstring: str | None) -> dict[str, Any]:
-        """Return the task's fields as :func:`gensim2.tasks.parse.parse_task` reads them.
+        """Return the task's fields in the form that :func:`gensim2.tasks.parse.parse_task` reads.
 
         Args:
             name: name of the class.
@@ -152,7 +154,7 @@ class Task:
 
 
 def listed(value: Any) -> list[Any]:
-    """Return a list or tuple as a list, and any other value as a list of one."""
+    """Return a list or tuple as a list, and any other value as a list with one element."""
     return list(value) if isinstance(value, (list, tuple)) else [value]
 
 

@@ -32,8 +32,8 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
         listed: ids of the class in the library.
 
     Returns:
-        The ids of the split; None if the class has no such split. All of ``listed`` if the library lacks some ids,
-        because splits are defined only for complete copies of the GenSim2 release.
+        The ids of the split; None if the class has no such split. If the library lacks some ids of the release, all of
+        ``listed``, because splits are defined only for complete copies of the GenSim2 release.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:
@@ -107,7 +107,7 @@ class Library:
         return tuple(sorted(name for name, shelf in self._shelves.items() if kind in (None, shelf.kind)))
 
     def own_classes(self, kind: Kind | None = None) -> tuple[str, ...]:
-        """Return the sorted names of the library's own classes, without generated substitutes for missing ones."""
+        """Return the sorted names of the library's own classes, without generated substitutes for missing classes."""
         return tuple(name for name in self.classes(kind) if name in self._own)
 
     def kind(self, asset_class: str) -> Kind:
@@ -255,7 +255,7 @@ class Library:
         return (which,)
 
     def sample(self, asset_class: str, count: int, seed: int = 0) -> tuple[str, ...]:
-        """Sample ``count`` different ids; return all ids if the class has fewer.
+        """Sample ``count`` different ids; return all ids if the class has fewer than ``count``.
 
         For generated articulated classes the ids are numbers up to 10^6 that ``instances`` does not list.
 
@@ -367,7 +367,9 @@ def _shelves(folder: Path) -> list[Shelf]:
 def load_all(
     library: Library, items: Sequence[tuple[str, str]], workers: int = 0
 ) -> Iterator[tuple[tuple[str, str], str | None]]:
-    """Prepare objects (class, id) in worker processes; yield each with the error that prevents its use, or None."""
+    """Prepare objects (class, id) in worker processes; yield each object with the error that prevents its use, or with
+    None.
+    """
     from gensim2.core.processes import WorkerPool, enumerated, in_order
 
     with WorkerPool(workers) as pool:

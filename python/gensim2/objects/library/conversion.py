@@ -1,4 +1,4 @@
-"""Convert models of other formats to a URDF, the form that :mod:`gensim2.objects.library.importer` reads."""
+"""Convert models of other formats to URDF, which :mod:`gensim2.objects.library.importer` reads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def as_urdf(source: Path) -> Iterator[tuple[Path, bool]]:
         The URDF file, and whether all collision shapes are known to be convex.
 
     Raises:
-        InputError: the file cannot be imported; the error names ``source`` also for errors inside the block.
+        InputError: the file cannot be imported; errors inside the block also name ``source``.
         MissingExtraError: the format's reader is not installed.
     """
     if source.suffix not in (*mjcf.SUFFIXES, *usd.SUFFIXES) or source.is_dir():

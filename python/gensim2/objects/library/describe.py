@@ -17,7 +17,7 @@ def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[s
 
     ``size`` (3,) is the bounding box in the root frame, with the joint closed. ``split`` is the paper's split
     (``"none"`` for an unlisted instance). ``joint`` is None for a rigid object. Only articulated objects have
-    ``object_axis``, ``default_openness`` and ``urdf``; only rigid ones have ``grip``, ``friction`` and ``folder``.
+    ``object_axis``, ``default_openness`` and ``urdf``; only rigid objects have ``grip``, ``friction`` and ``folder``.
     """
     common = {
         "class": model.asset_class,

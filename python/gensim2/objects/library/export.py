@@ -2,7 +2,7 @@
 
 The folder ``<class>/<id>`` holds ``mobility.urdf``, ``info.json`` and ``textured_objs/``. Lengths are in metres
 (``scale`` is 1). Each collision element is one convex mesh; ``"collision": "convex"`` in ``info.json`` tells readers
-not to decompose it. The exported URDF states inertials and joint limits, also if the original file did not.
+not to decompose it. The exported URDF states inertials and joint limits, even if the original file did not state them.
 """
 
 from __future__ import annotations

@@ -13,9 +13,10 @@ these rules:
 - With scale ``auto``, the longest side is as long as in generated objects of the class, or 0.3 m for other classes.
 - The head keypoint is the middle of the meshes named "handle". Without such meshes it is the middle of the part
   farthest from the axis (revolute), or of the end that is in front when the part moves outwards (prismatic). For
-  classes that are pushed (``..._move``, ``..._push``) it is the opposite end. The tail keypoint is the middle of the
-  part nearest to the axis, or of the other end. Head and tail are then moved to the nearest points of the surface. On
-  the released objects the median distance from the proposed to the annotated head is 12 mm; 85 % are within 5 cm.
+  classes that are pushed (``..._move``, ``..._push``) the head is at the opposite end. The tail keypoint is the middle
+  of the part nearest to the axis, or of the other end. Head and tail are then moved to the nearest points of the
+  surface. On the released objects the median distance from the proposed to the annotated head is 12 mm; 85 % are within
+  5 cm.
 
 Everything but the joint is written to ``info.json``, where the user can edit it.
 """
@@ -127,8 +128,8 @@ def import_object(
         name: id of the object.
         joint: name of the joint that stays movable.
         scale: length in metres of one unit of the model, or ``"auto"`` (see the rules above).
-        up: axis of the model's root frame that points up. With ``"y"`` the front faces z, with ``"z"`` it faces -x.
-            A USD file states this axis itself.
+        up: axis of the model's root frame that points up. The model's front must face z if y points up, and -x if z
+            points up. A USD file states this axis itself.
         keypoints: (3,) by name, in units of the model: in the root frame if the name contains ``base``, otherwise in
             the frame of the moving link. They replace the proposed keypoints of the same name; ``head`` stands for
             ``articulated_object_head``, and so on.
@@ -352,7 +353,7 @@ class _Source:
         return float(f"{wanted / longest:.4g}")
 
     def info(self, scale: float, given: Mapping[str, Array]) -> dict[str, Any]:
-        """Return the fields of ``info.json``: the given keypoints, and proposals for those that are missing."""
+        """Return the fields of ``info.json``: the given keypoints, and proposed positions of missing keypoints."""
         joint = self.joint
         axis = self.axis
         vertices = [m.vertices for m in self.geometry["moving"]]
@@ -456,7 +457,9 @@ def on_surface(point: Array, meshes: list[Mesh]) -> Array:
 
 
 def usual_size(asset_class: str) -> float:
-    """Return the longest side in metres (median of three closed generated objects of the class), or ``OTHER_SIZE``."""
+    """Return the usual length (m) of an object's longest side: the median over three closed generated objects of the
+    class, or ``OTHER_SIZE`` for any other class.
+    """
     if asset_class not in object_classes():
         return OTHER_SIZE
     sides = []

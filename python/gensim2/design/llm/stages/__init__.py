@@ -1,1 +1,1 @@
-"""The stages of designing with a language model; each fills in a prompt, then parses and validates the answer."""
+"""Design with a language model in stages. Each stage fills in a prompt, then parses and validates the answer."""

@@ -51,7 +51,7 @@ SCHEMA: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class DecomposedTask:
-    """A decomposed task, and the model's own sentence for each step, by name; a grasp has none."""
+    """A decomposed task, and the model's own sentence for each step, by name; a grasp step has no sentence."""
 
     task: TaskSpec
     sentences: Mapping[str, str]

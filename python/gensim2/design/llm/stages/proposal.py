@@ -122,7 +122,7 @@ def proposal(prompts: Prompts, catalog: Catalog, wish: Wish, refused: Sequence[s
 
 
 def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish, shown: Sequence[Data] = ()) -> Proposal:
-    """Return the proposal in an answer; the last one if the model corrects itself.
+    """Return the proposal in an answer; if the model corrects itself, return the last proposal.
 
     Args:
         data: mappings in the answer.
@@ -186,8 +186,8 @@ def reflection_on(
         task: the task as the model wrote it.
         name: name of the task.
         long: whether the task has several steps.
-        free: whether the task may use all criteria and several objects. The bank's bad tasks are then left out, because
-            some of them are bad only by the stricter rules.
+        free: whether the task may use all criteria and several objects. The prompt's examples of bad tasks are then
+            left out, because some of them break only the stricter rules of the other modes.
     """
     values = catalog.for_prompts()
     text = prompts.text("reflection", **values, task=dict(task), bad=prompts.bank["bad"], long=long, free=free)

@@ -79,7 +79,7 @@ class StepToSolve:
 
     @property
     def openness(self) -> float | None:
-        """Openness of the step's object before the step, after all steps before it succeeded; None for a rigid one."""
+        """Openness of the step's object when the step starts, if all earlier steps succeed; None for a rigid one."""
         spec, thing = self.task.objects[self.step.object], self.things[self.step.object]
         found = spec.randomization.openness_mean
         found = thing.default_openness if found is None else found
@@ -307,8 +307,8 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
 
 
 def _valid(given: Sequence[Config], job: StepToSolve, max_count: int, remarks: list[str]) -> list[Config]:
-    """Return the valid configs without duplicates and add the faults of the others to ``remarks``; raise only if none
-    is valid.
+    """Return the valid configs without duplicates and add the faults of invalid configs to ``remarks``. Raise an error
+    only if no config is valid.
     """
     found: list[Config] = []
     problems: list[str] = []

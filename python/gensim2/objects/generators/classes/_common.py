@@ -101,7 +101,7 @@ def bar_handle(center: Vec3, length: float, along: str, reach: float, radius: fl
 
 
 def flat_handle(center: Vec3, length: float, along: str, reach: float, width: float, look: Look) -> list[Solid]:
-    """Return a flat bracket in front of a surface; arguments as for ``bar_handle``."""
+    """Return a flat bracket in front of a surface; the arguments are those of ``bar_handle``."""
     c = np.asarray(center, float)
     i = "xyz".index(along)
     size = np.array([width, width, 0.4 * width])
@@ -175,7 +175,9 @@ def hinged(
 def sliding(
     body: list[Solid], moving: list[Solid], axis: Vec3, limits: tuple[float, float], **keypoints: Keypoint
 ) -> Blueprint:
-    """Return the blueprint of an object whose moving parts slide along ``axis``; ``keypoints`` as in ``hinged``."""
+    """Return the blueprint of an object whose moving parts slide along ``axis``; ``keypoints`` has the form described
+    in ``hinged``.
+    """
     return Blueprint(body, moving, "prismatic", (0, 0, 0), axis, limits, _named(keypoints))
 
 

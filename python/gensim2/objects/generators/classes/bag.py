@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a handbag whose strap swings, or that is lifted or pushed."""
+"""Define a class of generated objects: a handbag with a swinging strap, or a handbag to be lifted or pushed."""
 
 from __future__ import annotations
 

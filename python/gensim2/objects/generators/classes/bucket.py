@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a bucket whose wire handle swings, or that is lifted or pushed."""
+"""Define a class of generated objects: a bucket with a swinging wire handle, or a bucket to be lifted or pushed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a laptop whose screen opens, or that can be pushed."""
+"""Define a class of generated objects: a laptop with a screen that opens, or a laptop to be pushed."""
 
 from __future__ import annotations
 

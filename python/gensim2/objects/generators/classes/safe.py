@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a safe whose door opens, or that can be pushed."""
+"""Define a class of generated objects: a safe with a door that opens, or a safe to be pushed."""
 
 from __future__ import annotations
 

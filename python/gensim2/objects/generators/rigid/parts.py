@@ -67,7 +67,7 @@ LEAF = matte(0.13, 0.42, 0.12)
 
 
 def scaled(solid: Solid, factor: float | Vec3) -> Solid:
-    """Return the part scaled about the origin, by one factor or by one for each axis (all positive)."""
+    """Return the part scaled about the origin, by a single factor, or by one factor for each axis (all positive)."""
     f = np.broadcast_to(np.asarray(factor, float), (3,))
     hull = None if solid.hull is None else solid.hull * f
     mesh = None if solid.mesh is None else replace(solid.mesh, vertices=solid.mesh.vertices * f)
@@ -216,7 +216,9 @@ def shifted(parts: Sequence[Solid], by: Vec3) -> list[Solid]:
 
 
 def curved(points: Sequence[Vec3], radii: Sequence[float], look: Look, sides: int = 10) -> list[Solid]:
-    """Return a round bar of varying radius along a polyline: one hull for each segment, one smooth surface."""
+    """Return a round bar of varying radius along a polyline: with one collision hull for each segment and one smooth
+    visual surface.
+    """
     from gensim2.objects.shapes import loft
 
     p = [np.asarray(q, float) for q in points]
