@@ -87,7 +87,9 @@ class RobotSegments:
 
 
 def candidates_for(points: int) -> int:
-    """Return the default of ``candidates``: four per point, at least 4,096; 0 (all pixels) above ``MAX_POINTS``."""
+    """Return the default of ``candidates``: four pixels per point, at least 4,096; 0 (all pixels) if this exceeds
+    ``MAX_POINTS``.
+    """
     wanted = max(4 * points, 4096)
     return wanted if wanted <= MAX_POINTS else 0
 

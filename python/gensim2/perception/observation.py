@@ -236,7 +236,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Observation(Mapping[str, Array]):
-    """Observation of one instant. It is also a mapping to arrays, from the names that exports use.
+    """Observation of one instant. An observation is also a mapping from the names that exports use to arrays.
 
     Attributes:
         step: number of control steps since the reset.

@@ -97,8 +97,9 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
     Args:
         mass: mass of the object, kg.
-        margin: angle (rad) between the pressing direction and the edge of the friction cone. For parallel faces it is
-            the half angle of the cone; for the steepest faces that friction can hold it is almost zero.
+        margin: angle (rad) between the pressing direction and the edge of the friction cone. For parallel faces this
+            angle is the half angle of the cone; for the steepest faces that friction can hold, the angle is almost
+            zero.
         lever: distance (m) of the object's centre of mass from the line between the pads; the object can turn about
             this line.
     """

@@ -91,8 +91,8 @@ def grasps_of(
 
 
 def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrategy) -> float:
-    """Return the angle (rad) between a grasp's closing direction and the edge of the friction cone. The friction is the
-    smaller value of scene and strategy.
+    """Return the angle (rad) between a grasp's closing direction and the edge of the friction cone. The friction
+    coefficient is the smaller of the values of scene and strategy.
     """
     friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     return grasp.quality["friction_margin"] - float(np.arctan(strategy.friction) - np.arctan(friction))

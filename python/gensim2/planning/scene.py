@@ -67,7 +67,7 @@ class SceneObject:
         bodies: bodies of the object.
         T_base_object: (4, 4) object frame in the robot base frame.
         keypoints: keypoint positions (3,) by name, m, in the robot base frame, in the object's own order.
-        joint: joint of an articulated object; None for a rigid one.
+        joint: joint of an articulated object; None for a rigid object.
         object_axis: axis of the object frame about which "rotate" motions turn.
         yaw: angle by which randomization has rotated the object about the vertical, rad.
         center_of_mass: (3,) centre of mass of a rigid object in its frame, m; None if unknown.
@@ -106,7 +106,7 @@ class Scene:
 
     Attributes:
         q, qvel: (n,) robot joints and their velocities, rad and m, in the robot's active joint order.
-        T_world_base: (4, 4) robot base in the world.
+        T_world_base: (4, 4) pose of the robot base in the world.
         objects: objects by name, in the task's order.
         fixtures: bodies that belong to no object: the table.
         held: name of the grasped rigid object, or None.

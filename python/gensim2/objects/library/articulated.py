@@ -37,7 +37,7 @@ class ArticulatedShelf(Shelf):
 
 
 class GeneratedShelf(ArticulatedShelf):
-    """Generated articulated objects; ids are numbers up to 10^6, but ``instances`` lists only the built-in instances."""
+    """Generated articulated objects. Ids are numbers up to 10^6, but ``instances`` lists only built-in instances."""
 
     source: Source = "generated"
     license = GENERATED_LICENSE

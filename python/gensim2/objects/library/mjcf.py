@@ -1,8 +1,8 @@
-"""Convert an MJCF file to a URDF with meshes, the form that :mod:`gensim2.objects.library.importer` reads.
+"""Convert an MJCF file to a URDF file with meshes, which :mod:`gensim2.objects.library.importer` reads.
 
-MuJoCo's reader resolves classes, angles, frames and inertias. It never reads a file: this module passes it only the
-elements of ``ELEMENTS``, and reads included files and meshes itself, with the limits for untrusted objects. These rules
-apply:
+MuJoCo's reader resolves classes, angles, frames and inertias. This reader never opens a file: this module passes only
+the elements of ``ELEMENTS`` to the reader, and reads included files and meshes itself, with the limits for untrusted
+objects. These rules apply:
 
 - The object is the only body below the world that contains a hinge or a slide; its pose in the world is ignored.
 - Geoms that can touch, by ``contype`` and ``conaffinity`` or in a contact pair, are collision elements, and meshes

@@ -70,7 +70,9 @@ def steadiness(points: Array, center: Array) -> float:
 
 
 def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
-    """Return the pose in which an object rests on the table: upright if stable, else the most probable one."""
+    """Return the pose in which an object rests on the table: upright if this pose is stable, else the most probable
+    stable pose.
+    """
     points = np.concatenate(list(hulls))
     poses = [_least_turn(-side) for side in resting_sides(points, mass.center)]
     R = max(poses, key=lambda pose: float(pose[2, 2]))
@@ -137,9 +139,9 @@ def _least_turn(down: Array) -> Array:
 def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip:
     """Return the best grasp with two parallel fingers from above, over all directions, heights and parts.
 
-    The best grasp is narrow, at the height of the centre of mass (round objects slip out of higher grasps) and close to
-    it. The width of the grasp is the extent of the object in a slab around the plane of the fingers, which is
-    ``FINGER`` thick.
+    The best grasp is narrow and close to the centre of mass. It is at the height of the centre of mass, because round
+    objects slip out of higher grasps. The width of the grasp is the extent of the object in a slab around the plane of
+    the fingers, which is ``FINGER`` thick.
     """
     R = resting.rotation
     placed = [hull @ R.T + resting.position for hull in hulls]

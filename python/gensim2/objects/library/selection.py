@@ -121,8 +121,8 @@ def taken_instances(
 def wanted_classes(
     libraries: Sequence[Library], classes: Sequence[str] | None
 ) -> list[tuple[Library, tuple[str, ...]]]:
-    """Return each library with those names in ``classes`` that it has. If ``classes`` is None, return each library with
-    all of its own classes.
+    """Return each library with the names in ``classes`` that the library has. If ``classes`` is None, return each
+    library with all of its own classes.
 
     Raises:
         InputError: no library has a class of this name.

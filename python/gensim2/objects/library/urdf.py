@@ -1,4 +1,5 @@
-"""Read URDF files of objects, and robot links to display, with ``gensim2_kpam.read_urdf``. Lengths are not scaled.
+"""Read the URDF files of objects, and the links of robots for display, with ``gensim2_kpam.read_urdf``. Lengths are not
+scaled.
 
 Files are refused if their links do not form a tree or their numbers are implausible.
 """
@@ -125,7 +126,7 @@ def read_urdf(folder: ObjectFolder) -> Urdf:
 
 
 def parse_urdf(content: bytes, file: Path) -> Urdf:
-    """Parse the content of a URDF file; raises like :func:`read_urdf`."""
+    """Parse the content of a URDF file; the errors are those of :func:`read_urdf`."""
     try:
         written = gensim2_kpam.read_urdf(content, str(file))
     except gensim2_kpam.UrdfError as error:

@@ -1,14 +1,15 @@
-"""Convert a USD file to a URDF with meshes, the form that :mod:`gensim2.objects.library.importer` reads.
+"""Convert a USD file to a URDF file with meshes, which :mod:`gensim2.objects.library.importer` reads.
 
-The reader of ``usd-core`` runs in a subprocess with limited memory and time. It sees only copies of the USD files of
-the source's folder, which this module reads with the limits for untrusted objects. These rules apply:
+The reader of ``usd-core`` runs in a subprocess with limited memory and time. The reader sees only copies of the USD
+files in the source's folder, which this module reads with the limits for untrusted objects. These rules apply:
 
 - Links are the prims with ``PhysicsRigidBodyAPI``. A joint whose body is another prim attaches to the static part of
   the scene, which then is the root link. The object is the only group of links with a revolute or prismatic joint.
-- Prims with ``PhysicsCollisionAPI``, or below one inside the same link, are collision shapes. Visible prims with the
-  purpose ``default`` or ``render`` are visual shapes. If a link has only one kind of shapes, they serve both purposes.
+- Prims with ``PhysicsCollisionAPI``, and prims below such a prim in the same link, are collision shapes. Visible prims
+  with the purpose ``default`` or ``render`` are visual shapes. If a link has only one kind of shapes, they serve both
+  purposes.
 - Lengths are converted from ``metersPerUnit``, masses from ``kilogramsPerUnit``, and ``upAxis`` to z. A model with y up
-  is turned like with ``--up y``: its front faces z.
+  is rotated as with the option ``--up y``, so its front must face z.
 - Colours come from ``UsdPreviewSurface`` or ``displayColor``. Textures, drives, contact materials and animation are
   ignored.
 """
@@ -378,7 +379,7 @@ class _Converter:
         return False
 
     def _add_links(self, joints: list[_Joint], members: set[str]) -> None:
-        """Write the links, from the root to the outermost ones; each link's frame is that of the joint above it."""
+        """Write the links, from the root outwards. The frame of a link is the frame of the joint to its parent link."""
         joints = [joint for joint in joints if joint.bodies[0] in members]
         root = self._root(joints, members)
         T_root = np.eye(4)
@@ -410,7 +411,7 @@ class _Converter:
                 waiting.append(child)
 
     def _root(self, joints: list[_Joint], members: set[str]) -> str:
-        """Return the root link: the static part, else the articulation root, else a link that has no joint above."""
+        """Return the root link: the static part, else the articulation root, else a link without a parent joint."""
         from pxr import UsdPhysics
 
         if STATIC in members:
@@ -455,7 +456,9 @@ class _Converter:
         return [points] if solid else []
 
     def _primitive(self, prim: Any, matrix: Array) -> tuple[Array, str, Array] | None:
-        """Return pose, kind and size of a shape that URDF has; None for others, and for sheared or stretched ones."""
+        """Return pose, kind and size of a shape that URDF has; None for other shapes, and for sheared or stretched
+        shapes.
+        """
         kind = str(prim.GetTypeName())
         if kind not in ("Cube", "Sphere", "Cylinder", "Capsule"):
             return None
@@ -555,7 +558,9 @@ class _Converter:
         return points.astype(float), found
 
     def _inertial(self, link: _Link, T_from_world: Array, hulls: list[Array]) -> Inertial | None:
-        """Return the inertia that the link states, in its frame; parts of it are computed from the collision hulls."""
+        """Return the inertia that the link states, in its frame. Values that the link does not state are computed from
+        the collision hulls.
+        """
         from pxr import UsdPhysics
 
         prim = link.prim
@@ -586,7 +591,7 @@ class _Converter:
         return Inertial(mass, self._finite(center, prim), self._finite(inertia, prim))
 
     def _look(self, prim: Any) -> Look:
-        """Return the colour of a shape: of its preview surface, else its display colour."""
+        """Return the colour of a shape: the colour of its preview surface, else its display colour."""
         from pxr import UsdGeom, UsdShade
 
         material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]

@@ -321,9 +321,9 @@ def decompose(
     Args:
         pieces: (vertices (N, 3) in metres, faces (M, 3)).
         space: free space around the pieces; None: computed.
-        limit: maximum number of hulls. To stay below it, hulls are merged even if this fills cavities. If there are
-            still more than ``MAX_HULLS_FOR_CLEARANCE`` hulls, they are merged even if this fills space that the other
-            link needs.
+        limit: maximum number of hulls. To stay below the limit, hulls are merged even if this fills cavities. If there
+            are still more than ``MAX_HULLS_FOR_CLEARANCE`` hulls, they are merged even if this fills space that the
+            other link needs.
     """
     if not pieces:
         return Decomposition([], 0, 0)

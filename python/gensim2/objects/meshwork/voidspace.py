@@ -197,7 +197,7 @@ NEAREST = 8  # number of candidate triangles that are compared to find the trian
 
 
 def _off_hinge(instance: ArticulatedObject, points: Array) -> Array:
-    """Return those of the points, (N, 3) in the root frame, that lie outside the hinge region."""
+    """Return the points outside the hinge region, selected from points (N, 3) in the root frame."""
     joint = instance.joint
     if joint.type != "revolute":
         return points
@@ -310,7 +310,9 @@ class _Enclosed:
         return near | ~self._space.is_free_finely(points, GAP)
 
     def depth(self, points: Array) -> float:
-        """Return the maximum distance (m) from the meshes to the enclosed points among (N, 3); 0 if there are none."""
+        """Return the maximum distance (m) from the meshes to the enclosed points among (N, 3); 0 if no point is
+        enclosed.
+        """
         inside = points[((points > self._space.low) & (points < self._space.high)).all(axis=1)]
         inside = inside[~self._space.is_free(inside)]
         if not len(inside):

@@ -285,8 +285,8 @@ class SceneEstimator:
 
 
 def squared_yaw(normals: Points, yaw: float) -> float:
-    """Return the yaw (rad) of a box, computed from the normals of its vertical faces. If the normals do not look like
-    those of a box, return ``yaw``.
+    """Return the yaw (rad) of a box, computed from the normals of its vertical faces. If the normals do not fit a box,
+    return ``yaw``.
 
     The angles of these normals differ by multiples of 90 degrees. Four times the angle is therefore the same for all
     faces, and its mean gives the yaw.

@@ -186,8 +186,8 @@ class Observer:
     def joints(
         self, positions: npt.ArrayLike, velocities: npt.ArrayLike, step: int, command: float = OPEN
     ) -> Observation:
-        """Return an observation without images. It is computed from joint positions (n,) and velocities (n,); the spec
-        must have no cameras.
+        """Return an observation without images, from joint positions (n,) and velocities (n,). The spec must have no
+        cameras.
         """
         return self._encoder.encode(step, positions, velocities, command)
 

@@ -187,7 +187,7 @@ class RaycastView:
 
     def measured(self, camera: Camera, depth: npt.NDArray[np.float32]) -> RaycastView:
         """Return a copy of this image in which the depth is replaced by ``depth`` (H, W), m, and the camera pose by the
-        pose of ``camera``. Both simulate measurement errors.
+        pose of ``camera``. The replaced values simulate measurement errors.
         """
         found = RaycastView(self._caster, self._hits, self._number, camera, self._poses)
         found.depth = depth
