@@ -125,7 +125,7 @@ def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
     episode, recording = record(config, given.strategies, seed, lambda episode, recording: (episode, recording))
     if recording is None:
         raise InputError(
-            f"no motion was found: {plans[0].found.reason}", field=given.spec.name, remedy="another --seed"
+            f"no motion was found: {plans[0].found.reason}", field=given.spec.name, remedy="try another --seed"
         )
     ended = "held" if episode.held else f"not held: {episode.cause}"
     return Shown(f"{given.spec.name}, seed {seed}: {ended}", given.scene, recording, plans)
@@ -145,7 +145,11 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
         raise InputError(wrong, file=store.folder, field="episode", remedy="--episode N takes another")
     recording = store.read(row).recording
     if recording is None:
-        raise InputError("its states were not stored", file=store.path(row.index, row.held), remedy="--keep-failures")
+        raise InputError(
+            "its states were not stored",
+            file=store.path(row.index, row.held),
+            remedy="collect the data set with --keep-failures",
+        )
     scene = dataset.scene.with_task(store.spec(), dataset.record.tasks[store.name].instances)
     ObjectCheck(dataset).episode(row, store.path(row.index, row.held))
     return Shown(f"{store.name}, episode {row.index}: {'held' if row.held else row.cause}", scene, recording)

@@ -67,7 +67,7 @@ class Fault:
         except ValueError:
             seconds = math.nan
         if not 0.0 <= seconds < 1e6:
-            raise InputError(f"{text!r} has no valid time", field="--fault", remedy="as camera-frozen@3.5")
+            raise InputError(f"{text!r} has no valid time", field="--fault", remedy="for example camera-frozen@3.5")
         return Fault(name, seconds)
 
 

@@ -65,7 +65,9 @@ class GivenActions:
 
     def fail(self, fault: str) -> None:
         """Raise an error, because faults cannot be injected into given actions."""
-        raise InputError("faults cannot be injected into given actions", field="fault")
+        raise InputError(
+            "faults cannot be injected, because the actions are given instead of computed by a policy", field="fault"
+        )
 
     def close(self) -> None:
         """Do nothing."""

@@ -129,7 +129,7 @@ def test_damaged_figures_are_named(tmp_path: Path) -> None:
         damaged = {**whole, "rows": [{**whole["rows"][0], field: value}]}
         with pytest.raises(InputError, match=r"damaged\.json: rows\.0: "):
             read_figures(written(tmp_path / "damaged.json", damaged))
-    with pytest.raises(InputError, match="two rows of the same condition"):
+    with pytest.raises(InputError, match="two rows have the same task and condition"):
         read_figures(written(tmp_path / "twice.json", {**whole, "rows": whole["rows"] * 2}))
     with pytest.raises(InputError, match="cannot be read"):
         read_figures(tmp_path / "none.json")

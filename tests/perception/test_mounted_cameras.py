@@ -128,9 +128,9 @@ def test_cameras_that_there_are_not_are_refused() -> None:
         (MountedCamera("wrist", "nowhere", camera.T_link_camera), "no link 'nowhere'"),
         (MountedCamera("wrist", "panda_hand", 2.0 * np.eye(4)), "rigid transform"),
         (MountedCamera("a/b", "panda_hand", np.eye(4)), "a name must be"),
-        (MountedCamera("wrist", "panda_hand", np.eye(4), 0), "must have pixels"),
+        (MountedCamera("wrist", "panda_hand", np.eye(4), 0), "must be at least 1 pixel"),
     ):
         with pytest.raises(InputError, match=message):
             check_profile(replace(profile, cameras=(wrong,)), "mine.py")
-    with pytest.raises(InputError, match="two are called 'wrist'"):
+    with pytest.raises(InputError, match="two cameras are named 'wrist'"):
         check_profile(replace(profile, cameras=(camera, camera)), "mine.py")

@@ -243,7 +243,7 @@ def test_a_welcome_is_checked_by_its_schema(hostile: Callable[..., str], welcome
         ({**ACTION, "action": [0.0] * 8}, "action: must be an array of float32"),
         ({**ACTION, "action": np.full(8, 1e60)}, "action: must be an array of float32"),
         ({**ACTION, "action": np.zeros(8, bool)}, "action: must be an array of float32"),
-        ({**ACTION, "number": 2}, "answered request 2, but the last is 1"),
+        ({**ACTION, "number": 2}, "answered request 2, but the last request was 1"),
         ({**ACTION, "number": True}, "number: input should be a valid integer"),
         ({"kind": "action", "number": 1, "observation": SPEC}, "action: field required"),
         ({**ACTION, "observation": spec(modalities=5)}, "modalities must be a list of names, got 5"),

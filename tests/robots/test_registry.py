@@ -92,7 +92,7 @@ def test_a_registered_robot_is_known_by_name_here_and_by_place_elsewhere(tmp_pat
         ),
         (
             "@gensim2.register_robot\ndef odd3():\n    return replace(gensim2.robot(), name='odd3', control_hz=30)",
-            "physics at 100 Hz is no multiple of control at 30 Hz",
+            "the physics rate, 100 Hz, is not a multiple of the control rate, 30 Hz",
         ),
         (
             "def gone():\n    raise KeyError('where')\n@gensim2.register_robot\ndef odd4():\n"
@@ -155,10 +155,10 @@ def changed(profile: RobotProfile, **gripper: object) -> RobotProfile:
     [
         (lambda p: replace(p, base_quaternion=(1.0, 1.0, 0.0, 0.0)), "unit quaternion"),
         (lambda p: replace(p, reset_qpos=p.reset_qpos[:-1]), "11 values for 12 joints"),
-        (lambda p: replace(p, reset_qpos=(9.0, *p.reset_qpos[1:])), "takes joint1 beyond its limits"),
-        (lambda p: replace(p, arm_joints=p.arm_joints[:-1]), "but the URDF moves"),
+        (lambda p: replace(p, reset_qpos=(9.0, *p.reset_qpos[1:])), "places the joint joint1 outside its limits"),
+        (lambda p: replace(p, arm_joints=p.arm_joints[:-1]), "but the moving joints of the URDF"),
         (lambda p: replace(p, tool_link="elsewhere"), "no link 'elsewhere'"),
-        (lambda p: replace(p, tool_keypoints={}), "there is no tool_head"),
+        (lambda p: replace(p, tool_keypoints={}), "the keypoint tool_head is missing"),
         (lambda p: replace(p, tool_keypoints={**p.tool_keypoints, "tool_head": np.zeros(2)}), "three finite numbers"),
         (lambda p: changed(p, pads=("nothing",)), "no link 'nothing'"),
         (lambda p: changed(p, passive=()), "neither driven, mimicking nor passive"),

@@ -29,11 +29,14 @@ def sampler(*goal: dict[str, Any], **objects: dict[str, Any]) -> SceneSampler:
             [{"type": "articulated_open", "object": "drawer"}, {"type": "articulated_closed", "object": "drawer"}],
             "the openness of drawer would have to be above 0.8 and below 0.2",
         ),
-        ([{"type": "articulated_open", "object": "ball"}], "is about 'ball', which is a rigid object"),
-        ([{"type": "rigidbody_lifted", "rigid": "drawer"}], "is about 'drawer', which is an articulated object"),
+        ([{"type": "articulated_open", "object": "ball"}], "does not apply to 'ball', which is a rigid object"),
+        (
+            [{"type": "rigidbody_lifted", "rigid": "drawer"}],
+            "does not apply to 'drawer', which is an articulated object",
+        ),
         (
             [{"type": "rigidbody_moved", "rigid": "ball", "direction": "away", "distance": 0.9}],
-            r"asks for ball 0\.\d\d m beyond the 0.75 m that the robot reaches",
+            r"requires ball to be 0\.\d\d m beyond the robot's reach of 0.75 m",
         ),
     ],
 )

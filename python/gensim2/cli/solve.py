@@ -20,7 +20,9 @@ def _browse(scene: Scene, plan: Plan, profile: RobotProfile) -> None:
     from gensim2.planning.show import show, wait
 
     server = show(scene, plan, profile)
-    click.echo(f"http://{server.get_host()}:{server.get_port()} shows the plan; Ctrl-C ends it", err=True)
+    click.echo(
+        f"http://{server.get_host()}:{server.get_port()} shows the plan; press Ctrl-C to stop the server", err=True
+    )
     wait(server)
 
 

@@ -36,5 +36,7 @@ def view(
     from gensim2.viewing import view as function
 
     server = function(what, task=task, episode=episode, port=port, **given)
-    click.echo(f"http://{server.get_host()}:{server.get_port()} shows the episode; Ctrl-C ends it", err=True)
+    click.echo(
+        f"http://{server.get_host()}:{server.get_port()} shows the episode; press Ctrl-C to stop the server", err=True
+    )
     wait(server)

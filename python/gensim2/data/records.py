@@ -141,7 +141,7 @@ class CheckerRecord(Record):
     @model_validator(mode="after")
     def _figures_are_those_of_the_counts(self) -> Self:
         if self.model_dump() != {"schema_version": 1, **self.result.to_dict()}:
-            raise ValueError("the figures do not match the counts")
+            raise ValueError("the totals do not match the field 'counts'")
         return self
 
     @property

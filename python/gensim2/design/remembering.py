@@ -102,7 +102,7 @@ def add_task(
         raise UnverifiedTaskError(
             f"{task.name}: {tally.held} of {episodes} fresh episodes succeeded{where} ({causes})",
             file=folder,
-            remedy=f"a share of {LEAST_SHARE:g} must succeed",
+            remedy=f"the success rate must be at least {LEAST_SHARE:g}",
         )
     memory.add(task, read.strategies, verified(verification, seed))
     return Remembered(library_folder, (task.name,), {})

@@ -79,9 +79,19 @@ def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, f
         is_rigid = scene.objects[step.object].is_rigid
         if isinstance(strategy, GraspStrategy) and not is_rigid:
             remedy = "add follow_joint_to: 1.0 to grasp the moving part and move the joint"
-            raise InputError(f"{step.object} has a joint", file=file, field="grasp", remedy=remedy)
+            raise InputError(
+                f"{step.object} has a joint, so this strategy cannot grasp and carry it",
+                file=file,
+                field="grasp",
+                remedy=remedy,
+            )
         if isinstance(strategy, PullStrategy) and is_rigid:
-            raise InputError(f"{step.object} has no joint", file=file, field="follow_joint_to", remedy="remove it")
+            raise InputError(
+                f"{step.object} has no joint to follow",
+                file=file,
+                field="follow_joint_to",
+                remedy="remove follow_joint_to",
+            )
         if step.tool != HAND:
             raise InputError(
                 f"the hand already holds {step.tool}", file=file, field="grasp", remedy="remove the step's tool"

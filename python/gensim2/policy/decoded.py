@@ -101,7 +101,9 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         raise InputError("at least one data set is needed", field="--data")
     robots = {each.record.scene.robot for each in sets}
     if len(robots) > 1:
-        raise InputError(f"were recorded with different robots: {', '.join(sorted(robots))}", field="--data")
+        raise InputError(
+            f"the data sets were recorded with different robots: {', '.join(sorted(robots))}", field="--data"
+        )
     spec = sets[0].observation_spec()
     for each in sets[1:]:
         spec.require(each.observation_spec(), str(each.path), of=str(sets[0].path))
@@ -109,13 +111,15 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         raise InputError("has no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
     found = list(_rows(sets, tasks))
     if not found:
-        raise InputError("contain no successful episode", field="--data")
+        raise InputError("the data sets contain no successful episode", field="--data")
     held = _once(found)
     if len(held) < len(found):
         progress.message(f"{len(found) - len(held)} of {len(found)} episodes occur in several data sets and count once")
     rows = [each for each in held if each.rendered]
     if not rows:
-        raise InputError("contain no rendered episode", field="--data", remedy="run `gensim2 render` on them")
+        raise InputError(
+            "the data sets contain no rendered episode", field="--data", remedy="run `gensim2 render` on them"
+        )
     if len(rows) < len(held):
         left_out = f"{len(held) - len(rows)} of {len(held)} episodes have no observations and are left out"
         progress.message(f"{left_out} (`gensim2 render` with --resume makes them)")

@@ -134,7 +134,7 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
     there = read_record(other / LEARN_JSON, LearnRecord, REFUSED)
     if there.is_of_plans is not record.is_of_plans:
         kinds = {True: "plans", False: "episodes"}
-        message = f"its demonstrations are {kinds[there.is_of_plans]}, this policy needs {kinds[record.is_of_plans]}"
+        message = f"its demonstrations are {kinds[there.is_of_plans]}, but the policy needs {kinds[record.is_of_plans]}"
         raise InputError(message, file=other, field="policy")
     for name in DATA_FIELDS:
         was, now = getattr(there, name), getattr(record, name)

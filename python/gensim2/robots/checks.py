@@ -41,15 +41,17 @@ def check_profile(profile: RobotProfile, where: str) -> None:
 
     rates = profile.simulation.physics_hz, profile.control_hz
     if min(rates) <= 0 or rates[0] % rates[1]:
-        raise refuse("control_hz", f"physics at {rates[0]} Hz is no multiple of control at {rates[1]} Hz")
+        raise refuse(
+            "control_hz", f"the physics rate, {rates[0]} Hz, is not a multiple of the control rate, {rates[1]} Hz"
+        )
     if not isclose(sum(each * each for each in profile.base_quaternion), 1.0, abs_tol=NEAR):
         raise refuse("base_quaternion", f"must be a unit quaternion (w, x, y, z), is {profile.base_quaternion}")
     missing = [name for name in KEYPOINTS if name not in profile.tool_keypoints]
     if missing:
-        raise refuse("tool_keypoints", f"there is no {missing[0]}")
+        raise refuse("tool_keypoints", f"the keypoint {missing[0]} is missing")
     for point in profile.tool_keypoints.values():
         if np.shape(point) != (3,) or not np.isfinite(point).all():
-            raise refuse("tool_keypoints", "each must be three finite numbers, m in the hand frame")
+            raise refuse("tool_keypoints", "each keypoint must be three finite numbers: metres in the hand frame")
     if len(profile.arm_drives) != len(profile.arm_joints):
         raise refuse("simulation.arm", f"has {len(profile.arm_drives)} drives for {len(profile.arm_joints)} arm joints")
     _check_gripper(profile, refuse)
@@ -63,12 +65,14 @@ def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
     for field, names in named.items():
         unknown = [name for name in names if name not in gripper.joints]
         if unknown:
-            raise refuse(f"gripper.{field}", f"{unknown[0]!r} is none of gripper.joints")
+            raise refuse(f"gripper.{field}", f"{unknown[0]!r} is not in gripper.joints")
     for name in gripper.joints:
         kinds = [field for field in ("driven", "mimics", "passive") if name in named[field]]
         if len(kinds) != 1:
             said = " and ".join(kinds) or "neither driven, mimicking nor passive"
-            raise refuse("gripper.joints", f"{name!r} is {said}; it must be one of the three")
+            raise refuse(
+                "gripper.joints", f"{name!r} is {said}; a joint must be exactly one of driven, mimics and passive"
+            )
     if not gripper.widest > 0.0:
         raise refuse("gripper.widest", "the largest pad distance must be above 0 m")
     for name, mimic in gripper.mimics.items():
@@ -79,11 +83,14 @@ def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
 def _check_cameras(profile: RobotProfile, refuse: Refuse) -> None:
     names = [camera.name for camera in profile.cameras]
     if len(set(names)) < len(names):
-        raise refuse("cameras", f"two are called {max(names, key=names.count)!r}")
+        raise refuse("cameras", f"two cameras are named {max(names, key=names.count)!r}")
     for camera in profile.cameras:
         field = f"cameras.{camera.name}"
         if not CAMERA_NAME.fullmatch(camera.name):
-            raise refuse(field, "a name must be small letters, digits and _, a letter first, 40 at most")
+            raise refuse(
+                field,
+                "a camera name must have 1 to 40 lower-case letters, digits or underscores, and begin with a letter",
+            )
         if camera.link not in profile.model.link_names:
             raise refuse(field, f"the URDF has no link {camera.link!r}")
         pose = np.asarray(camera.T_link_camera, dtype=np.float64)
@@ -93,9 +100,11 @@ def _check_cameras(profile: RobotProfile, refuse: Refuse) -> None:
             or not np.linalg.det(pose[:3, :3]) > 0
             or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0])
         ):
-            raise refuse(f"{field}.T_link_camera", "must be a rigid transform, (4, 4)")
+            raise refuse(f"{field}.T_link_camera", "must be a rigid transform of shape (4, 4)")
         if min(camera.width, camera.height) < 1 or not 0.0 < camera.field_of_view < 3.0:
-            raise refuse(field, "must have pixels, and a field of view between 0 and 3 rad")
+            raise refuse(
+                field, "width and height must be at least 1 pixel, and the field of view must lie between 0 and 3 rad"
+            )
 
 
 def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
@@ -104,8 +113,9 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
     if model.joint_names != expected:
         raise refuse(
             "arm_joints",
-            f"with gripper.joints gives {', '.join(expected)}, but the URDF moves {', '.join(model.joint_names)}",
-            "list all moving joints in the URDF's order, the arm's first; make others fixed",
+            f"arm_joints and gripper.joints list {', '.join(expected)}, but the moving joints of the URDF "
+            f"are {', '.join(model.joint_names)}",
+            "list all moving joints in the URDF's order, the arm's joints first; make all other joints fixed",
         )
     for field, link in (("hand_link", profile.hand_link), ("tool_link", profile.tool_link)):
         if link not in model.link_names:
@@ -122,7 +132,7 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
         if not low - 1e-4 <= value <= high + 1e-4
     ]
     if outside:
-        raise refuse("reset_qpos", f"takes {outside[0]} beyond its limits")
+        raise refuse("reset_qpos", f"places the joint {outside[0]} outside its limits")
     _check_mimics(profile, refuse)
 
 
@@ -137,4 +147,6 @@ def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
     for name in profile.gripper.passive:
         if followed[name] is None or followed[name]["multiplier"] != 0.0:
             remedy = f'give it <mimic joint="{profile.gripper.driven[0]}" multiplier="0"/>'
-            raise refuse("gripper.passive", f"the URDF lets {name!r} move by itself", remedy)
+            raise refuse(
+                "gripper.passive", f"the joint {name!r} is passive, but can move by itself in the URDF", remedy
+            )

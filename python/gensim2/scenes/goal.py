@@ -87,8 +87,8 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
             away = _beyond_reach(criterion, state.objects[criterion.rigid], robot)
             if away > 0.0:
                 raise GoalError(
-                    f"the goal is unreachable: {criterion.type} asks for {criterion.rigid} {away:.2f} m beyond the "
-                    f"{robot.reach:g} m that the robot reaches",
+                    f"the goal is unreachable: {criterion.type} requires {criterion.rigid} to be {away:.2f} m beyond "
+                    f"the robot's reach of {robot.reach:g} m",
                     field=field,
                     remedy="lower the criterion's values, or place the object elsewhere",
                 )
@@ -148,7 +148,7 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
             for name in criterion.objects if isinstance(criterion, types) else ():
                 if not isinstance(state.objects[name].model, kind):
                     raise GoalError(
-                        f"the goal is unreachable: {criterion.type} is about {name!r}, which is {other}",
+                        f"the goal is unreachable: {criterion.type} does not apply to {name!r}, which is {other}",
                         field=field,
                         remedy="name another object, or another type of criterion (docs/reference/tasks.md lists them)",
                     )

@@ -183,7 +183,7 @@ def sample_initial_state(
     raise PlacementError(
         f"{MAX_DRAWS} random placements with seed {seed} left no room for {names}",
         field="objects",
-        remedy="give place.at farther apart, or other instances",
+        remedy="move the positions place.at farther apart, or choose other instances",
     )
 
 

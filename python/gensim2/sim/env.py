@@ -152,7 +152,11 @@ class GenSim2Env(RaycastObservations):
         self.physics = named_physics(sampler.physics)
         self.metadata = {**self.metadata, "render_fps": self.profile.control_hz}
         if robot_uids not in (None, self.profile.agent):
-            raise InputError(f"is {self.profile.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="give robot")
+            raise InputError(
+                f"must be {self.profile.agent!r}, the agent of the environment's robot, not {robot_uids!r}",
+                field="robot_uids",
+                remedy="select the robot with the argument robot",
+            )
         agents.register(self.profile)
         self._spec: EnvSpec | None = None
         self._seen = ObservationSpec.of(observation) if obs_mode == RAYCAST else None
@@ -179,7 +183,7 @@ class GenSim2Env(RaycastObservations):
             )
         except (AssertionError, NotImplementedError) as error:  # raised by ManiSkill for an unknown argument
             check_obs_mode(obs_mode, error)
-            raise InputError(f"ManiSkill refuses an argument: {error}", remedy="see its BaseEnv") from error
+            raise InputError(f"ManiSkill refuses an argument: {error}", remedy="see ManiSkill's BaseEnv") from error
         except RuntimeError as error:
             if "failed to find device" not in str(error):
                 raise

@@ -174,7 +174,7 @@ class Figures(_Value):
     def _one_row_each(self) -> Self:
         keys = [(row.task, row.condition) for row in self.rows]
         if len(set(keys)) < len(keys):
-            raise ValueError("a task has two rows of the same condition")
+            raise ValueError("two rows have the same task and condition")
         return self
 
     def with_rows(self, rows: Iterable[Figure]) -> Figures:

@@ -91,7 +91,9 @@ def _user_shelf() -> Traversable | None:
 
 def _require_library(path: Path) -> None:
     if path.exists() and not path.is_dir() and path.suffix != ".zip":
-        raise InputError("is not a folder or a .zip file", file=path, remedy="a library of gensim2 tasks export")
+        raise InputError(
+            "is not a folder or a .zip file", file=path, remedy="give a library that gensim2 tasks export has written"
+        )
 
 
 def _suite() -> Traversable:

@@ -83,7 +83,7 @@ class Memory:
             InputError: the user disabled the library, or it is an archive.
         """
         if self._folder is None:
-            raise InputError("the user library is disabled", field="library", remedy="give a folder, not none")
+            raise InputError("the user library is disabled", field="library", remedy="give a folder instead of none")
         if self._folder.is_file():
             raise InputError("is an archive, which is read-only", file=self._folder, field="library")
         return self._folder
@@ -247,7 +247,7 @@ def _check_verified(task: TaskSpec, verification: Verified) -> None:
     if verification.episodes < LEAST_EPISODES:
         raise UnverifiedTaskError(told, remedy=f"verify it with {LEAST_EPISODES} or more")
     if verification.share < LEAST_SHARE:
-        raise UnverifiedTaskError(f"{told}, less than {LEAST_SHARE:g} of them")
+        raise UnverifiedTaskError(f"{told}, but the success rate must be at least {LEAST_SHARE:g}")
 
 
 def _with_verification(task: TaskSpec, verification: Verified) -> TaskSpec:

@@ -41,7 +41,7 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3 or not 0.0 < self.marker < self.square < 1.0:
-            raise InputError("is not a ChArUco board", field="board", remedy="as 7x5:0.04:0.03")
+            raise InputError("is not a ChArUco board", field="board", remedy="for example 7x5:0.04:0.03")
 
     @staticmethod
     def parse(text: str) -> Board:
@@ -55,7 +55,9 @@ class Board:
             columns, rows = size.split("x")
             return Board(int(columns), int(rows), float(square), float(marker))
         except ValueError as error:
-            raise InputError(f"{text!r} is not a valid board", field="--board", remedy="as 7x5:0.04:0.03") from error
+            raise InputError(
+                f"{text!r} is not a valid board", field="--board", remedy="for example 7x5:0.04:0.03"
+            ) from error
 
     def charuco(self) -> Any:
         import cv2

@@ -386,7 +386,8 @@ def calibrate(
         )
     if not LEAST_VIEWS <= len(views) <= MAX_VIEWS or not held_out:
         raise InputError(
-            f"needs {LEAST_VIEWS} to {MAX_VIEWS} and one held out, got {len(views)} and {len(held_out)}",
+            f"needs {LEAST_VIEWS} to {MAX_VIEWS} images for the fit and at least one for validation, "
+            f"got {len(views)} and {len(held_out)}",
             field="views",
         )
     check_views(camera, [*views, *held_out])

@@ -124,7 +124,11 @@ def calibrate_log(
     cameras = [each.camera() for each in about.cameras]
     chosen = [camera for camera in cameras if (camera.link is not None) == carried]
     if not chosen:
-        raise InputError("the log has no camera of this kind", file=log, field="cameras")
+        raise InputError(
+            "the log has no camera of the requested kind (on the arm with --carried, otherwise fixed)",
+            file=log,
+            field="cameras",
+        )
     serials = {name: frames[0].serial for name, frames in standing[0].frames.items()}
     if board is not None:
         return _by_board(profile, chosen, serials, standing, out, board, carried)

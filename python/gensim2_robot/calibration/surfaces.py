@@ -102,5 +102,6 @@ def check_views(camera: Camera, views: Sequence[ArmView]) -> None:
     for view in views:
         if view.depth.shape != (camera.height, camera.width):
             raise InputError(
-                f"is {view.depth.shape}, the camera has ({camera.height}, {camera.width})", field=f"{camera.name}.depth"
+                f"has the shape {view.depth.shape}, but the camera's images have ({camera.height}, {camera.width})",
+                field=f"{camera.name}.depth",
             )

@@ -170,9 +170,9 @@ def trial(
     asked, arguments = read_protocol(protocol), line_of(given)
     if not moves(arguments, move):
         raise InputError(
-            "a trial moves the arm, so it cannot be a dry run",
+            "is required, because a trial moves the arm",
             field="--move",
-            remedy="use gensim2 robot dry-run to test without moving",
+            remedy="to test without moving the arm, use gensim2 robot dry-run",
         )
     where = out or Path("runs") / time.strftime("trials-%Y%m%d-%H%M%S")
     with contextlib.ExitStack() as stack:

@@ -121,7 +121,7 @@ def pixels_of(text: str) -> tuple[int, int]:
     """
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 16 <= int(width) <= 1920 and 16 <= int(height) <= 1200):
-        raise InputError(f"{text!r} is not the size of a picture", field="--pixels", remedy="as 320x240")
+        raise InputError(f"{text!r} is not the size of a picture", field="--pixels", remedy="for example 320x240")
     return int(width), int(height)
 
 
@@ -153,7 +153,7 @@ def moves(given: dict[str, Any], move: bool) -> bool:
     if LineConfig(arm=given["arm"], cameras=given["cameras"], policy=given["policy"]).is_simulated:
         return True
     if not move:
-        click.echo("a dry run: nothing is sent to the arm; --move moves it", err=True)
+        click.echo("This is a dry run: no command is sent to the arm. Give --move to move the arm.", err=True)
         return False
     if not sys.stdin.isatty():
         raise InputError(

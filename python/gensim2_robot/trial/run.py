@@ -163,7 +163,9 @@ def trial(
     """
     config, scene = LineConfig.split(line)
     if verdict == "simulator" and not config.is_simulated:
-        raise InputError("a simulator cannot judge trials on a real arm", field="--verdict", remedy="person")
+        raise InputError(
+            "a simulator cannot judge trials on a real arm", field="--verdict", remedy="give --verdict person"
+        )
     if person is None and verdict == "person":
         raise InputError("the name of a person must be given, because a person judges the trials", field="person")
     given = read_task_input(protocol.task, seed=config.seed, **scene)

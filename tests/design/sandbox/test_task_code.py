@@ -91,7 +91,7 @@ def test_what_is_wrong_is_said_in_words_for_whoever_wrote_it(change: tuple[str, 
 
 def test_an_object_that_is_called_as_a_part_of_the_language_is_refused() -> None:
     task = json.loads(load_task("OpenBox").model_dump_json().replace('"box"', '"goal"'))
-    with pytest.raises(InputError, match="cannot contain an object called 'goal'"):
+    with pytest.raises(InputError, match="cannot contain an object named 'goal'"):
         task_code(parse_task(task))
 
 
@@ -109,7 +109,7 @@ ODD = {
     "an attribute beyond ASCII": (
         HEAD + "        self.t\u00fcr = 1\n",
         6,
-        "'t\u00fcr' is not allowed: names have small ASCII",
+        "'t\u00fcr' is not allowed: names must have lower-case ASCII",
     ),
     "a name beyond ASCII": (HEAD + "        \u00e9 = 1\n", 6, "the name '\u00e9' cannot be assigned"),
     "a class beyond ASCII": (HEAD.replace("Odd", "\u00d6dd"), 2, "in ASCII, not '\u00d6dd'"),
@@ -178,7 +178,7 @@ def test_a_description_comes_from_the_class(name: str) -> None:
     ("line", "words"),
     [
         ("self.other = self.thing", "line 6: ValueError: one object cannot be both 'thing' and 'other'"),
-        ("self.description = Object('drawer')", "line 6: ValueError: an object cannot be called 'description'"),
+        ("self.description = Object('drawer')", "line 6: ValueError: an object cannot be named 'description'"),
         ("x = self.absent", "line 6: AttributeError: self has no attribute 'absent'"),
         ("self.step('a')", "line 6: TypeError: Task.step() missing 1 required positional argument: 'object'"),
         ("self.step('a', self.thing, name='b')", "line 6: TypeError: Task.step() got multiple values"),

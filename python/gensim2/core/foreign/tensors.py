@@ -107,7 +107,9 @@ def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str
     for name, shape in expected.items():
         if found.get(name) != shape:
             there = f"is {found[name]}" if name in found else "is missing"
-            raise InputError(f"{MISMATCH}: {name} {there}, must be {shape}", file=path, remedy=remedy)
+            raise InputError(
+                f"{MISMATCH}: {name} {there}, the expected type and shape are {shape}", file=path, remedy=remedy
+            )
     for name in found:
         if name not in expected:
             raise InputError(f"{MISMATCH}: {name} is unknown", file=path, remedy=remedy)

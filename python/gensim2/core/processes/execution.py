@@ -55,11 +55,14 @@ class Execution:
 
             check_address(self.ray)
         if self.workers is None and self.ray is None:
-            raise InputError("must be a number; only a Ray cluster can determine it", field="workers")
+            raise InputError(
+                "must be a number, because only a run on a Ray cluster can choose the number of workers",
+                field="workers",
+            )
         if self.workers is not None and self.workers < 0:
             raise InputError(f"must be at least 0, not {brief(self.workers)}", field="workers")
         if self.workers == 0 and self.ray is not None:
-            raise InputError("must be at least 1 on Ray", field="workers")
+            raise InputError("must be at least 1 for a run on Ray", field="workers")
         if not 0 < self.time_limit <= LONGEST_TIME_LIMIT:
             raise InputError(f"must lie in 0..{LONGEST_TIME_LIMIT:g} s, is {self.time_limit}", field="time_limit")
         if self.jobs_per_worker < 1:

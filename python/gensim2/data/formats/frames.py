@@ -73,7 +73,7 @@ def frames_of(
     seen = {} if observation is None else seen_columns(observation, known=known)
     for name, values in seen.items():
         if len(values) != steps + 1:
-            raise InputError(f"has {len(values)} frames of an episode of {steps} steps", field=name)
+            raise InputError(f"has {len(values)} frames, but the episode has {steps} steps", field=name)
     return Frames(
         sentence,
         {

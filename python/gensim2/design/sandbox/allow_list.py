@@ -162,7 +162,7 @@ class Reader:
             node, depth = waiting.pop()
             nodes.append(node)
             if len(nodes) > MAX_NODES:
-                raise Refused(None, f"the program has more than {MAX_NODES} parts")
+                raise Refused(None, f"the program has more than {MAX_NODES} syntax nodes")
             if depth > MAX_DEPTH:
                 raise Refused(node, "the program is nested too deeply")
             children = list(ast.iter_child_nodes(node))
@@ -188,7 +188,7 @@ class Reader:
         if module != MODULE:
             raise Refused(node, f"an import from {_short(module)} is not allowed, only from {MODULE}")
         if not isinstance(parent, ast.Module):
-            raise Refused(node, "an import must stand at the top")
+            raise Refused(node, "an import must be at the top level of the program")
         for alias in node.names:
             if alias.name not in self.offered:
                 raise Refused(node, f"{MODULE} has no {_short(alias.name)}; it has {', '.join(sorted(self.offered))}")
@@ -205,11 +205,13 @@ class Reader:
 
     def look_at_ClassDef(self, node: ast.ClassDef, parent: ast.AST | None) -> None:
         if not isinstance(parent, ast.Module):
-            raise Refused(node, "a class inside something else is not allowed")
+            raise Refused(node, "a class must be at the top level of the program")
         if node.decorator_list:
             raise Refused(node, "a decorator is not allowed")
         if not CLASS_NAME.fullmatch(node.name):
-            raise Refused(node, f"a class must be called in CamelCase, in ASCII, not {_short(node.name)}")
+            raise Refused(
+                node, f"the name of a class must be CamelCase in ASCII letters and digits, not {_short(node.name)}"
+            )
         bases = [base.id if isinstance(base, ast.Name) else None for base in node.bases]
         if bases != [BASE] or node.keywords:
             raise Refused(node, f"a class must be derived from {BASE} and from nothing else")
@@ -220,7 +222,7 @@ class Reader:
         given = node.args
         others = (given.posonlyargs, given.kwonlyargs, given.vararg, given.kwarg, given.defaults)
         if [arg.arg for arg in given.args] != ["self"] or any(others):
-            raise Refused(node, "__init__ takes self and nothing else")
+            raise Refused(node, "__init__ must have the parameter self and no others")
         if node.decorator_list:
             raise Refused(node, "a decorator is not allowed")
 
@@ -228,15 +230,15 @@ class Reader:
         if not isinstance(parent, (ast.ClassDef, ast.FunctionDef)):
             raise Refused(node, "an assignment outside the class is not allowed")
         if len(node.targets) != 1 or not isinstance(node.targets[0], (ast.Name, ast.Attribute)):
-            raise Refused(node, "an assignment must be to one name")
+            raise Refused(node, "an assignment must have exactly one target: a name or an attribute of self")
 
     def look_at_Attribute(self, node: ast.Attribute, parent: ast.AST | None) -> None:
         if is_super_init(node, parent):
             return
         if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
-            raise Refused(node, f"the attribute {_short(node.attr)} of anything but self is not allowed")
+            raise Refused(node, f"the attribute {_short(node.attr)} is not allowed: only self has attributes")
         if not NAME.fullmatch(node.attr):
-            raise Refused(node, f"self.{_short(node.attr)} is not allowed: names have small ASCII letters")
+            raise Refused(node, f"self.{_short(node.attr)} is not allowed: names must have lower-case ASCII letters")
         if isinstance(node.ctx, ast.Store) and node.attr in self.methods:
             raise Refused(node, f"self.{node.attr} cannot be assigned")
 
@@ -267,7 +269,7 @@ class Reader:
             elif called.attr not in self.methods:
                 raise Refused(node, f"a call of .{_short(called.attr)} is not allowed, only {self.offer()}")
         elif not isinstance(called, ast.Name):
-            raise Refused(node, "a call of anything but a name is not allowed")
+            raise Refused(node, "only a function given by its name can be called")
         elif called.id not in self.offered or called.id == BASE:
             raise Refused(node, f"a call of {_short(called.id)} is not allowed")
 
@@ -308,7 +310,7 @@ def number(node: ast.AST) -> int | float:
     elif isinstance(node, (ast.UnaryOp, ast.BinOp)):
         found = _computed(node)
     else:
-        raise Refused(node, "arithmetic with anything but numbers is not allowed")
+        raise Refused(node, "arithmetic is allowed with numbers only")
     check_number(node, found)
     return found
 

@@ -97,7 +97,7 @@ class Task:
         """
         if isinstance(value, Object):
             if name in SETTINGS:
-                raise ValueError(f"an object cannot be called {name!r}")
+                raise ValueError(f"an object cannot be named {name!r}")
             if value.name not in (None, name):
                 raise ValueError(f"one object cannot be both {value.name!r} and {name!r}")
             value.name = name
@@ -230,7 +230,7 @@ class _Plain:
             raise ValueError("values are nested too deeply")
         if isinstance(value, Object):
             if value.name is None:
-                raise ValueError("an object is used that was not given a name: self.name = Object(...)")
+                raise ValueError("an object was not assigned to an attribute before its use: self.name = Object(...)")
             return value.name
         if isinstance(value, Fields):
             return self.of(value.given, depth)

@@ -23,7 +23,7 @@ def task_code(task: TaskSpec) -> str:
         InputError: an object has the name of a method or setting of the language.
     """
     for name in sorted({*METHODS, *SETTINGS}.intersection(task.objects)):
-        raise InputError(f"task code cannot contain an object called {name!r}", field="objects")
+        raise InputError(f"task code cannot contain an object named {name!r}", field="objects")
     body = ["# Its objects: each is called as the attribute that it is given to, and loaded by its class."]
     for name, thing in task.objects.items():
         body += _object(name, thing, task)

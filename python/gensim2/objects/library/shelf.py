@@ -66,9 +66,9 @@ class Shelf(ABC):
             InputError: the class has no further objects.
         """
         raise InputError(
-            f"{asset_class} is {self.source}: there are no instances beyond the listed ones",
+            f"{asset_class} is {self.source}: the class has only the listed instances",
             field="instances",
-            remedy="all, train, test or an id; new objects are generated (--assets builtin)",
+            remedy="choose all, train, test or an id, or use generated objects with --assets builtin",
         )
 
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:

@@ -99,10 +99,10 @@ class ExperimentConfig(BaseModel):
     @model_validator(mode="after")
     def _names_differ(self) -> ExperimentConfig:
         if len({arm.name for arm in self.arms}) < len(self.arms):
-            raise ValueError("two arms have the same name")
+            raise ValueError("two arms of the experiment have the same name")
         for name in self.untaught:
             if any(name in arm.tasks for arm in self.arms):
-                raise ValueError(f"{name} is listed as untaught, but an arm trains on it")
+                raise ValueError(f"{name} is listed in 'untaught', but an arm of the experiment trains on this task")
         return self
 
     @model_validator(mode="after")
