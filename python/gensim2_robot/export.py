@@ -158,7 +158,7 @@ def _line(text: str, width: int) -> Frame:
     import cv2
 
     drawn = np.full((CAPTION, width, 3), 24, np.uint8)
-    plain = text.encode("ascii", "replace").decode()  # the font has no other characters
+    plain = text.encode("ascii", "replace").decode()  # the font has only ASCII characters
     cv2.putText(drawn, plain, (8, 17), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (235, 238, 242), 1, cv2.LINE_AA)
     return drawn
 

@@ -87,7 +87,8 @@ def quickest_stop(q: Array, v: Array, a: Array, limits: ArmLimits) -> Commands |
             if (np.abs(rates) > most_a).any() or (np.abs(np.diff(rates, axis=0, prepend=a[None])) > most_j).any():
                 continue
             speeds = v + CYCLE * np.cumsum(rates, axis=0)
-            speeds[-1] = 0.0  # The last speed is zero except for rounding errors.
+            # By construction the last speed is zero except for rounding errors, which are removed here.
+            speeds[-1] = 0.0
             if (np.abs(speeds) > most_v).any():
                 continue
             places = q + CYCLE * np.cumsum(speeds, axis=0)

@@ -110,7 +110,7 @@ def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> i
         latency: delay of an image, s.
         max_age: maximum age of an image at a request, s.
     """
-    # The requests are in time, or images are too rare to follow them.
+    # The period stays the same if requests arrive soon after images, or if images are too rare to synchronize with.
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:
         return 0
     too_old = latency + PERIOD + 2 * CYCLE > max_age
@@ -175,7 +175,8 @@ class Line:
     def forget(self) -> None:
         """Discard the state of an episode, and release the arm until the next episode."""
         self.arm.release()
-        self._next = self._clock.now() + CYCLE  # the pause between episodes may be long
+        # start a new cycle now, because the pause between episodes may have been long
+        self._next = self._clock.now() + CYCLE
         self.watch.clear()
         self._streamer.clear()
         self.frames: dict[str, CameraFrame] = {}
@@ -216,7 +217,7 @@ class Line:
             self._mind.send(Begin(self._seed))
         self._streamer.clear()
         self._due, self._open, self._grips = now + LEAD, None, []
-        self._grip = self.arm.gripper  # Gripper commands of the dropped actions are not sent.
+        self._grip = self.arm.gripper  # The dropped actions contained gripper commands, which must not be sent.
         self.stopped_ms = self.standing_ms = None
 
     def pause(self) -> None:

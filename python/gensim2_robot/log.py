@@ -300,7 +300,7 @@ class Log:
             while (item := self._queue.get()) is not None:
                 if self.trouble is None or not self._file.trouble:
                     self._write(*item)
-        except OSError as error:  # even the reserved space is full
+        except OSError as error:  # the disk is full, including the space reserved for the log
             self.trouble = self._file.trouble or error.strerror or str(error)
         try:
             self._close_file()

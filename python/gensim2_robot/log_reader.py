@@ -352,7 +352,7 @@ class _Replayed:
         shown = tuple(self._frames[name][number] for name, number in names)
         sight = SensorSnapshot(question.step, question.q, question.v, question.gripper, shown, question.posed)
         found: dict[str, npt.NDArray[Any]] = {}
-        for eyes in self._eyes:  # use the cameras only if a cloud was recorded
+        for eyes in self._eyes:  # compute point clouds only if the log contains one for this request
             if not found.keys() >= seen.keys():
                 found = inputs(eyes.observe(sight))
         self._questions += 1

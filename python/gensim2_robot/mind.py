@@ -134,7 +134,7 @@ class LineBody:
         next: message that ended the episode.
     """
 
-    waits = True  # The rollout loop needs no clock here, because the control loop measures delays.
+    waits = True  # True, because the control loop, not the rollout loop, measures delays.
 
     def __init__(
         self,

@@ -384,7 +384,7 @@ class Session:
             return False
         self._progress.message("r resumes, any other key stops")
         while line.watch.state is State.HOLDING:
-            # Only the simulated clock advances by sleeping.
+            # The pause is needed with a simulated clock only; with the machine's clock, ``_cycle`` waits.
             time.sleep(CYCLE if isinstance(self._devices.clock, SimulatedClock) else 0.0)
             self._cycle()
             if self._pressed == RESUME:

@@ -293,7 +293,7 @@ class SimulatedCameras:
         if "camera-torn" in self.faults:
             torn, self._last[frame.camera] = frame.depth.copy(), frame
             half = len(torn) // 2
-            torn[half:] = last.depth[half:]  # The lower half still shows the previous image.
+            torn[half:] = last.depth[half:]  # Simulate a torn image, whose lower half still shows the previous image.
             return [replace(frame, depth=torn)]
         if "camera-clock" in self.faults:
             return [replace(frame, captured=frame.captured - JUMP)]

@@ -265,7 +265,8 @@ class Watch:
         """Hold the arm if the controller has not answered in time."""
         if self._asked is None or self.state is not State.RUNNING:
             return
-        # An arm that moved since the request counts as moving, even if it has stopped because its actions ran out.
+        # If the arm has moved since the request, the time limit of a moving arm applies, even if the arm has meanwhile
+        # stopped because it had no more actions.
         self._moved_since |= moves
         waited = now - self._asked
         if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):

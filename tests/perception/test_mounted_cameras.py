@@ -127,7 +127,7 @@ def test_cameras_that_there_are_not_are_refused() -> None:
     for wrong, message in (
         (MountedCamera("wrist", "nowhere", camera.T_link_camera), "no link 'nowhere'"),
         (MountedCamera("wrist", "panda_hand", 2.0 * np.eye(4)), "rigid transform"),
-        (MountedCamera("a/b", "panda_hand", np.eye(4)), "a name must be"),
+        (MountedCamera("a/b", "panda_hand", np.eye(4)), "a camera name must have"),
         (MountedCamera("wrist", "panda_hand", np.eye(4), 0), "must be at least 1 pixel"),
     ):
         with pytest.raises(InputError, match=message):

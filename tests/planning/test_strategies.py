@@ -166,7 +166,7 @@ def test_a_pull_is_a_grasp_that_follows_the_joint() -> None:
     assert pull == PullStrategy(grasp="antipodal", follow_joint_to=0.97)
     assert parse_strategy(pull.to_dict()) == pull
     check(task(), open=pull.to_dict())
-    with pytest.raises(InputError, match=r"ball has no joint.*remove it") as refused:
+    with pytest.raises(InputError, match=r"ball has no joint to follow.*remove follow_joint_to") as refused:
         check(task(), grasp=pull.to_dict())
     assert refused.value.field == "follow_joint_to"
     with pytest.raises(InputError, match="did you mean 'follow_joint_to'"):

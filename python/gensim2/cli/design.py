@@ -30,14 +30,15 @@ def design(
 ) -> dict[str, Any] | Ending:
     """Find strategies for your own task.
 
-    FOLDER contains task.yaml. The offline designer, which needs no language model, searches for strategies for each
-    step, tests them in physics and verifies the best ones in new scenes. The task is kept if 80 % of the episodes
-    succeed (60 % if the task has several steps). The command then writes the strategies and a new task.yaml to FOLDER,
-    and saves the old task.yaml in the run folder as before.yaml. report.html shows the plan with keypoints and
-    residuals, films, and all candidates. After Ctrl-C, --resume continues. The exit code is 1 if the task is not kept.
+    The folder DIR contains task.yaml. The offline designer, which needs no language model, searches for strategies for
+    each step, tests the strategies in simulation and verifies the best ones in new scenes. The task is kept if 80 % of
+    the episodes succeed (60 % if the task has several steps). The command then writes the strategies and a new
+    task.yaml to DIR, and saves the old task.yaml in the run folder as before.yaml. report.html shows the plan with
+    keypoints and residuals, films, and all candidates. After Ctrl-C, --resume continues. The exit code is 1 if the task
+    is not kept.
 
     Args:
-        out: Run folder; with this option FOLDER is not changed.  [default: FOLDER/design]
+        out: Run folder; with this option DIR is not changed.  [default: DIR/design]
         verify: Number of new episodes that verify the task.
     """
     from gensim2.design.own import design_task

@@ -14,19 +14,19 @@ from gensim2.core.progress import Progress
 
 #: Description of each experiment.
 EXPERIMENTS = {
-    "generalization": "Train one policy for 5 tasks and one for 15, and test on training objects and on others; arms "
-    "with real objects need a folder of them, --assets.",
+    "generalization": "Train one policy for 5 tasks and one for 15, and test both on training objects and on "
+    "unseen objects. Policies for real objects need the folder of real objects, --assets.",
     "breadth": "Train one policy for the 24 single-step tasks and one for all 39, and test on unseen objects, on real "
-    "ones, with opposite and with reworded instructions; real objects need a folder of them, --assets.",
+    "objects, with opposite instructions and with reworded ones. Real objects need their folder, --assets.",
     "scaling": "Measure success on unseen objects by the number of training objects.",
-    "combinations": "Test one policy, by its instructions, on objects in containers that were not trained together.",
+    "combinations": "Test one policy on pairs of an object and a container that did not occur together in training.",
     "designed": "Train one policy for each designed single-step task of the package, and one for all of them.",
 }
 
 
 @click.group("experiment", short_help="Train and measure several policies, and draw the figure.")
 def experiment() -> None:
-    """Compare several trained policies in an experiment, which writes one page; --resume continues an experiment."""
+    """Train and compare several policies, and write a page with the results. --resume continues an experiment."""
 
 
 def _add(name: str, help_text: str) -> None:

@@ -180,7 +180,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         said = error.strerror or str(error)
         if error.filename is not None:
             if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
-                from gensim2.core.files import not_written  # help needs click alone
+                from gensim2.core.files import not_written  # imported here, because --help needs only click
 
                 return _fail(f"gensim2: {not_written(error, Path(os.fsdecode(error.filename)))}", BAD_INPUT)
             return _fail(f"gensim2: {os.fsdecode(error.filename)}: {said}", BAD_INPUT)

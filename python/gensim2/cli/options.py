@@ -15,7 +15,7 @@ from gensim2.core.cores import usable_cores
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import LARGEST_SEED
 
-#: Exit codes for a failed check, invalid input, and jobs that could not be run.
+#: Exit codes: 1 if a check failed, 2 for invalid input, 3 if some jobs could not be run.
 FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 
 
@@ -217,8 +217,8 @@ def _json() -> click.Option:
         is_flag=False,
         flag_value="-",
         metavar="[FILE|-]",
-        help="Write the result as JSON to FILE; - or no value is standard output, and all else then goes to standard "
-        "error.",
+        help="Write the result as JSON to FILE. With - or without a value, the JSON goes to standard output, and all "
+        "other output to standard error.",
     )
 
 

@@ -53,7 +53,8 @@ def render(
     renderer.
 
     Args:
-        modalities: Observations to make, of pointcloud, rgb, depth, segmentation; rgb needs a Vulkan driver.
+        modalities: Observations to render: pointcloud, rgb, depth or segmentation, separated by commas. rgb needs a
+            Vulkan driver.
         cameras: Cameras to use.
         points: Number of points of a point cloud.
         source: Source of the point clouds. depth uses depth images. keypoints uses the true positions of keypoints and

@@ -119,7 +119,8 @@ def run_pipeline(
 
     memory = Memory()
     if memory.is_there:
-        # A library that is an archive is read-only. Accessing its folder raises this error before any work is done.
+        # A library that is an archive is read-only. Reading ``memory.folder`` raises the error for a read-only library
+        # before any work is done.
         _ = memory.folder
     asked = {name: given.pop(name) for name in NAMES}
     _check_kinds(designer, asked, single, long)
@@ -136,7 +137,7 @@ def run_pipeline(
     result = function(designer=by, progress=progress, **counts, **wanted, **given).to_dict()
     try:
         remembered = remember(Path(result["run_dir"]))
-    # An error while a task is added to the user's library must not hide the result of the run.
+    # The run has finished, so its result is returned even if a task cannot be added to the user's library.
     except InputError as error:
         left_out = Remembered(None, (), {"the kept tasks": error.message})
         return Ending({**result, "remembered": asdict(left_out)}, error)

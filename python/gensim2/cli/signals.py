@@ -15,7 +15,7 @@ _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 #: Packages that catch BaseException, for example around imports. They would treat Ctrl-C as a missing module.
 SWALLOWING = ("networkx", "trimesh")
 
-#: Delay in seconds before a signal is handled again that arrived while a package of ``SWALLOWING`` was running.
+#: Seconds after which a signal is handled again if a package of ``SWALLOWING`` was running when the signal arrived.
 AGAIN = 0.05
 
 
@@ -56,7 +56,7 @@ def stopping_signals() -> Iterator[None]:
         if signal.getsignal(signal.SIGALRM) is not before[signal.SIGALRM]:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
-            if handler is not None:  # a handler installed by C code is None
+            if handler is not None:  # Python reports None for a handler that C code has installed
                 signal.signal(number, handler)
 
 

@@ -9,13 +9,13 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-#: Maximum length of a message, characters.
+#: Maximum length of an error message, characters.
 LONGEST_LINE = 1500
 
 #: A word with more characters than this is shortened in messages. A path is one word.
 LONGEST_WORD = 300
 
-#: Number of valid words that a message lists if none resembles the user's word.
+#: Number of valid words that a message lists if none of them resembles the user's word.
 SHOWN_WORDS = 10
 
 _LONG_WORD = re.compile(rf"""[^\s:,;()'"]{{{LONGEST_WORD + 1},}}""")

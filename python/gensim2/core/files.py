@@ -123,7 +123,8 @@ def new_folder(path: Path) -> Iterator[Path]:
             try:
                 filled.replace(path)
             except OSError as error:
-                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another process filled ``path``
+                # another process has created a file or a non-empty folder at ``path``
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
                     raise taken from error
                 raise
         finally:

@@ -29,7 +29,7 @@ def _imported(package: str) -> dict[str, str]:
     """Find the names that a package imports below ``if TYPE_CHECKING:``. Return a mapping from each name to the module
     that defines it.
     """
-    import ast  # imported here: most programs do not need the parser
+    import ast  # imported here, because most programs do not need the parser
 
     loader: Any = sys.modules[package].__loader__
     tree = ast.parse(loader.get_source(package))

@@ -206,8 +206,9 @@ class ResumableFolder(Generic[Settings]):
 
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         try:
-            # Remove files that workers left when they were killed. On a read-only disk the block has failed already,
-            # and its error names the cause; the next run removes the files.
+            # Remove files that workers left when they were killed. If the ``with`` block has raised an error (for
+            # example on a read-only disk), a failure to remove the files must not replace this error; the next run
+            # removes the files.
             with contextlib.nullcontext() if kind is None else contextlib.suppress(WriteError):
                 self._remove_temporaries()
         finally:

@@ -11,7 +11,7 @@ from gensim2.core.errors import InputError, brief
 if TYPE_CHECKING:
     import numpy as np
 
-#: Maximum seed of a run and of a simulator's reset.
+#: Largest seed that a run or the reset of a simulator accepts.
 LARGEST_SEED = 2**32 - 1
 
 

@@ -174,7 +174,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
                 raise _refusal(f"the name of a field must be text, is {_shown(key_node)}", key_node.start_mark)
-            if key in found:  # YAML itself would silently keep the last value
+            if key in found:  # PyYAML would silently keep the last value of a repeated key
                 raise _refusal(f"field {key!r} is given twice", key_node.start_mark)
             found[key] = self.construct_object(value_node, deep=deep)
         return found

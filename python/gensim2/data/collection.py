@@ -110,12 +110,12 @@ def collect(
         check_counts(objects=objects)
         counted = all_with_objects(given, objects, seed)
         given = [replace(one, instances=word.instances) for one, word in zip(counted, given, strict=True)]
-    given[0].scene.second_engine(engines)  # fails early if the second engine cannot be used
+    given[0].scene.second_engine(engines)  # raises an error now if the second engine cannot be used
     given = [
         replace(one, rollout=replace(one.rollout, noise=noise, engines=engines))
         for one in only_strategies(given, strategy)
     ]
-    # Imported late because these modules take long to import.
+    # Import these modules late, because importing them takes long.
     from gensim2.data.queue import ERRORS_LOG, CollectionFolder, Queue
     from gensim2.rollout.runner import EpisodeRunner
 

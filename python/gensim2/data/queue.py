@@ -144,7 +144,8 @@ class Queue:
             if any(task.status.held for task in self._tasks):
                 card(self._folder.path)
         except BaseException:
-            # If this report cannot be written (full disk), ignore the new error and raise the original one.
+            # If the disk is full, this report cannot be written. Ignore the second error, so that the first one is
+            # raised.
             with contextlib.suppress(InputError):
                 self._report()
             raise
@@ -205,7 +206,8 @@ class Queue:
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                if key not in self._objects:  # The objects are read again, to record the content that was used.
+                # Read each object again, because the record must contain the hash of the content that the run used.
+                if key not in self._objects:
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]
                 if used.content_hash != thing.content_hash:

@@ -165,7 +165,8 @@ class Affordance:
         if isinstance(first, RigidObject):
             return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, **common)
         articulated = [each for each in objects if isinstance(each, ArticulatedObject)]
-        # An angle and a length cannot be averaged, so only instances with the more frequent joint type are used.
+        # The positions of revolute and prismatic joints have different units, so only instances with the more frequent
+        # joint type are averaged.
         ((kind, _),) = Counter(each.joint.type for each in articulated).most_common(1)
         instances = [each for each in articulated if each.joint.type == kind]
         joint = instances[0].joint

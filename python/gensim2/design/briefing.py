@@ -20,7 +20,7 @@ from gensim2.rollout.inputs import has_instances
 
 #: Number of instances over which the values of an affordance are averaged.
 AFFORDANCE_INSTANCES = 3
-#: Maximum number of classes named in one note.
+#: Maximum number of classes that a note lists by name.
 NAMED = 6
 
 

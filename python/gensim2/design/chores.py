@@ -17,7 +17,7 @@ from gensim2.objects.words import Purpose, camel_case, noun, purposes, to_and_fr
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Place
 
-#: Maximum number of drafts in which the same joint task is a step.
+#: Maximum number of drafts of long tasks that contain the same single-joint task as a step.
 OF_ONE = 3
 
 #: Position (x, y) in metres of a plate or bowl beside an articulated object.

@@ -38,7 +38,8 @@ CLOSED_AFTER = ("stow", "shut")
 #: Maximum width (m) of a container that leaves space on the table for a second container beside it.
 NARROW = 0.36
 
-#: Containers with a longer side than this (m) have a shelf or a turntable, and no space for two objects.
+#: Containers whose longest side exceeds this length (m) have a shelf or a turntable inside, and no space for two
+#: objects.
 LARGE = 0.34
 
 

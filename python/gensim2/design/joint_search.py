@@ -49,7 +49,7 @@ DIRECTIONS = tuple(_directions())
 
 
 #: Contacts that often work for sliding parts: name of the approach direction, gripper, roll, behind (m), inset (m),
-#: motion, tolerance. The fields are explained at :class:`Manipulation`.
+#: motion, tolerance. The fields are described in :class:`Manipulation`.
 LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, Motion, float], ...] = (
     ("straight down", "grasp", "z", 0.0, 0.0, "follow_joint_to", 0.15),
     ("straight down", "closed", None, 0.0, 0.0, "trace_joint_to", 0.05),
@@ -171,7 +171,7 @@ def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> 
     axes: Sequence[Axis] = ("x", "y", "z")
     for roll, inset in itertools.product(axes, (0.0, 0.015)):
         if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:
-            continue  # only axes orthogonal to the approach fix the roll
+            continue  # only an axis orthogonal to the approach direction determines the roll of the hand
         yield Manipulation(
             keypoint=keypoint,
             gripper="grasp",

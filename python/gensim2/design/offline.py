@@ -23,7 +23,7 @@ from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: Generators of long tasks by kind; the designer takes turns between them in this order.
+#: Generators of long tasks by kind; the designer uses the generators in turn, in this order.
 FAMILIES: list[Family] = [
     chores.FAMILIES["pairs"],
     serving.FAMILIES["serve"],

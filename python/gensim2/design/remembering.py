@@ -78,8 +78,8 @@ def add_task(
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
     seeds = scene_seeds(seed, task.name, "verify", episodes)
-    # It is unknown which instances the author used, so the verification uses new objects of generated classes and all
-    # objects of other classes.
+    # The instances that the author used are unknown. The verification therefore uses new objects of generated classes,
+    # and all objects of other classes.
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"
@@ -160,7 +160,8 @@ def _verify_anew(folder: Path, record: RunRecord) -> str:
     words = ["gensim2", "tasks", "add", str(folder)]
     for name in ("assets", "instances", "engine", "physics", "robot", "randomization"):
         told = record.arguments.get(name)
-        if isinstance(told, str):  # the run's record does not contain the path of a physics file
+        # leave out other values: the record of a run does not contain the path of a physics file
+        if isinstance(told, str):
             words += [f"--{name}", told]
     return shlex.join(words)
 

@@ -120,10 +120,10 @@ def run_pipeline(
         target = redesigned(load_task(str(target_task)))
     seeding.check_seed(seed)
     options, rollout = scene_options(**scene), RolloutOptions(open_loop=scene.get("open_loop", False), engines=engines)
-    options.second_engine(engines)  # fails early if the second engine cannot be used
+    options.second_engine(engines)  # raises an error now if the second engine cannot be used
     library, instances = open_library(options.assets), instances_word(**scene)
     if target is not None:
-        chosen_word(target, library, instances, seed)  # fail early if a class has no such instances
+        chosen_word(target, library, instances, seed)  # raise an error now if a class has no such instances
     elif not any(has_instances(library, name, instances) for name in library.classes()):
         raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
     stored = [read_task_input(name, seed=seed, **scene) for name in dict.fromkeys(stored_tasks)]

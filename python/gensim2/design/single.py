@@ -102,7 +102,7 @@ def demo(
     if run_dir is not None:
         check_writable(run_dir / "run.json")
     given = read_task_input(task, seed=seed, **scene)
-    given.scene.second_engine(engines)  # fails early if the second engine cannot be used
+    given.scene.second_engine(engines)  # raises an error now if the second engine cannot be used
     rollout = replace(given.rollout, engines=engines)
     spec, strategies, library = given.spec, given.strategies, given.library
     with (

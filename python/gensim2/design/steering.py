@@ -29,7 +29,7 @@ Question = Literal["reach", "follow", "effect"]
 
 Part = Literal["approach", "keypoint", "gripper", "roll", "motion", "offset"]
 
-#: Prior probability of each condition, and the number of trials that the prior counts for.
+#: Prior probability that a condition is met, and the number of trials that the prior is worth.
 PRIOR, PRIOR_TRIALS = 0.5, 1.0
 
 #: The probability of sampling an alignment is proportional to its estimated success probability to this power.
@@ -41,14 +41,16 @@ DIRECTION_POWER = 4
 #: The similarity of two contacts decreases exponentially with their distance; at this distance (m) it is 1/e.
 OFFSET_SCALE = 0.02
 
-#: By condition, the parts in which two alignments must be similar so that a success of one counts for the other.
+#: For each condition: the parts in which two alignments must be similar, so that a success of one alignment is also
+#: evidence for the other.
 _YES: dict[Question, tuple[Part, ...]] = {
     "reach": ("approach", "keypoint"),
     "follow": ("approach", "keypoint", "motion"),
     "effect": ("approach", "keypoint", "gripper"),
 }
 
-#: By cause of failure, the parts to blame for failures that occur only in simulation.
+#: For each cause of failure that occurs only in simulation: the parts of the alignment that may have caused the
+#: failure.
 _BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
     Cause.NO_CONTACT: ("approach", "keypoint", "gripper", "offset"),
     Cause.CONTACT_SLIPPED: ("approach", "gripper", "offset"),
@@ -57,7 +59,7 @@ _BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
     Cause.GOAL_UNDONE: ("approach", "gripper", "motion"),
 }
 
-#: Causes of failure in which no motion was executed, or none beyond the actuation pose.
+#: Causes of failure for which either no motion was executed or the motion ended before the actuation pose.
 _PLANNED = frozenset(
     {
         Cause.NO_ACTUATION_POSE,

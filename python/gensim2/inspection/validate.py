@@ -104,7 +104,7 @@ def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
 
 REST_SECONDS = 5.0
 REST_DRIFT = 0.02  # maximum change of openness at rest
-LOAD_FACTOR = 1.5  # The joint must move if it is pushed with this multiple of the load of gravity and friction.
+LOAD_FACTOR = 1.5  # The joint must move under a force of this multiple of the load by gravity and friction.
 SWEEP_SECONDS = 6.0
 PUSH_ON_SECONDS = 0.5  # s, duration of the final push against the joint limit
 BODY_DRIFT = 1e-4  # m, maximum motion of the fixed body

@@ -112,7 +112,7 @@ def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGI
     everything = np.concatenate([*body, *swept])
     z = -float(everything[:, 2].min())
 
-    # Openness values over the joint range: from the usual start of an episode to one limit, and to the other limit.
+    # Openness values from 0 to 1. An episode usually starts within 0.15 of the default openness.
     shares = np.linspace(0, 1, SAMPLES)
     first, last = max(rule.default_openness - 0.15, 0), min(rule.default_openness + 0.15, 1)
     usual = path[(shares >= first - 0.2) & (shares <= last + 0.2)]

@@ -167,7 +167,7 @@ def in_ascii(phrase: str) -> str:
     computed from the phrase, so that different phrases give different names.
     """
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # Dropping accents is allowed; dropping letters is not.
+    # The name may lose the accents of the phrase, but no letters.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

@@ -57,7 +57,8 @@ def inlier_mask(points: Points, neighbors: int, deviations: float) -> npt.NDArra
 
     if len(points) <= neighbors:
         return np.ones(len(points), dtype=bool)
-    distances, _ = cKDTree(points).query(points, k=neighbors + 1)  # + 1: the nearest is the point itself
+    # + 1, because the nearest neighbour of a point is the point itself
+    distances, _ = cKDTree(points).query(points, k=neighbors + 1)
     mean = distances[:, 1:].mean(axis=1)
     kept: npt.NDArray[np.bool_] = mean <= mean.mean() + deviations * mean.std()
     return kept

@@ -256,7 +256,8 @@ def shadows(depth: Depth, baseline: float, focal: float) -> npt.NDArray[np.bool_
     """
     seen = depth > 0
     disparity = focal * baseline / np.where(seen, depth, np.inf)
-    column = np.arange(depth.shape[1])[None, :] - disparity  # column in the right image
+    # column of each pixel in the right image of the stereo pair
+    column = np.arange(depth.shape[1])[None, :] - disparity
     beyond = np.full(depth.shape, np.inf)
     beyond[:, :-1] = np.minimum.accumulate(np.where(seen, column, np.inf)[:, :0:-1], axis=1)[:, ::-1]
     return np.asarray(seen & (beyond <= column - 0.5))

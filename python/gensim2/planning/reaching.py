@@ -10,10 +10,12 @@ import gensim2_kpam as kpam
 #: Clearances (m) between hand and target, tried in this order; the first exceeds the drives' tracking error.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 
-#: Plan statuses after which the planner tries shifted actuation poses, because no usable pose may have been found.
+#: Plan statuses after which the planner tries shifted actuation poses, because each of these statuses may mean that the
+#: first poses were unusable.
 SHORT = ("collision", "not_found", "unreachable")
 
-#: A partial motion counts as longer than another if it completes this much more of the motion after actuation.
+#: A partial motion counts as longer than another one if it completes at least this much more of the motion after
+#: actuation, as a fraction.
 LONGER = 0.01
 
 

@@ -29,7 +29,7 @@ def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None
     motions = list(config.get("post_actuation_motions", []))
     if plan.status != "partial" or not config.get("let_go") or not motions:
         return None
-    gone = plan.reached_fraction * (len(motions) + 1)  # the planner counts the release as one motion
+    gone = plan.reached_fraction * (len(motions) + 1)  # + 1, because the planner counts the release as one motion
     kept = motions[: int(gone)]
     share = gone - int(gone) - LEFT_OUT
     if len(kept) < len(motions) and share > 0.0:

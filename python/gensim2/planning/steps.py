@@ -251,7 +251,8 @@ class StepPlanner:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
         found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
-        # The clearance None would permit early contact, which is allowed for solver configs but not for found grasps.
+        # Leave out the clearance None, which permits early contact: only strategies with a solver config may use this
+        # clearance.
         clearances = [each for each in self._problems.clearances(scene, step, strategy) if each is not None]
         first: kpam.Plan | None = None
         for grasp, swapped in product(found if clearances else (), (False, True)):

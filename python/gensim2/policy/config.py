@@ -31,50 +31,68 @@ class PolicyConfig(Settings):
 
     encoder: str = setting(
         "mlp",
-        "Point encoder; state: an MLP on keypoints that only a simulator knows, a privileged baseline.",
+        "Point cloud encoder. state is an MLP on keypoints, for privileged baselines: only a simulator knows keypoints.",
         choices=ENCODERS,
     )
-    blocks: int = setting(0, "Inverted residual blocks a stage of pointnext; 0 is PointNeXt-S.", low=0, high=16)
-    text: str = setting("small", "Text encoder; none: the sentence is not looked at.", choices=TEXTS)
-    text_model: str = setting(CLIP, "Folder or hub name of the weights of --text clip or sentence.")
-    head: str = setting("chunk", "What makes actions of the trunk's tokens.", choices=HEADS)
+    blocks: int = setting(
+        0, "Inverted residual blocks per stage of the encoder pointnext; 0 is PointNeXt-S.", low=0, high=16
+    )
+    text: str = setting(
+        "small", "Text encoder of the instruction. With none the policy gets no instruction.", choices=TEXTS
+    )
+    text_model: str = setting(CLIP, "Folder or hub name of the weights for --text clip or sentence.")
+    head: str = setting("chunk", "Network that computes actions from the trunk's tokens.", choices=HEADS)
     frame: str = setting(
         "turned",
-        "Frame of clouds and poses: the robot's base turned by the first joint's angle, or the base. The first "
-        "makes the policy exactly equivariant to a yaw of the scene about the base.",
+        "Frame of point clouds and poses. base is the frame of the robot's base. turned is this frame rotated by the "
+        "angle of the first joint, so that the policy is exactly equivariant to a yaw of the scene about the base.",
         choices=FRAMES,
     )
-    points: int | None = setting(None, "Points of a cloud.  [default: as the data have]", low=1, high=49152)
-    colour: bool = setting(True, "See the colours of the points.")
-    tool_frame: bool = setting(True, "See each point in the tool's frame, too.")
-    joints: bool = setting(True, "See the joints' angles beside the tool's pose.")
-    velocity: bool = setting(False, "See the joints' velocities.")
-    history: int = setting(1, "Frames that are seen, the present one included.", low=1, high=4)
-    stride: int = setting(4, "Control steps between the frames of the history.", low=1, high=100)
+    points: int | None = setting(
+        None, "Number of points of a point cloud.  [default: number in the data]", low=1, high=49152
+    )
+    colour: bool = setting(True, "Use the colours of the points as input.")
+    tool_frame: bool = setting(True, "Use each point's position in the tool frame as an additional input.")
+    joints: bool = setting(True, "Use the joint positions as input, in addition to the tool pose.")
+    velocity: bool = setting(False, "Use the joint velocities as input.")
+    history: int = setting(1, "Number of frames that the policy observes, including the present one.", low=1, high=4)
+    stride: int = setting(4, "Control steps between two frames of the history.", low=1, high=100)
     width: int = setting(192, "Width of the trunk's tokens.", low=8, high=4096)
     layers: int = setting(2, "Layers of the trunk.", low=0, high=48)
     attention: int = setting(4, "Attention heads of the trunk and of the decoders.", low=1, high=64)
-    decoder_layers: int = setting(2, "Layers of the decoders of transformer, diffusion and flow.", low=1, high=48)
-    hidden: int = setting(384, "Width of the MLP of the chunk head.", low=8, high=8192)
-    horizon: int = setting(16, "Actions that are predicted at once.", low=1, high=256)
-    execute: int = setting(8, "Actions of them that are executed before the policy looks again.", low=1, high=256)
-    noise_levels: int = setting(100, "Noise levels of diffusion in training.", low=2, high=10000)
-    ways: int = setting(2, "Strategies that the keypose head tells apart, and one for done.", low=1, high=10000)
-    hears: bool = setting(
-        False, "The keypose head has a term of the sentence alone, which says what is meant whatever the cloud is like."
+    decoder_layers: int = setting(2, "Decoder layers of the heads transformer, diffusion and flow.", low=1, high=48)
+    hidden: int = setting(384, "Width of the MLP of the head chunk.", low=8, high=8192)
+    horizon: int = setting(16, "Number of actions of a prediction.", low=1, high=256)
+    execute: int = setting(8, "Number of actions that are executed before the next prediction.", low=1, high=256)
+    noise_levels: int = setting(100, "Number of noise levels of the head diffusion in training.", low=2, high=10000)
+    ways: int = setting(
+        2, "Number of classes of the keypose head: one for each strategy, and one for done.", low=1, high=10000
     )
-    seen_points: int = setting(128, "Points that a keypose or keyframe heatmap is made over: any.", low=1, high=49152)
+    hears: bool = setting(
+        False, "Add class scores that depend only on the instruction, not on the point cloud, to the keypose head."
+    )
+    seen_points: int = setting(
+        128,
+        "Number of random points of the cloud over which a keyframe or keypose heatmap is computed.",
+        low=1,
+        high=49152,
+    )
     spread_points: int = setting(
-        0, "Points beside them that lie far from each other, so that small things have some.", low=0, high=49152
+        0,
+        "Number of additional points, chosen far from each other so that small objects get some of them.",
+        low=0,
+        high=49152,
     )
     keyframes: int = setting(
         0,
-        "Keyframes of the hand, the next ones at which it stands still, that heads of action chunks are told: pointed "
-        "at on seen_points of the cloud, and learned from demonstrations beside the actions.",
+        "Number of keyframes to predict as an input of the action head. Keyframes are the next poses in which the "
+        "hand stands still; they are learned from the demonstrations, and predicted by heatmaps over --seen-points.",
         low=0,
         high=8,
     )
-    denoise_steps: int = setting(4, "Steps of DDIM, or of Euler's rule for flow, at inference.", low=1, high=1000)
+    denoise_steps: int = setting(
+        4, "Inference steps: of DDIM for the head diffusion, of Euler's method for the head flow.", low=1, high=1000
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,38 +127,49 @@ class TrainConfig(Settings):
 
     of_what: ClassVar[str] = "training settings"
 
-    steps: int = setting(3000, "Gradient steps.", low=1, high=10**9)
-    batch: int = setting(64, "Samples a step.", low=1, high=65536)
-    learning_rate: float = setting(1e-3, "Peak of the learning rate.", low=0.0, high=1.0)
+    steps: int = setting(3000, "Number of gradient steps.", low=1, high=10**9)
+    batch: int = setting(64, "Number of samples per gradient step.", low=1, high=65536)
+    learning_rate: float = setting(1e-3, "Maximum learning rate.", low=0.0, high=1.0)
     warmup: int = setting(
-        100, "Steps until the peak; then a cosine to zero one step after the last.", low=0, high=10**9
+        100, "Steps until the maximum learning rate, which then decays to zero as a cosine.", low=0, high=10**9
     )
-    weight_decay: float = setting(1e-4, "AdamW's, of weight matrices alone.", low=0.0, high=1.0)
-    clip: float = setting(1.0, "Largest norm of the gradient.", low=1e-6, high=1e6)
-    ema: float = setting(0.999, "Decay of the averaged weights, which are those that are used.", low=0.0, high=0.999999)
-    jitter: float = setting(0.002, "Standard deviation of noise on the points, m.", low=0.0, high=0.1)
+    weight_decay: float = setting(
+        1e-4, "Weight decay of AdamW, which applies to weight matrices only.", low=0.0, high=1.0
+    )
+    clip: float = setting(1.0, "Maximum norm of the gradient.", low=1e-6, high=1e6)
+    ema: float = setting(
+        0.999, "Decay of the moving average of the weights; the policy uses the average.", low=0.0, high=0.999999
+    )
+    jitter: float = setting(0.002, "Standard deviation of random offsets of the points, in metres.", low=0.0, high=0.1)
     dropout: float = setting(
-        0.2, "Largest share of points that are dropped; of no effect with the encoder state.", low=0.0, high=0.95
+        0.2, "Maximum fraction of points that are dropped; no effect with the encoder state.", low=0.0, high=0.95
     )
-    colour_jitter: float = setting(0.05, "Standard deviation of a shift of all colours of a cloud.", low=0.0, high=1.0)
+    colour_jitter: float = setting(
+        0.05, "Standard deviation of a random shift of all colours of a point cloud.", low=0.0, high=1.0
+    )
     yaw: float = setting(
-        0.0, "Largest yaw of a scene about the base, rad; of no effect where frame is turned.", low=0.0, high=3.2
+        0.0, "Maximum random yaw of a scene about the base, in rad; no effect with frame turned.", low=0.0, high=3.2
     )
     arm_noise: float = setting(
         0.0,
-        "Largest standard deviation by which the arm's joints are shown elsewhere than they were, rad: half of the "
-        "samples, with actions that lead back. Clouds without the robot alone can be shown so.",
+        "Maximum standard deviation, in rad, of random joint offsets in half of the samples. Their actions lead back "
+        "to the demonstration. Needs point clouds without the robot (--keep-robot none of gensim2 render).",
         low=0.0,
         high=0.5,
     )
-    seed: int = setting(0, "Of everything that is drawn.", low=0, high=2**32 - 1)
+    seed: int = setting(0, "Seed of all random numbers.", low=0, high=2**32 - 1)
     threads: int = setting(
-        1, "Threads of PyTorch; 0: as it likes. More cost far more where others are at work.", low=0, high=1024
+        1,
+        "Number of threads of PyTorch; 0 uses PyTorch's default. On a busy machine more threads are much slower.",
+        low=0,
+        high=1024,
     )
-    amp: bool = setting(True, "Mixed precision (bfloat16) where there is a GPU.")
-    compile: bool = setting(False, "Compile the network by torch.compile.")
-    save_every: int = setting(500, "Steps between the states that a training can be resumed from.", low=1, high=10**9)
-    log_every: int = setting(50, "Steps between the points of the curves.", low=1, high=10**9)
+    amp: bool = setting(True, "Use mixed precision (bfloat16) on a GPU.")
+    compile: bool = setting(False, "Compile the network with torch.compile.")
+    save_every: int = setting(
+        500, "Steps between saved states, from which a training run can be resumed.", low=1, high=10**9
+    )
+    log_every: int = setting(50, "Steps between two points of the training curves.", low=1, high=10**9)
 
 
 def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:

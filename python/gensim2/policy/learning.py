@@ -215,7 +215,7 @@ def learn(
     if not tasks:
         raise InputError("names no task", field="tasks")
     given = read_all_task_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed=seed, **train_on)
-    given[0].scene.second_engine(engines)  # fails early if the second engine cannot be used
+    given[0].scene.second_engine(engines)  # raises an error now if the second engine cannot be used
     named = words(given, tasks)
     if objects is None and "instances" not in scene and any(map(can_be_counted, given)):
         objects = OBJECTS

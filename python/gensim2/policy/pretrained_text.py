@@ -70,7 +70,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         try:
             if not file.is_dir():
                 refuse_special(file.stat())
-        except OSError as error:  # also a link to nothing
+        except OSError as error:  # also raised for a broken symbolic link
             raise InputError(why(error), file=file, field="text_model", remedy=remedy) from error
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
     text: Any

@@ -256,7 +256,7 @@ class RelabelledSource:
         for name in (*SEEN, ACTION):
             drawn = np.stack([self._relabels[task].arrays[name][row] for task, row in pairs])
             found[name] = torch.cat([found[name], torch.from_numpy(drawn)])
-        for name in (KEY_POSITIONS, KEY_ROTATIONS):  # Labels have no key poses.
+        for name in (KEY_POSITIONS, KEY_ROTATIONS):  # Relabelled samples have no key poses, so NaN is added.
             if name in found:
                 found[name] = torch.cat([found[name], torch.full((few, *found[name].shape[1:]), torch.nan)])
         sentences = [self.sentences.index(self._relabels[task].language) for task in which]

@@ -68,7 +68,8 @@ def mounted(
         if link not in _links(element):
             raise InputError(f"the URDF {element.get('name')!r} has no link {link!r}", field="link")
     names = {palm}
-    for joint in (joints := hand.findall("joint")) * len(joints):  # for any order in the file
+    # repeated, because joints may be in any order in the file
+    for joint in (joints := hand.findall("joint")) * len(joints):
         if _end(joint, "parent") in names:
             names.add(_end(joint, "child"))
     hanging = [joint for joint in joints if _end(joint, "parent") in names]
@@ -100,7 +101,9 @@ def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
     srdf = ET.Element("robot", name=str(root.get("name")))
     joined = [(_end(joint, "parent"), _end(joint, "child")) for joint in root.findall("joint")]
     for one, other in (*joined, *pairs):
-        ET.SubElement(srdf, "disable_collisions", link1=one, link2=other, reason="Default")  # for SAPIEN
+        ET.SubElement(
+            srdf, "disable_collisions", link1=one, link2=other, reason="Default"
+        )  # SAPIEN ignores other reasons
     return ET.tostring(srdf, encoding="unicode")
 
 

@@ -38,7 +38,7 @@ def fetch_files() -> RobotFiles:
         turns=pi,
         palm="gripper_link",
         hand="fetch_hand",
-        pitch=pi / 2,  # the palm points along its x axis, the hand frame along its z axis
+        pitch=pi / 2,  # turns the hand frame, so that its z axis has the direction of the palm's x axis
         tool="fetch_hand_tcp",
         tool_at=FINGERTIP,
     )

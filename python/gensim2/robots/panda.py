@@ -48,7 +48,7 @@ def panda() -> RobotProfile:
             agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True
         ),
         footprint=Footprint(base_half=0.12, hand_half=0.12, hand_drop=0.02),
-        # Joint weights and bounding box of the original GenSim2; limits as published by Franka.
+        # The joint weights and the bounding box are those of the original GenSim2; Franka publishes the limits.
         solver={
             "limits": "panda",
             "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],

@@ -161,7 +161,8 @@ class ChainController:
                 turn = self._turns[-1]
                 deviation = self._deviation(observation, run)
                 if self._one_plan:
-                    deviation = None  # the deviation is recorded, but the step is not planned again
+                    # with a single plan the step is not planned again; the deviation has been recorded
+                    deviation = None
                 if deviation is None and not run.is_over:
                     return self._follow(run, observation)
                 done = deviation is None and not run.makes_room and turn.is_done(observation.measurement)
@@ -281,7 +282,8 @@ class ChainController:
             return Cause.GRASP_LOST
         name = self._step.object
         until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
-        # Before a plan's first action no drift is possible, because the plan was made from this measurement.
+        # Before the first action of a plan, the object cannot have drifted, because the plan was made from the same
+        # measurement.
         if 0 < run.ran < until and has_drifted(run.scene, measured, name):
             return Cause.OBJECT_DRIFTED
         return None

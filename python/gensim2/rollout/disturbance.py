@@ -51,7 +51,7 @@ class Disturbed(WrappedController):
         seed: seed of the episode.
     """
 
-    privileged = True  # This controller reads the object's pose from the simulator.
+    privileged = True  # ``privileged`` is true, because this controller reads the object's pose from the simulator.
 
     def __init__(self, controller: Controller, world: Pushable, task: TaskSpec, kind: Disturbance, seed: int) -> None:
         self._controller, self._world, self._task, self._kind = controller, world, task, kind

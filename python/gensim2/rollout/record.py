@@ -62,7 +62,8 @@ class StrictMiss(StrEnum):
     NOT_LASTING = "goal undone a second later"
     MOVING = "still moving a second later"
     DISTURBED = "moved before the actuation pose"
-    NOT_INSIDE = "not inside the container"  # only in records of releases whose goals did not ask for it
+    # only in records of old versions of gensim2, whose goals did not require it
+    NOT_INSIDE = "not inside the container"
     OTHERS_MOVED = "another object moved"
     PRESSED_IN = "pressed into something"
 

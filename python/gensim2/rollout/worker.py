@@ -43,7 +43,8 @@ PRELOAD: Mapping[Engine, tuple[str, ...]] = {
     "mujoco": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.mujoco.scene"),
 }
 
-#: Solver options for screening, where hundreds of candidates are planned and most fail: few poses, short searches.
+#: Solver options for screening, where hundreds of candidates are planned and most fail: the solver tries few poses and
+#: searches briefly.
 #: For closing real laptops the results equal those of the default options, in a thirtieth of the time.
 SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candidates": 6, "samples": 200}
 

@@ -29,7 +29,7 @@ class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         RecordConstructorArgs.__init__(self)
         gym.Wrapper.__init__(self, env)
         self.observation_space = _unbatched_space(env.observation_space)
-        # Other render modes open a window or need cameras in the observation.
+        # Offer only the mode rgb_array: other render modes open a window or need cameras in the observation.
         modes = [mode for mode in env.metadata["render_modes"] if mode == "rgb_array"]
         self.metadata = {**env.metadata, "render_modes": modes}
 

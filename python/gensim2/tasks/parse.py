@@ -28,7 +28,8 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
     former = version_1.is_version_1(data)
     try:
         check_finite(data, file)
-        # Strict JSON mode converts lists to tuples, but rejects a string or a bool in place of a number.
+        # The data is validated as JSON, because pydantic's strict JSON mode converts lists to tuples but rejects a
+        # string or a bool in place of a number.
         text = json.dumps(version_1.upgraded(data, file) if former else data)
         return TaskSpec.model_validate_json(text, strict=True)
     except TypeError as error:  # the data has Python types that JSON lacks

@@ -50,7 +50,7 @@ def _pair(value: Any) -> Any:
     """Expand a number w to the range (-w, w); return a pair unchanged."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (-value, value)
-    return tuple(value) if isinstance(value, list) else value  # pydantic expects a tuple
+    return tuple(value) if isinstance(value, list) else value  # pydantic's strict mode expects a tuple
 
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:

@@ -306,7 +306,7 @@ class SoftwareDevice:
         depth, colors = (profile for _, profile, _ in self._profiles)
         depth.register_extrinsics_to(colors, same)
         colors.register_extrinsics_to(depth, same)
-        self.device.create_matcher(rs.matchers.dlr_c)  # matches images of the same frame number
+        self.device.create_matcher(rs.matchers.dlr_c)  # this matcher combines images with the same frame number
 
     def recorder(self, file: Path) -> Any:
         """Return a recorder that writes this device's images to a ``.db3`` file until the recorder is deleted."""

@@ -170,7 +170,7 @@ class StreamedArm(ABC):
             refuses = self._trouble is not None
             self._last = ArmState(now, q, v, force, "refusing" if refuses else mode, self._trouble or "")
             self._states.append(self._last)
-        elif self._last is not None:  # The connection is lost: return the last state with the reason.
+        elif self._last is not None:  # The connection is lost: return the last state with the reason of the failure.
             self._states.append(replace(self._last, mode="refusing", reason=self._trouble or ""))
         with self._lock:
             if self._standing or self._passed is None:

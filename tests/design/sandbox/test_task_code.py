@@ -77,7 +77,7 @@ def test_reference_code_of_every_stored_task_makes_the_same_task() -> None:
         (
             ("articulated_open(self.safe", "articulated_open(Object('x')"),
             "failed",
-            "an object is used that was not given",
+            "an object was not assigned",
         ),
         (("class FillSafe(Task):", "class FillSafe:"), "refused", "line 5: a class must be derived from Task"),
     ],
@@ -112,7 +112,7 @@ ODD = {
         "'t\u00fcr' is not allowed: names must have lower-case ASCII",
     ),
     "a name beyond ASCII": (HEAD + "        \u00e9 = 1\n", 6, "the name '\u00e9' cannot be assigned"),
-    "a class beyond ASCII": (HEAD.replace("Odd", "\u00d6dd"), 2, "in ASCII, not '\u00d6dd'"),
+    "a class beyond ASCII": (HEAD.replace("Odd", "\u00d6dd"), 2, "ASCII letters and digits, not '\u00d6dd'"),
     "an import beyond ASCII": (HEAD.replace("Object,", "\u00d3bject,"), 1, "has no '\u00d3bject'"),
     "an argument beyond ASCII": (HEAD + "        self.step('a', \u00f6bject=1)\n", 6, "'\u00f6bject'"),
     "letters that look alike": (HEAD + "        \uff45val('1')\n", 6, "a call of 'eval' is not allowed"),

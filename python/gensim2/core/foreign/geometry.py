@@ -55,7 +55,8 @@ class _Beside:
 
     def get(self, name: str) -> bytes:
         wanted = name.strip()
-        candidates = (wanted, wanted.lstrip("/"), Path(wanted).name)  # the same order as in trimesh's resolver
+        # trimesh's resolver tries the paths in the same order
+        candidates = (wanted, wanted.lstrip("/"), Path(wanted).name)
         found = next((each for each in candidates if self._folder.has(each)), wanted)
         return read_regular(self._folder.inside(found), MAX_MESH)
 

@@ -142,7 +142,7 @@ def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent handles it
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     faulthandler.disable()
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # hide a crashing library's output
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # hide the messages that a library prints when it crashes
     os.environ |= FRUGAL
     function, arguments = pickle.loads(payload)
     try:

@@ -158,7 +158,7 @@ def start_process(
             start_fork_server()
             process.start()
             return process, ours
-        except (OSError, EOFError) as error:  # the fork server was killed; the next call starts a new one
+        except (OSError, EOFError) as error:  # the fork server was killed; the next call starts a new fork server
             ours.close()
             if number == TRIES - 1:
                 raise WorkerStartError(f"worker processes cannot be started: {error}") from error
@@ -167,7 +167,9 @@ def start_process(
             ours.close()
             raise
         finally:
-            theirs.close()  # With the other end closed in this process, the connection ends when the worker dies.
+            # Close the worker's end of the connection in this process, so that the connection ends when the worker
+            # dies.
+            theirs.close()
     raise AssertionError("unreachable: the last attempt returns or raises")
 
 

@@ -191,7 +191,7 @@ class RayPool(Executor):
         global left_waiting
         for place in list(self._places):
             self._end(place)
-        if self._head.is_gone:  # without a head, ray.shutdown would wait and then end this process
+        if self._head.is_gone:  # without a head node, ray.shutdown would wait and then end this process
             atexit.unregister(self._ray.shutdown)
             left_waiting = True
         else:

@@ -49,7 +49,8 @@ class SeenTable:
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
             is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")
-            if is_own and arrays[name].ndim == 2:  # a moving camera's pose follows from the joints
+            # only fixed poses are stored: the pose of a moving camera can be computed from the joint positions
+            if is_own and arrays[name].ndim == 2:
                 self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
         for camera, link in description.get("camera_links", {}).items():
             self._cameras.setdefault(camera, {})["link"] = link

@@ -33,7 +33,7 @@ OPENNESS = (-0.5, 1.5)
 
 MAX_CONSTRAINTS, MAX_MOTIONS = 12, 8
 
-#: Motion that completes a config while only its constraints are checked.
+#: Placeholder motion: a config needs a motion, even if only its constraints are to be checked.
 _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
 
 

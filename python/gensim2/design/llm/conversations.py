@@ -128,7 +128,7 @@ def _key(record: ConversationRecord) -> str:
 #: Maximum number of characters of a wrong answer that are sent back to the model.
 SHOWN_AGAIN = 6000
 
-#: Maximum number of faults sent back at once.
+#: Maximum number of faults of an answer that are sent back to the model at once.
 MAX_PROBLEMS = 12
 
 T = TypeVar("T")

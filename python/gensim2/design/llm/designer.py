@@ -264,7 +264,7 @@ class LLMDesigner:
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
         """Return the task that the model's code for ``task`` describes."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-        # Fall back to the prompt's examples. Showing them is allowed even if the run hides the stored tasks.
+        # Fall back to the prompt's examples. The prompt's examples may be shown even if the run hides the stored tasks.
         if not known:
             known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]

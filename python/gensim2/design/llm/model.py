@@ -79,7 +79,7 @@ class LanguageModel:
             return answer
         shared = question.shared_digest(self._client.endpoint, self.options.structured, digest)
         known = self._store.record(digest, shared)
-        if known is not None and known.spent is None:  # ask again, because the budget may be higher now
+        if known is not None and known.spent is None:  # send the request again, because the budget may be higher now
             self.ledger.add(known.answer, asked=False)
             self._store.put(digest, question, known.answer)
             return known.answer

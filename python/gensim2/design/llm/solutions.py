@@ -22,7 +22,8 @@ from gensim2.tasks.strategies import Strategies
 
 Mode = Literal["explore", "topdown", "bottomup", "free"]
 
-#: Maximum numbers of tried configs in a request for better configs: of the best configs, and of the newest others.
+#: A request for better configs shows at most this many of the best configs, and at most this many of the newest other
+#: configs.
 SHOWN_BEST, SHOWN_NEW = 3, 3
 
 FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"

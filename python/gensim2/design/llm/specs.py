@@ -95,7 +95,8 @@ def long_task(
     if rigid is not None and other is not None:
         objects[other] = ObjectSpec(asset_class=rigid.asset_class, place=Place(at=BESIDE))
     asked = [criterion(kind, role, other) for kind in goal]
-    # A model often names only where an object goes; then the goal would hold although the last step was left out.
+    # A model often gives only the final place of an object as the goal. Such a goal could be met without the last step,
+    # so the joint criteria of the last step are added to the goal.
     lasting = [c for c in steps[-1].done if isinstance(c, JOINT)]
     return TaskSpec(
         name=name,

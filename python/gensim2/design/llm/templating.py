@@ -123,7 +123,7 @@ SAME_WAY = 0.9
 SUFFIX = ".md.j2"
 BANK = "tasks.yaml"
 
-#: Exceptions of a template's expressions, besides jinja2's own.
+#: Exceptions that the expressions of a template can raise, in addition to the exceptions of jinja2.
 _OF_ITS_OWN = (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError)
 
 #: Maximum number of characters quoted from an object's files in a prompt.

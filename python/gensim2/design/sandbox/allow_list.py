@@ -63,7 +63,8 @@ SPOKEN = {
 }
 #: Maximum absolute value of an integer.
 LARGEST = 2**63
-#: Python may report too deep nesting without a line number; the error then names a line longer than this.
+#: If Python reports too deep nesting without a line number, the error names the longest line, provided that it has more
+#: characters than this.
 LONG_LINE = 200
 NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")

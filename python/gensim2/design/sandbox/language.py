@@ -17,7 +17,7 @@ from gensim2.tasks.spec import HAND
 
 #: Methods of ``self``.
 METHODS = ("step", "goal")
-#: Attributes of ``self`` and of the class that are fields of the task.
+#: Fields of the task that a program may set as attributes of ``self`` or of the class.
 SETTINGS = ("description", "max_episode_steps")
 #: Maximum number of values and characters in a task; nested references to one list would otherwise grow exponentially.
 MAX_SIZE = 100_000

@@ -122,7 +122,7 @@ class FolderShelf(ArticulatedShelf):
         try:
             return self.load(asset_class, self._found[asset_class][0]).joint.type
         except AssetError:
-            return "unknown"  # the error in the file is reported when the object is loaded
+            return "unknown"  # a later call of ``load`` reports the error in the file
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
         from gensim2.objects.library.released import READER_MODULES, read_model

@@ -78,7 +78,8 @@ class _Converter:
                 mesh.file = ""
         spec.compiler.discardvisual = spec.compiler.fusestatic = False
         with warnings.catch_warnings(), read_by_library(self._file, "correct the MJCF", "MuJoCo cannot compile it"):
-            warnings.simplefilter("ignore")  # ignore warnings about motion, because the model is not simulated
+            # ignore MuJoCo's warnings about the dynamics, because the model is not simulated
+            warnings.simplefilter("ignore")
             self._model = spec.compile()
         return self._write(mujoco, touching)
 

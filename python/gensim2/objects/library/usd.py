@@ -146,7 +146,8 @@ class _Copier:
                 layer = Sdf.Layer.FindOrOpen(str(copy))
                 if layer is None:
                     raise ValueError("not a USD file")
-                found = [str(each) for each in layer.GetCompositionAssetDependencies() if each]  # "" is this file
+                # an empty path stands for the file itself
+                found = [str(each) for each in layer.GetCompositionAssetDependencies() if each]
             for each in found:
                 beside = os.path.normpath(PurePosixPath(name).parent / _plain(each, self._file))
                 if PurePosixPath(beside).suffix not in LAYERS:
@@ -281,7 +282,7 @@ class _Converter:
         anchors = [str(each.GetPath()) for each, body in zip(targets, (one, other), strict=True) if body == STATIC]
         kind, axis, limits = self._motion(prim)
         if kind == "fixed" and "/" in anchors:
-            return None  # the link is fixed in the world, as the root of every object
+            return None  # the joint only fixes the root link in the world, as is the case for every object
         self._anchors |= set(anchors) - {"/"}
         frames = (
             self._joint_frame(prim, targets[0], joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
@@ -315,7 +316,7 @@ class _Converter:
         lower, upper = (unit * float(each.Get()) for each in (joint.GetLowerLimitAttr(), joint.GetUpperLimitAttr()))
         if np.isnan([lower, upper]).any():
             raise self._error("is not a number", prim, "physics:lowerLimit, physics:upperLimit")
-        if lower >= upper:  # by the specification such a joint is locked
+        if lower >= upper:  # the USD specification defines such a joint as locked
             return "fixed", axis, None
         if not np.isfinite([lower, upper]).all():
             return ("continuous" if turns else "prismatic"), axis, None
@@ -404,7 +405,8 @@ class _Converter:
                 )
                 if joint.kind != "fixed":
                     limits = joint.limits
-                    if above == 1 and limits is not None:  # the child turns in the opposite direction
+                    # the joint's first body is the child, so the positions have the opposite sign
+                    if above == 1 and limits is not None:
                         limits = -limits[1], -limits[0]
                     self._urdf.move(element, joint.axis, limits)
                 self._fill(self._urdf.link(names[child]), self._links[child], frames[child])
@@ -469,7 +471,7 @@ class _Converter:
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = unit, matrix[:3, 3]
         if np.linalg.det(unit) < 0:
-            T[:3, 2] *= -1.0  # these shapes are symmetric
+            T[:3, 2] *= -1.0  # a mirrored shape is the same shape, because all four kinds are symmetric
         if kind == "Cube":
             return T, "box", scale * self._positive_of(prim, "size")
         if kind == "Sphere":
@@ -479,7 +481,7 @@ class _Converter:
                 else None
             )
         long = self._axis(prim)
-        turned = np.roll(np.eye(3), 2 - long, axis=1)  # its third column is the axis
+        turned = np.roll(np.eye(3), 2 - long, axis=1)  # the third column of ``turned`` is the shape's axis
         T[:3, :3] = T[:3, :3] @ turned
         across = np.delete(scale, long)
         if np.ptp(across) > SHEAR * across[0] or (kind == "Capsule" and np.ptp(scale) > SHEAR * scale[0]):
@@ -582,7 +584,7 @@ class _Converter:
         center, inertia = even.center, even.inertia * mass / even.mass
         T = T_from_world @ self._pose(prim)
         authored = np.array(mass_of.GetCenterOfMassAttr().Get(), float)
-        if np.isfinite(authored).all():  # by default the centre is not finite, which stands for the shapes' centre
+        if np.isfinite(authored).all():  # USD's default is not finite and means the centre of mass of the shapes
             center = (T_from_world @ self._matrix(prim) @ [*authored, 1.0])[:3]
         diagonal = np.array(mass_of.GetDiagonalInertiaAttr().Get(), float) * self._kilograms * self._metres**2
         if diagonal.any():

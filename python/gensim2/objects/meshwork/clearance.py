@@ -31,7 +31,7 @@ from gensim2.objects.shapes import pose, transform
 Array = npt.NDArray[np.float64]
 Pieces = Sequence[tuple[Array, Faces]]
 
-# number of joint values at which overlapping parts of hulls are cut off; the overlap is checked at every second of them
+# number of joint values at which overlapping parts of hulls are cut off; at every second value the overlap is checked
 POSES = 9
 FINE = 0.0012  # m, cell size of the grid of one link's free space, into which the other link may move
 SPACING = 0.004  # m, distance between neighbouring sample points on a link's own surface
@@ -311,7 +311,8 @@ def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
     programming; None if there is no gap.
     """
     inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
-    # Maximize m with n·p - d >= m for intruders, n·s - d <= -m for own surface, |n| <= 1 by component.
+    # Maximize the margin m such that n·p - d >= m for all p in ``outer``, n·s - d <= -m for all s in ``inner``, and
+    # each component of n lies in -1..1.
     rows = [
         np.column_stack([-outer, np.ones(len(outer)), np.ones(len(outer))]),
         np.column_stack([inner, -np.ones(len(inner)), np.ones(len(inner))]),

@@ -31,13 +31,13 @@ MAX_VERTICES = 64
 MAX_HULLS = 40  # maximum number of hulls for each link
 MAX_HULLS_FOR_CLEARANCE = 60  # maximum number of hulls of a link if, with fewer hulls, the other link would be blocked
 FREE_SHARE = 0.01  # fraction of a hull's volume that may be free space of the mesh
-FREE_VOLUME = 1e-6  # m³, maximum free space that a hull may fill; ignored if the link has too many hulls
+FREE_VOLUME = 1e-6  # m³, maximum free space that a hull may fill; this limit is ignored if the link has too many hulls
 PATCH_ANGLE = np.cos(np.radians(15))
 PATCH_OFFSET = 0.002  # m, maximum distance of a patch's vertices from the plane of its first face
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
 # Maximum number of patches of a piece. A piece with more patches is simplified by merging vertices that are closer than
-# one cell of the grid; if this is not enough, two or three cells.
+# one cell of the grid, or closer than two or three cells if too many patches remain.
 MANY_PATCHES = 100
 
 

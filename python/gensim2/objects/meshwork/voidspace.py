@@ -31,7 +31,9 @@ FINEST = 0.003  # m, edge length of a cell
 CELLS = 96  # number of cells along the longest side of a large link
 MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # number of sample points processed at a time
-NEEDED_VOLUME = 1.1e-6  # m³, penalty for each point that the other link needs; more than any hull may fill
+# m³ of free space that each point inside a hull counts for if the other link needs the point; more than any hull may
+# fill
+NEEDED_VOLUME = 1.1e-6
 NEEDED_DEPTH = 0.0008  # m. A point in space that the other link needs may be inside a hull up to this depth.
 MAX_PROBES = 5000  # approximate number of cells tested for a hull; a bigger hull is tested more coarsely
 
@@ -103,7 +105,7 @@ class VoidSpace:
                 index = np.floor((samples - low) / cell).astype(np.int64)
                 index = index[((index >= 0) & (index < shape)).all(axis=1)]
                 crossed[index[:, 0], index[:, 1], index[:, 2]] = True
-        # A fine cell is free if it is connected to a free coarse cell.
+        # A fine cell counts as free if a path of empty fine cells connects the cell to a free coarse cell.
         coarse = [
             np.clip((low[i] + (np.arange(shape[i]) + 0.5) * cell - self._low[i]) / self.cell, 0, self._shape[i] - 1)
             for i in range(3)

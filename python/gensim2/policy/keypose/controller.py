@@ -167,7 +167,7 @@ class KeyposeController:
         """Predict strategies and plan the next motion; return False if no motion is left to execute."""
         self.told["looks"] += 1
         seen = self._sight.altered(observation, self._seed)
-        if not self._holds:  # an empty hand's fingers may be anywhere
+        if not self._holds:  # the fingers of an empty hand may have any distance
             seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sight.sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)

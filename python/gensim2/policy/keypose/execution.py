@@ -140,7 +140,7 @@ class Executor:
     def _free(self, rows: _Rows, q: Array, goal: Array, seen: Seen) -> Free:
         q, goal = q.copy(), goal.copy()
         fingers = list(self._profile.gripper_columns)
-        if not seen.holds:  # the fingers of a full hand are as far apart as the object is wide
+        if not seen.holds:  # if the hand holds an object, the measured finger positions are used
             q[fingers] = self._profile.gripper.at_command(rows.command)
         goal[fingers] = q[fingers]
         for how, scene in self._scenes(q, goal, seen):

@@ -207,7 +207,7 @@ def _add_mesh(
     )
     if texture is not None:
         uv = texture.corners[rows].reshape(-1, 2).astype(np.float32)
-        uv[:, 1] = 1.0 - uv[:, 1]  # in MuJoCo v points down the image
+        uv[:, 1] = 1.0 - uv[:, 1]  # in MuJoCo the texture coordinate v increases downwards in the image
         mesh.usertexcoord = uv.ravel()
         mesh.userfacetexcoord = np.arange(len(uv), dtype=np.int32)
         image = np.ascontiguousarray(texture.image)

@@ -61,7 +61,7 @@ def write_object(model: ArticulatedObject | RigidObject, file: Path) -> None:
     """
     pose = default_pose(model, "default")
     placed = PlacedObject(model, pose.position, pose.quaternion, 0.0, pose.openness)
-    profile = robot_profile(DEFAULT_ROBOT)  # the physics rate is read from the profile
+    profile = robot_profile(DEFAULT_ROBOT)  # the profile determines the physics rate
     setup = InitialState({model.asset_class: placed}, 1, profile.reset_qpos, DEFAULT_PRESET)
     _write(profile, setup, file, robot=False)
 

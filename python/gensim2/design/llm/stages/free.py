@@ -24,10 +24,10 @@ MAX_OBJECTS, MAX_STEPS = 4, 8
 #: Fields of criteria that name articulated and rigid objects; ``object`` names articulated ones.
 _ROLES = {"object": "articulated", "articulated": "articulated", "rigid": "rigid", "support": "rigid"}
 
-#: Ranges (m) of the positions in a task with several objects.
+#: Random ranges of position (m) and yaw (rad) of an object in a task with several objects.
 _CLOSE = {"x": [-0.03, 0.03], "y": [-0.03, 0.03], "yaw": 0.2}
 
-#: Ranges (m) of the position of an object in or on another object, where it has little room.
+#: Random ranges of position (m) and yaw (rad) of an object that starts in or on another object, where space is limited.
 _WITHIN = {"x": [-0.01, 0.01], "y": [-0.01, 0.01], "yaw": 0.2}
 
 _CRITERIA = {

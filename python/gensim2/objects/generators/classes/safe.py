@@ -78,7 +78,7 @@ ROTATE = ObjectClass("safe_rotate", 15, "revolute", rotate)
 
 def move(rng: np.random.Generator) -> Blueprint:
     whole = rotate(rng)
-    low, high = c.bounds(whole.moving[:1])  # the first moving part is the door, without its handle
+    low, high = c.bounds(whole.moving[:1])  # the first moving part is the door panel; the handle is a later part
     head = (0.0, 0.25 * low[1] + 0.75 * high[1], high[2])
     return c.pushed(c.at(whole, whole.limits[0]), 0.25, "the middle of the safe's front, near its upper edge", head)
 
