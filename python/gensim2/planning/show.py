@@ -108,7 +108,7 @@ def _draw_body(server: Any, body: SceneBody, color: tuple[int, int, int]) -> Any
 
 
 def _draw_scene(server: Any, scene: Scene) -> Any:
-    """Draw the scene; return the graphics object of the grasped object, or None."""
+    """Draw the scene, and return the drawn shape of the grasped object; None if no object is grasped."""
     riding, labels = None, []
     for body in scene.fixtures:
         _draw_body(server, body, FIXTURE)
@@ -127,7 +127,7 @@ def _draw_scene(server: Any, scene: Scene) -> Any:
 
 
 def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfile) -> None:
-    """Draw keyframes of plans (small if not reached) with their labels, and the hand's paths.
+    """Draw the labelled keyframes and the hand paths of plans; a keyframe that is not reached is drawn small.
 
     Args:
         server: a ``viser.ViserServer``.

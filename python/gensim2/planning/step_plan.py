@@ -69,8 +69,8 @@ class StepPlan:
         return 2 if not self.is_solved else 0 if self.touches is None else 1
 
     def detail(self) -> dict[str, Any]:
-        """Explain why no complete motion was found (residuals, keyframe, collisions), or name the body that the hand
-        has to touch before the actuation pose.
+        """Return the reasons why no complete motion was found (residuals, keyframe, collisions), or the name of the
+        body that the hand has to touch before the actuation pose.
         """
         touches = {} if self.touches is None else {"touches": self.touches}
         plan = self.whole or self.plan

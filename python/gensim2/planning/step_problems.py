@@ -98,7 +98,8 @@ class StepProblems:
         options: Mapping[str, Any],
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """Return the solver problem of a config that has only solver fields, without the planner's own fields.
+        """Return the solver problem of a config with only solver fields; finger mode and moved joint are given
+        separately.
 
         Args:
             scene: scene at the start of the step.

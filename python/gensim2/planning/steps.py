@@ -299,7 +299,7 @@ class StepPlanner:
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """Return the first strategy for which a plan is found on a predicted scene, with this plan."""
+        """Return the plan of the first strategy that is solved on a predicted scene; None if no strategy is solved."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue
@@ -313,12 +313,12 @@ class StepPlanner:
 
 
 def _is_barred(taken: StepPlan, name: str) -> bool:
-    """Return whether the hand reaches a grasp but the object hits an obstacle when it is lifted."""
+    """Return whether the hand reaches a grasp but the grasped object hits an obstacle during the lift."""
     met = () if taken.plan is None else taken.plan.collisions
     return any(each["toward"].startswith("post_") and name in each["bodies"] for each in met)
 
 
 def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Grasp, bool, str]]:
-    """Yield the first ``DRAWN_OUT`` blocked grasps, each with every motion of ``ASIDE`` to pull the object out."""
+    """Yield the first ``DRAWN_OUT`` grasps whose lift is blocked, each with every pull-out motion of ``ASIDE``."""
     for (grasp, swapped), aside in product(barred[:DRAWN_OUT], ASIDE):
         yield grasp, swapped, aside

@@ -45,7 +45,7 @@ class KeypointStrategy:
 
     @property
     def contact_speed(self) -> float | None:
-        """Maximum speed of the contact point, m/s; None: limited by the arm only."""
+        """Maximum speed of the contact point, m/s; None if only the arm limits the speed."""
         speed: float | None = self.config.get("contact_speed")
         return speed
 
@@ -56,9 +56,7 @@ class KeypointStrategy:
         return name
 
     def as_step(self) -> KeypointStrategy:
-        """Return this strategy without ``makes_room``. The result is the strategy of a step whose object is the
-        obstacle to move away.
-        """
+        """Return this strategy without ``makes_room``, for a step whose object is the obstacle."""
         return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property

@@ -83,7 +83,7 @@ def _body(body: SceneBody, role: str, keypoints: dict[str, Array] | None = None)
 
 
 def _same_bodies(one: Scene, other: Scene) -> bool:
-    """Return whether two scenes have the same bodies with the same hulls, as scenes of one episode do."""
+    """Return whether two scenes have the same bodies with the same hulls, which is true for scenes of one episode."""
     first, second = one.bodies, other.bodies
     return len(first) == len(second) and all(
         a.name == b.name and a.hulls is b.hulls for a, b in zip(first, second, strict=True)

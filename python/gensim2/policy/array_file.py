@@ -104,7 +104,7 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
 
     Args:
         arrays: the arrays that were read.
-        expected: data type and shape by array name. Also, the first axes of all arrays must have equal lengths.
+        expected: data type and shape by array name. The first axes of all arrays must have equal lengths.
         path: file name for the error message.
 
     Raises:

@@ -65,13 +65,11 @@ class Attempts:
         return [*back, *[begin] * RESTS]
 
     def goes_on(self) -> None:
-        """End the phase in which the arm retraces its path. From now on, actions are recorded as the path of the new
-        attempt.
-        """
+        """End the return to the start pose. Later actions are recorded as the path of the new attempt."""
         self._backs_off = False
 
     def follow(self, action: Action) -> None:
-        """Record an action and count steps without motion.
+        """Record an action, and count consecutive steps without motion.
 
         Motion is judged by the commanded targets, because an arm that presses against an object never reaches them.
         """

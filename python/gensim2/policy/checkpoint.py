@@ -247,8 +247,8 @@ class PolicyCheckpoint:
             raise CheckpointError(message, file=folder, field="robot", remedy=f"use --robot {self.robot}")
 
     def require_text_model(self, given: str | None, folder: Path | str) -> None:
-        """Raise an error if the text encoder is named by the checkpoint alone. Otherwise a downloaded checkpoint could
-        start further downloads.
+        """Raise an error if only the checkpoint names the text encoder, because a downloaded checkpoint must not start
+        further downloads.
 
         Args:
             given: folder or hub name of the text encoder from the user, or None.
@@ -311,7 +311,7 @@ def _read_weights(path: Path, config: PolicyConfig, record: _Record) -> tuple[Po
 
 
 def unknown_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path | str) -> CheckpointError:
-    """Return the error for an instruction that a policy was not trained on."""
+    """Create the error to raise for an instruction that the policy was not trained on."""
     message = f"was not trained on the sentence {sentence!r}"
     remedy = f"train on the task; it knows {', '.join(policy.data.tasks)}"
     return CheckpointError(message, file=folder, field="sentences", remedy=remedy)

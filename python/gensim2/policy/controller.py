@@ -39,8 +39,8 @@ Action = npt.NDArray[np.float32]
 class PolicyController:
     """Executes the first ``execute`` actions of each predicted chunk, then observes and predicts again.
 
-    Each predicted action has an end mark. The episode ends when this mark is set in the first action of a new chunk. If
-    the hand stops earlier without a grasped object, the attempt has failed: the arm retraces its path, and the policy
+    Each predicted action has an end mark. The episode ends when the first action of a new chunk has this mark. If the
+    hand stops earlier without a grasped object, the attempt counts as failed: the arm retraces its path, and the policy
     tries again.
 
     Args:
@@ -50,7 +50,8 @@ class PolicyController:
         denoise_steps: number of denoising steps of diffusion and flow heads; None: the checkpoint's setting.
         unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
             ``"embed"`` encodes them with the text encoder.
-        text_model: folder or Hugging Face name of the text encoder's weights, unless gensim2 uses them by default.
+        text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
+            default of gensim2.
         sees: ablation of the point cloud; ``"all"`` for no ablation.
         says: maps a task's instruction to the instruction that the policy gets instead.
         threads: number of PyTorch threads.
@@ -61,8 +62,8 @@ class PolicyController:
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Return the files that determine the controller's behaviour. The weights themselves are not needed, because
-        one of the files has their SHA-256.
+        """Return the files that determine the controller's behaviour. The weights file is not listed, because one of
+        the returned files contains its SHA-256.
         """
         return [Path(checkpoint) / CONFIG_JSON, *([Path(checkpoint) / CLOUDS] if sees == "other" else [])]
 

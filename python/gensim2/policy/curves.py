@@ -57,7 +57,7 @@ class Curves:
 
 
 def read_curves(folder: Path) -> list[dict[str, Any]]:
-    """Return the points of the training curves in a folder, in the order of writing; ignore an incomplete last line.
+    """Return the points of the training curves in a folder, oldest first; an incomplete last line is ignored.
 
     Raises:
         InputError: the file cannot be read, or a line is not a valid point.

@@ -127,7 +127,7 @@ def _relabel(
     workers: int,
     progress: Progress,
 ) -> Relabels:
-    """Return the labels of one task and round; read them from ``path`` if the file exists."""
+    """Return the labels of one task in one round, from the file ``path`` if it exists."""
     from gensim2.core.processes import Execution, Job, results
     from gensim2.rollout.runner import EpisodeRunner
 

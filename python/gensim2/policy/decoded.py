@@ -189,7 +189,7 @@ def _episodes(rows: Sequence[_Row]) -> Iterator[DecodedEpisode]:
 
 
 def _whole(place: Path, episodes: Sequence[DecodedEpisode]) -> bool:
-    """Return whether all cached arrays are complete; after a power failure files may be missing or truncated."""
+    """Return whether all cached arrays are complete. A power failure can leave missing or truncated files."""
     frames = episodes[-1].first + episodes[-1].steps + 1
     try:
         found = [np.load(place / f"{file}.npy", mmap_mode="r") for file in FILES.values()]

@@ -85,8 +85,8 @@ class Demonstrations:
 
         Returns:
             Observation columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy predicts
-            keyframes. Frames before the start of an episode repeat its first frame. After the last frame that is used
-            for training, the last target is repeated as action, and these actions have the end mark.
+            keyframes. Frames before the start of an episode repeat its first frame. A chunk that extends past the last
+            training frame of an episode repeats the last target, with the end mark.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])

@@ -30,7 +30,7 @@ TOLERANCE = 1e-5
 
 
 class Exported(nn.Module):  # type: ignore[misc]
-    """Network whose inputs are tensors: ``cloud``, ``proprio``, and ``text`` and ``noise`` if the network uses them."""
+    """Network for export, with tensors as inputs: ``cloud``, ``proprio``, and, if used, ``text`` and ``noise``."""
 
     def __init__(self, network: PolicyNetwork) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, tor
 
 
 def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
-    """Export a policy's network with batch size 1, and compare its output with the original network's.
+    """Export a policy's network with batch size 1, and compare its output with the output of the original network.
 
     The function also writes ``<name>.json`` with the names and shapes of the inputs, the instructions, the observation
     spec and the action format. Inputs are as in :class:`~gensim2.policy.frames.Inputs`; the user transforms clouds and

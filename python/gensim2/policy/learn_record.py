@@ -34,11 +34,11 @@ class LearnRecord(RunSettings):
     Attributes:
         minutes: CPU minutes for data and training.
         objects: number of generated training objects of each class; None: the ``instances`` of ``scene``.
-        generated: number of generated objects of each class in addition to those of ``scene``.
+        generated: number of generated objects of each class in addition to the objects of ``scene``.
         verify: whether scenes whose plans fail in simulation are left out.
-        engines: ``"both"`` uses only demonstrations that hold in both physics engines.
+        engines: ``"both"`` uses only demonstrations that succeed in both physics engines.
         noise: depth noise of the cameras; None for exact depth.
-        text, text_model: requested text encoder of a policy of several tasks, and the weights of the encoder.
+        text, text_model: text encoder of a policy for several tasks, and the weights of the encoder, as requested.
         settings: network and training settings that the user gave.
         start: folder of the policy to start from, and the SHA-256 of its ``config.json``; None: train from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
@@ -83,9 +83,7 @@ class LearnRecord(RunSettings):
             yield from differing("demonstrations", self.demonstrations_of, now.demonstrations_of)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record, with the folder of the starting policy replaced by the folder in ``now``, the record of
-        the resuming command.
-        """
+        """Return this record with the folder of the starting policy from ``now``, the record of the resuming command."""
         return self.model_copy(update={"start": now.start})
 
     @property

@@ -147,14 +147,14 @@ def learn(
         episodes, control_episodes: number of evaluation episodes of each task, for the policy and for each control.
         controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`; None: all.
         videos: number of recorded episodes of each task.
-        objects: train on this many generated objects of each class. The seed selects them, and none of them is an
-            object that the library lists. None: train on the ``instances`` of ``scene``. If these are not given
+        objects: train on this many generated objects of each class. The seed selects the objects; objects that the
+            library lists are excluded. None: train on the ``instances`` of ``scene``. If these are not given
             either: ``OBJECTS`` generated objects, or the training split of real objects.
         generated: number of generated training objects of each class in addition to a folder's objects, for
             ``"keypose"``. The time for data is divided in proportion to the numbers of objects.
         verify: whether to simulate the plans and leave out scenes in which they fail, for ``"keypose"``.
         engines: ``"both"`` runs the episodes or plans of the training data in the other physics engine, too, and uses
-            only demonstrations that hold in both; for ``"keypose"`` only with ``verify``.
+            only demonstrations that succeed in both; for ``"keypose"`` this requires ``verify``.
         start: folder of a keypose policy of several tasks that ``learn`` trained, or ``"builtin"``. The new policy
             starts from the weights of this policy, trains on its plans and on new plans of ``tasks``, and is evaluated
             on all tasks. The builtin policy comes without plans, so scenes of its tasks are planned again; this time

@@ -130,8 +130,8 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
-        """Divide the points into P equal ranges of indices and return one index from each: a random index if there is a
-        generator, otherwise the middle one.
+        """Divide the points into P equal ranges of indices, and return one index from each range: a random index if
+        there is a generator, otherwise the middle index.
         """
         count = points.shape[1]
         looked_at = min(self.config.seen_points, count)

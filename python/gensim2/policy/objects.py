@@ -52,7 +52,7 @@ def check_test_instances(tasks: Sequence[str], seed: int, **given: Unpack[Rollou
 
 
 def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
-    """Return the articulated training objects, as ``class/id``, that the set named ``word`` also contains.
+    """Return the articulated training objects (``class/id``) that are also in the object set named ``word``.
 
     Raises:
         InputError: a class has no objects in the set.

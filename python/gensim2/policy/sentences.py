@@ -28,7 +28,7 @@ def embeds(word: str) -> bool:
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Check that ``says`` maps instructions to replacement instructions, and return this mapping.
+    """Check that ``says`` maps instructions to replacement instructions, and return the mapping; None becomes empty.
 
     Raises:
         InputError: ``says`` does not map strings to strings.
@@ -53,7 +53,8 @@ def sentence_row(
         sentence: the instruction.
         folder: folder of the checkpoint, for error messages.
         embed: whether to encode an instruction that the policy was not trained on.
-        text_model: folder or Hugging Face name of the text encoder's weights, unless gensim2 uses them by default.
+        text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
+            default of gensim2.
 
     Raises:
         CheckpointError: the instruction is unknown and ``embed`` is false, or the weights of the text encoder are named

@@ -56,7 +56,9 @@ def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSp
 
 
 def digest_of_start(start: Path) -> tuple[str, str]:
-    """Return a policy's folder and the SHA-256 of its configuration, for the record of a run that starts from it."""
+    """Return a policy's folder and the SHA-256 of its configuration, for the record of a run that starts from this
+    policy.
+    """
     return str(start.resolve()), hashlib.sha256(read_input(start / CONFIG_JSON, MAX_RECORD)).hexdigest()
 
 

@@ -338,7 +338,7 @@ def learning_rate(step: int, training: TrainConfig) -> float:
 
 
 def optimizer_of(network: torch.nn.Module, training: TrainConfig) -> torch.optim.AdamW:
-    """Return AdamW with weight decay on the matrices of linear and convolution layers only."""
+    """Return an AdamW optimizer whose weight decay applies only to the matrices of linear and convolution layers."""
     matrices = {id(m.weight) for m in network.modules() if isinstance(m, torch.nn.Linear | torch.nn.Conv1d)}
     groups: tuple[list[torch.nn.Parameter], list[torch.nn.Parameter]] = ([], [])
     for parameter in network.parameters():
@@ -353,7 +353,9 @@ def optimizer_of(network: torch.nn.Module, training: TrainConfig) -> torch.optim
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
 def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, step: int) -> None:
-    """Update the moving averages, with a smaller decay in the first steps to forget the initial weights."""
+    """Update the moving averages of the weights; the decay is smaller in the first steps, to forget the initial
+    weights.
+    """
     share = 1.0 - min(decay, (1 + step) / (10 + step))
     pairs = list(zip(average.parameters(), network.parameters(), strict=True))
     torch._foreach_lerp_([a for a, _ in pairs], [b for _, b in pairs], share)

@@ -39,8 +39,8 @@ class _Record(RunSettings):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield each setting whose value differs between this identity and ``now``. Settings that an earlier version
-        did not record are ignored.
+        """Yield each setting whose value differs between this identity and ``now``. Ignore settings that an earlier
+        version of gensim2 did not record.
         """
         if self.identity == now.identity:
             return

@@ -1,4 +1,6 @@
-"""Convert the URDF of a mobile robot into the URDF of a fixed arm with this package's hand frame."""
+"""Convert the URDF of a mobile robot into the URDF of a fixed arm with the hand frame that this package uses for every
+robot.
+"""
 
 from __future__ import annotations
 

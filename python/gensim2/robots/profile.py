@@ -289,8 +289,8 @@ class RobotProfile:
         """Return the arm's joint limits from the solver options, with the arguments as defaults for missing limits.
 
         Args:
-            acceleration, jerk: limits for a robot whose solver options have none, (m,) or one number for all joints.
-                Its velocity limits come from the URDF.
+            acceleration, jerk: limits to use if the solver options have no limits, (m,) or one number for all joints.
+                Missing velocity limits come from the URDF.
         """
 
         def own(given: npt.ArrayLike | None, usual: npt.ArrayLike) -> Array:
@@ -338,7 +338,7 @@ class RobotProfile:
         Args:
             positions: (N, m) desired arm joints at the end of each control step.
             ends: (N,) for each control step, the index of the step in which its motion ends. A target never lies beyond
-                the position at this end.
+                the position at the end of the motion.
 
         Returns:
             (N, m) targets of each control step.

@@ -96,8 +96,8 @@ def robot_names() -> tuple[str, ...]:
 
 
 class RobotPlace(str):
-    """File or module of a robot that this process has loaded. A process that unpickles this object may load the robot,
-    too.
+    """File or module of a robot that this process has loaded. A process that unpickles this object is permitted to load
+    the robot, too.
 
     A plain ``str``, for example one read from a file, does not permit loading.
     """
@@ -105,7 +105,9 @@ class RobotPlace(str):
     __slots__ = ()
 
     def __reduce__(self) -> tuple[Callable[[str], RobotPlace], tuple[str]]:
-        """Allow the process that unpickles the object to load the robot. The robot is loaded when it is first used."""
+        """Permit the process that unpickles the object to load the robot. That process loads the robot on its first
+        use.
+        """
         return _granted, (str(self),)
 
 

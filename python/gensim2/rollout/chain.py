@@ -90,7 +90,7 @@ class ChainController:
         }
 
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
-        """Start an episode. ``seed`` is not used, because the solver's seed is a solver option."""
+        """Start an episode. ``seed`` is ignored, because the seed of the solver is set in the solver options."""
         self._planner = StepPlanner(self._profile, self._options)
         self._turns: list[ChainTurn] = []
         self._rounds: dict[str, int] = {}

@@ -33,7 +33,9 @@ def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
 
 
 def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Return squared distances (B, M, N) between points (B, M, 3) and (B, N, 3), without cancellation errors."""
+    """Return squared distances (B, M, N) between points (B, M, 3) and (B, N, 3), from differences to avoid
+    cancellation.
+    """
     return (a[:, :, None] - b[:, None]).square().sum(-1)
 
 

@@ -50,7 +50,7 @@ class Arm(BaseModel):
 
     @property
     def is_split(self) -> bool:
-        """Return whether the policy trains on a split, so that seen and unseen objects are distinguished."""
+        """Return whether the policy trains on a training split, which leaves other objects for evaluation."""
         return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ class Rate:
 
     @property
     def mean(self) -> float | None:
-        """Success rate; None without episodes."""
+        """Success rate; None if there are no episodes."""
         return self.held / self.episodes if self.episodes else None
 
     @property
@@ -46,7 +46,7 @@ class Rate:
         return Rate(sum(rate.held for rate in rates), sum(rate.episodes for rate in rates))
 
     def to_dict(self, name: str) -> dict[str, Any]:
-        """Return ``<name>_mean`` and ``<name>_interval`` as plain data; None without episodes."""
+        """Return ``<name>_mean`` and ``<name>_interval`` as plain data; both are None if there are no episodes."""
         there = self.episodes > 0
         return {f"{name}_mean": self.mean, f"{name}_interval": list(self.interval) if there else None}
 
@@ -83,7 +83,7 @@ class TaskFigures:
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:
-        """Return the rates with all episodes counted as on seen objects, for a task without unseen objects."""
+        """Return the rates of a task without unseen objects: all episodes count as episodes on seen objects."""
         rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
         return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
@@ -116,7 +116,7 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
 
 
 def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
-    """Return the difference in success rate between two kinds of evaluations, over the tasks that have both."""
+    """Return the difference in success rate between two kinds of evaluations, over the tasks that have both kinds."""
     both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
     first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
     found = difference(first, second) if both else None

@@ -48,7 +48,7 @@ def opposites(tasks: Sequence[TaskSpec]) -> dict[str, str]:
 
 
 def _end(task: TaskSpec) -> tuple[str | None, bool]:
-    """Return the object's class, and whether the task opens it; (None, False) if the goal is of another kind."""
+    """Return the object's class, and whether the task opens it; (None, False) if the goal is not about a joint."""
     things, goal = list(task.objects.values()), task.success
     if len(things) == 1 and len(goal) == 1 and isinstance(goal[0], ArticulatedOpen | ArticulatedClosed):
         return things[0].asset_class, isinstance(goal[0], ArticulatedOpen)
@@ -279,7 +279,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Return whether generated objects suit a task that the policy adds to its starting policy."""
+    """Return whether generated objects suit at least one task that the policy adds to its starting policy."""
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
         try:

@@ -45,7 +45,7 @@ class Head(Protocol):
     noise: tuple[int, ...]
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Compute how targets are normalized from a large batch, once before training, and store this in buffers."""
+        """Compute the normalization of the targets from a large batch, once before training, and store it in buffers."""
         ...
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""Provide plans of the tasks that a keypose policy already knows, for training the policy on additional tasks.
+"""Provide plans of the tasks that a keypose policy already knows, for use when the policy learns additional tasks.
 
 ``gensim2 learn`` stores these plans in the policy's folder. The builtin policy comes without its plans, so its tasks,
 which use only generated objects, are planned again.
@@ -46,7 +46,7 @@ def is_packaged(start: Path) -> bool:
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
-    """Return the known tasks whose training objects are in the present library, each with these objects.
+    """Return the known tasks whose training objects are in the present object library, each with its training objects.
 
     Args:
         start: folder of the policy, as written by ``gensim2 learn``.
@@ -90,7 +90,7 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
 def tasks_to_plan_again(
     start: Path, begun: PolicyCheckpoint, objects: int, *, seed: int, **scene: Unpack[SceneArguments]
 ) -> list[TaskInput]:
-    """Return the tasks of the builtin policy, which must be planned again; return no tasks for another policy.
+    """Return the tasks whose plans must be made again: all tasks of the builtin policy, no tasks of other policies.
 
     Args:
         start: folder of the policy.
@@ -136,7 +136,8 @@ def plan_again(
     seed: int,
     progress: Progress,
 ) -> tuple[list[Planned], float]:
-    """Plan scenes of the tasks that a policy already knows, so that further training does not degrade them.
+    """Plan scenes of the tasks that a policy already knows, so that further training does not degrade the policy on
+    these tasks.
 
     Args:
         known: tasks that the policy knows.
@@ -164,7 +165,7 @@ def inputs_beside(
     seed: int,
     **scene: Unpack[SceneArguments],
 ) -> list[TaskInput]:
-    """Return the tasks with generated objects, to be trained on in addition to the objects of a folder.
+    """Return the tasks with generated objects, which are additional training objects beside the objects of a folder.
 
     Args:
         tasks: names or folders of the tasks.

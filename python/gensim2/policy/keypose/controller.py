@@ -58,12 +58,13 @@ EMPTY = 0.003
 class KeyposeController:
     """Controller of a keypose policy.
 
-    The network predicts strategies, each with a program of hand poses. In open loop, the controller executes the most
-    probable strategy that it has not tried too often: first a planned collision-free motion to the object, then the
-    hand poses. The arm then returns to its rest pose, unless the hand holds an object. This repeats until the network
-    predicts that the task is done. Inputs are point cloud, robot state, instruction and table height.
+    The network predicts strategies, each with a program of hand poses. The controller executes the most probable
+    strategy that it has not tried too often, without observing during the motion: first a planned collision-free motion
+    to the object, then the hand poses. The arm then returns to its rest pose, unless the hand holds an object. This
+    repeats until the network predicts that the task is done. Inputs are point cloud, robot state, instruction and table
+    height.
 
-    The first prediction selects the task of the episode: the one whose strategies have the largest total probability.
+    The first prediction selects the task of the episode: the task whose strategies have the largest total probability.
 
     Args:
         checkpoint: folder of a policy with a keypose head.
@@ -71,7 +72,8 @@ class KeyposeController:
         says: maps a task's instruction to the instruction that the policy gets instead.
         unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
             ``"embed"`` encodes them with the text encoder.
-        text_model: folder or Hugging Face name of the text encoder's weights, unless gensim2 uses them by default.
+        text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
+            default of gensim2.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -205,7 +207,7 @@ class KeyposeController:
         return chance >= SURE and chance * (1.0 - first) >= SURER * first * (1.0 - chance)
 
     def _step(self, answer: Answer) -> int:
-        """Return the index of the task step to which a prediction belongs; for "done", the number of steps."""
+        """Return the index of the task step to which a predicted strategy belongs; for "done", the number of steps."""
         return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
 
     def _weight(self, answer: Answer) -> float:
@@ -213,7 +215,9 @@ class KeyposeController:
         return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
 
     def _turn(self, answer: Answer) -> tuple[int, float]:
-        """Return the sort key of a predicted strategy, largest first: fewer earlier tries, then higher probability."""
+        """Return the sort key of a predicted strategy. The key is larger for fewer tries, then for a higher
+        probability.
+        """
         return -(self._tried[answer.way] // MAX_TRIES), self._weight(answer)
 
     def _begin(self, answer: Answer, q: Array, command: float) -> bool:

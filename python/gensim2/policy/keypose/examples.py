@@ -41,7 +41,7 @@ class Drawn:
 
     Attributes:
         examples: arrays by the names of :func:`example`; one example for each planned step and one for "done".
-        failed: planner status or failure in simulation, if a step or the scene was left out; else None.
+        failed: reason why a step or the scene was left out (planner status or failure in simulation); else None.
     """
 
     examples: tuple[Example, ...]

@@ -43,9 +43,9 @@ class Execution:
 
     Attributes:
         actions: (N, m + 1).
-        free: obstacles that the free motion to the object avoids.
+        free: name of the obstacles that the collision-free motion to the object avoids.
         reached: number of the program's poses that the actions reach; ``KEYPOSES`` for the complete program.
-        gripped: index of the first action after the fingers have acted at the actuation pose.
+        gripped: index of the first action after the fingers have moved at the actuation pose.
     """
 
     actions: Row
@@ -131,7 +131,7 @@ class Executor:
         return longer, path
 
     def rest(self, q: Array, goal: Array, command: float, seen: Seen) -> Execution:
-        """Return the free motion from joints ``q`` to joints ``goal`` (n,), the rest pose."""
+        """Return the collision-free motion from joints ``q`` to the rest pose ``goal`` (n,)."""
         rows = _Rows(self._profile, command)
         free = self._free(rows, np.clip(q, self._profile.model.lower, self._profile.model.upper), goal, seen)
         rows.dwell(goal[self._arm], command, ceil(HOLD_SECONDS * self._profile.control_hz))
@@ -160,7 +160,9 @@ class Executor:
         return "straight"
 
     def _scenes(self, q: Array, goal: Array, seen: Seen) -> Iterator[tuple[Free, kpam.Scene]]:
-        """Yield collision scenes with fewer and fewer obstacles; the next scene is tried if planning in one fails."""
+        """Yield collision scenes with fewer and fewer obstacles; the caller uses the first scene in which planning
+        succeeds.
+        """
         yield "planned", self.around.scene(seen)
         untouched = self.around.untouched(seen, q, goal)
         if len(untouched.standing) < len(seen.standing):

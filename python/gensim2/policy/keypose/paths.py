@@ -1,4 +1,4 @@
-"""Compute joint waypoints of a keypose program by inverse kinematics of its hand poses."""
+"""Compute joint waypoints of a keypose program by inverse kinematics of the program's hand poses."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def joint_path(
 ) -> JointPath | None:
     """Return the joint path of the first arm posture that executes the complete program without touching the cloud.
 
-    If every posture fails, return the path that executes most of the program, with the least penetration among equals.
-    Return None if the actuation pose is out of reach.
+    If every posture fails, return the path that executes the largest part of the program; among equal parts, the path
+    with the least penetration. Return None if the actuation pose is out of reach.
 
     Args:
         program: hand poses in the base frame.
@@ -97,7 +97,9 @@ def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[Joi
 
 
 def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
-    """Follow the program as far as possible from the actuation pose, back to the approach and on to the end."""
+    """Compute the joints from the actuation pose back to the approach pose and on to the end, as far as the arm
+    reaches.
+    """
     at = np.full(KEYPOSES, -1)
     back = _follow(poses[ACTUATION], poses[APPROACH], acting, scene)
     way = [] if back is None else back[::-1]

@@ -118,7 +118,9 @@ def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
 
 
 def _evenly(planned: StepPlan, profile: RobotProfile, begin: float, end: float) -> Array:
-    """Return the times (``PATH_POSES``,) that divide the hand's path, including rotations, into equal parts."""
+    """Return the times (``PATH_POSES``,) that divide the hand's path into parts of equal length; rotations count as
+    length.
+    """
     assert planned.plan is not None
     assert planned.plan.trajectory is not None
     times = np.linspace(begin, end, _DENSE)

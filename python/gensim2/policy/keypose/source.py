@@ -194,14 +194,14 @@ def _shares(planned: Sequence[Planned], known: int) -> npt.NDArray[np.float64] |
 
 
 def _either_way_round(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return tool poses (B, 7), half of them with swapped fingers, as the executed motion may swap fingers, too."""
+    """Swap the fingers in half of the tool poses (B, 7) at random, because an executed motion may swap them, too."""
     x, y, z, w, x_q, y_q, z_q = poses.T
     swapped = np.column_stack([x, y, z, -z_q, y_q, -x_q, w])
     return np.where(rng.random((len(poses), 1)) < 0.5, swapped, poses).astype(np.float32)
 
 
 def _as_held(fingers: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return finger distances and commands (B, 2), with noise in samples with a grasped object."""
+    """Add noise to finger distances and commands (B, 2) in samples with a grasped object."""
     noise = rng.normal(size=fingers.shape) * (WIDTH, COMMAND)
     holds = fingers[:, 1:] < OPEN - 0.5
     return (fingers + np.where(holds, noise, 0.0)).astype(np.float32)

@@ -63,7 +63,7 @@ class Surroundings:
         """Segment a cloud into obstacles and the grasped object.
 
         Args:
-            points: (N, 3) points in the base frame, without the robot's own, m.
+            points: (N, 3) points in the base frame, without points of the robot, m.
             q: (n,) joints.
             holds: whether the hand holds an object.
         """
@@ -71,7 +71,7 @@ class Surroundings:
         return Seen(points[~mine], points[mine], q, holds)
 
     def scene(self, seen: Seen) -> kpam.Scene:
-        """Return a collision scene with table and obstacle points; the grasped object is a part of the hand."""
+        """Return a collision scene with the table, the obstacle points, and the grasped object as a part of the hand."""
         parts = (("cloud", seen.standing), ("held", seen.held))
         bodies = [
             kpam.Body(name, "rigid", [kpam.Shape.point_cloud(part, POINT_RADIUS)], np.eye(4))
@@ -112,7 +112,7 @@ class Surroundings:
         return depth
 
     def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
-        """Return a mask (N,) of the grasped object: points close to the fingers, and points connected to them."""
+        """Return a mask (N,) of the grasped object: points close to the fingers, and all points connected with these."""
         hand = self._model.forward_kinematics(q)[:3, 3]
         near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
         found = np.zeros(len(points), dtype=bool)

@@ -116,7 +116,7 @@ class RemoteController:
             self._connection = None
 
     def disown(self) -> None:
-        """Use a wrong token for the next connection. The watchdog of ``gensim2 robot`` is tested with this fault."""
+        """Use a wrong token for the next connection, to test the watchdog of ``gensim2 robot`` with this fault."""
         self.close()
         self._token = f"not {self._token}"
 

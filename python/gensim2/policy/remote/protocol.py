@@ -155,7 +155,7 @@ def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
 
     Args:
         types: allowed data types.
-        shape: required shape, None for any length; if given, all numbers must be finite.
+        shape: required length of each axis, None for any length. If a shape is given, all numbers must be finite.
     """
 
     def check(value: Any) -> npt.NDArray[Any]:

@@ -1,8 +1,8 @@
 """Serve a controller over a websocket (``gensim2 policy serve``).
 
-A client is a stranger until the token in its first message is verified. The number of simultaneous strangers is
-limited. Each stranger has its own thread, a few seconds of time, and a few kB of memory. Only one authenticated client
-at a time uses the controller.
+A client counts as a stranger until the server has verified the token in the client's first message. The number of
+simultaneous strangers is limited. Each stranger gets its own thread, a few seconds of time, and a few kB of memory.
+Only one authenticated client at a time uses the controller.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ class PolicyServer:
         close(self._controller)
 
     def _admit(self, peer: socket.socket, address: Any) -> None:
-        """Serve a connection, or close it if there are too many strangers."""
+        """Serve a connection, or close it if too many clients without a verified token are connected."""
         if not self._strangers.acquire(blocking=False):
             peer.close()
             return
@@ -161,7 +161,7 @@ class PolicyServer:
             self._trust()
 
     def _trust(self) -> None:
-        """Stop counting this thread's connection as a stranger."""
+        """Stop counting this thread's client as a stranger, because its token is verified."""
         if not self._peer.is_known:
             self._peer.is_known = True
             self._strangers.release()
@@ -202,8 +202,8 @@ class PolicyServer:
             self._said(f"{who} gone")
 
     def _greet(self, message: dict[str, Any], who: str) -> str | None:
-        """Return the reason to refuse a client because of its first message; None to accept it. A client with a wrong
-        token is not told the reason.
+        """Check a client's first message, and return the reason for refusing the client; None accepts the client. The
+        reason is not sent to a client with a wrong token.
         """
         token = message.get("token")
         if message["kind"] != "hello" or not isinstance(token, str):

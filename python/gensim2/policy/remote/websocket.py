@@ -17,8 +17,8 @@ def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
     """Return a connection class that closes the connection on a fragmented message or too many control frames.
 
     Messages of this protocol have a single frame. The websockets library limits the size of a message but not the
-    number of fragments, so a stranger could fill the memory with empty fragments. The library also answers every ping,
-    and a stranger might never read the answers.
+    number of fragments, so a peer could fill the memory with empty fragments. The library also answers every ping, and
+    a peer might never read the answers.
 
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
