@@ -31,7 +31,7 @@ class PolicyConfig(Settings):
 
     encoder: str = setting(
         "mlp",
-        "Point cloud encoder. state is an MLP on keypoints, for privileged baselines: only a simulator knows keypoints.",
+        "Point cloud encoder. state is an MLP on keypoints (known only in simulation) for privileged baselines.",
         choices=ENCODERS,
     )
     blocks: int = setting(
