@@ -31,7 +31,7 @@ def design(
     """Find strategies for your own task.
 
     The folder DIR contains task.yaml. The offline designer, which needs no language model, searches for strategies for
-    each step, tests the strategies in simulation and verifies the best ones in new scenes. The task is kept if 80 % of
+    each step, tests them in simulation and verifies the best strategies in new scenes. The task is kept if 80 % of
     the episodes succeed (60 % if the task has several steps). The command then writes the strategies and a new
     task.yaml to DIR, and saves the old task.yaml in the run folder as before.yaml. report.html shows the plan with
     keypoints and residuals, films, and all candidates. After Ctrl-C, --resume continues. The exit code is 1 if the task

@@ -85,7 +85,8 @@ def evaluate(
             replaces --controller.
         controller: Class of the controller with the methods reset(observation, seed) and act(observation).
         arguments: Keyword arguments of the controller.
-        data: Rendered data set that the controller was trained on; different observation settings are refused.
+        data: Rendered data set that the controller was trained on; a controller with other observation settings is
+            refused.
         stop: goal ends an episode when the goal has been true for half a second and is still true with the scene at
             rest, or at the time limit. controller ends an episode only when the controller returns None; at the time
             limit the episode is truncated.

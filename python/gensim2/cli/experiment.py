@@ -37,7 +37,7 @@ def _add(name: str, help_text: str) -> None:
 
         Args:
             small: Run a small version of the experiment, which takes some minutes on two cores.
-            config: YAML file with the policies to compare, instead of those of the package.
+            config: YAML file with the policies to compare, instead of the package's policies.
         """
         if small and config is not None:
             raise click.UsageError("Give either --small or --config.")

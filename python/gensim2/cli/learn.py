@@ -28,8 +28,8 @@ class Learning:
         objects: Train on this many generated objects of each class. None of them is a listed object of the class.
             [default: train on the objects of --instances. Without --instances: 200 generated objects, or the training
             split of a folder's objects]
-        generated: Number of generated training objects of each class in addition to those of --assets. Planning time is
-            divided in proportion to the numbers of objects, and each part uses up to --scenes scenes.
+        generated: Number of generated training objects of each class in addition to the objects of --assets. Planning
+            time is divided in proportion to the numbers of objects, and each part uses up to --scenes scenes.
         verify: Simulate the plans for a keypose policy, and train only on successful plans; a scene then takes ten
             times as long.
         start: Multi-task keypose policy to start from: a policy of learn, or builtin. TASKS are added to its tasks, and

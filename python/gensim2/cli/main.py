@@ -188,7 +188,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _was_printing(error: OSError) -> bool:
-    """Return whether an error came from writing to standard output, judged by its innermost frame."""
+    """Return whether writing to standard output raised an error, judged by the innermost frame of its traceback."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next

@@ -72,9 +72,9 @@ def solve(
     """Plan the motions of a task without executing them.
 
     The command plans the steps of TASK in one random scene, in the same way as an episode. Each step starts from the
-    predicted result of the previous steps. If no whole motion is found, the plan contains the longest possible part of
-    the motion and has the status partial. The exit code is 1 if a step has no plan; status and reason then explain the
-    failure, and a picture shows the scene, the keypoints, the keyframes and the residuals.
+    predicted result of the previous steps. If no complete motion is found, the plan contains the longest possible part
+    of the motion and has the status partial. The exit code is 1 if a step has no plan; status and reason then explain
+    the failure, and a picture shows the scene, the keypoints, the keyframes and the residuals.
 
     Args:
         out: Folder to write the plan and its picture to.  [default: none; a picture of a failed plan goes to the cache]

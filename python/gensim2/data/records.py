@@ -214,8 +214,8 @@ class Verification:
     Attributes:
         episodes: episodes in the order of the seeds.
         threshold: smallest success rate for keeping the task.
-        instances: set of objects. ``"new"`` (generated objects beyond the listed ones) and ``"test"`` were not used in
-            the search; ``"all"`` is used if a class is too small to be split.
+        instances: set of objects. ``"new"`` (generated objects that are not listed) and ``"test"`` were not used in the
+            search; ``"all"`` is used if a class is too small to be split.
         second: episodes on the same scenes in the other engine; None if only one engine is used.
     """
 
@@ -285,7 +285,8 @@ class TaskOutcome:
         demos: number of collected demonstrations.
         cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.
-        checker: how often the success criteria were wrong in mutated worlds; None in records of earlier versions.
+        checker: how often the success criteria were wrong in mutated worlds (docs/reference/tasks.md); None in records
+            of earlier versions.
     """
 
     name: str

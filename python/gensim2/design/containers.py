@@ -147,7 +147,7 @@ def taken_out(brief: Brief, opens: bool, shuts: bool) -> Iterator[Draft]:
 
 
 def moved_over(brief: Brief, shuts: bool) -> Iterator[Draft]:
-    """Draft tasks that move an object from one open container into another, and close the emptied one if ``shuts``."""
+    """Draft tasks that move an object between two open containers, and close the first container if ``shuts``."""
     narrow = [each for each in _containers(brief) if max(each.size[:2]) < NARROW]
     queues = []
     for source, target in itertools.permutations(narrow, 2):

@@ -59,7 +59,7 @@ LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, 
 
 
 def likely(thing: Affordance, opening: bool, goal: float) -> list[Manipulation]:
-    """Return the alignments to try before random ones; they use the keypoint furthest from the joint axis."""
+    """Return the alignments to try before random alignments. They use the keypoint farthest from the joint axis."""
     if thing.joint_type != "prismatic" or not thing.lever_arms:
         return []
     named = {direction.name: direction for direction in DIRECTIONS}

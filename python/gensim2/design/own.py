@@ -1,4 +1,6 @@
-"""``gensim2 design``: search and verify strategies for the user's task, as ``run_pipeline`` does for proposed tasks."""
+"""``gensim2 design``: search for strategies of the user's task and verify them, as ``run_pipeline`` does for proposed
+tasks.
+"""
 
 from __future__ import annotations
 

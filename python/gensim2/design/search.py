@@ -207,7 +207,9 @@ class Search:
         return self._spread(results)
 
     def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
-        """Sort by plan score and shuffle ties, so that similar candidates do not crowd out different ones."""
+        """Sort by plan score and shuffle ties, so that groups of similar candidates do not exclude all other
+        candidates.
+        """
         order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
         return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
 

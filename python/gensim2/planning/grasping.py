@@ -54,8 +54,8 @@ def grasps_of(
 
     The search ranks grasps by the strategy's friction. In a slippery scene the friction is lower, but ranking by the
     lower friction would give too much weight to small misalignments of the pads. Instead, grasps that would slip with
-    the scene's friction come last, and among the others grasps near the object's centre of mass come first. The reason
-    is that a carried object slowly rotates about the line between the pads.
+    the scene's friction come last, and among all other grasps, the grasps near the object's centre of mass come first.
+    The reason is that a carried object slowly rotates about the line between the pads.
 
     Args:
         world: ``scene`` in the solver's form.

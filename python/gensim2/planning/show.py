@@ -37,7 +37,7 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
         plan: plan to show.
         profile: profile of the robot.
         host: address to listen on.
-        port: port of the page; the next free one if it is in use.
+        port: port of the page; if this port is in use, the next free port.
 
     Returns:
         The ``viser.ViserServer``; its ``stop()`` ends the page.

@@ -236,7 +236,7 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
 
 
 def _end_with_the_parent() -> None:
-    """End this process when the parent dies, so that a long job does not run on."""
+    """End this process when the parent dies, so that a long job does not continue without the parent."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()

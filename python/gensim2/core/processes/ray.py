@@ -85,7 +85,8 @@ class _Environment:
 class Head:
     """Monitor of the head node of a Ray cluster. Its connection ends when the head node fails.
 
-    Ray itself would end this process with code 1 a minute after the head is lost, and Ray's requests block until then.
+    Without this monitor, Ray would end this process with code 1 a minute after the head is lost, and requests to Ray
+    would block until then.
 
     Args:
         address: ``HOST:PORT`` of the control service on the head node.

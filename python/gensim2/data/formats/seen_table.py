@@ -35,7 +35,7 @@ class SeenTable:
         """Add an episode.
 
         Raises:
-            InputError: the settings with which the episode was rendered differ from those of earlier episodes.
+            InputError: the settings with which the episode was rendered differ from the settings of earlier episodes.
         """
         description, arrays = observation.description, observation.arrays
         spec = {name: description.get(name) for name in _SPEC}

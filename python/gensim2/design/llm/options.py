@@ -87,7 +87,7 @@ class ModelOptions(BaseModel):
 
 
 def problem_of_address(address: str) -> str | None:
-    """Return what is wrong with an endpoint's address, or None; the text never contains its credentials."""
+    """Return the fault of an endpoint's address as text, or None. The text never contains the address's credentials."""
     try:
         parts = urlsplit(address)
         _ = parts.port  # raises ValueError if the port is invalid

@@ -128,7 +128,7 @@ class ModelQuestion:
         return hashlib.sha256(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")).hexdigest()
 
     def shared_digest(self, endpoint: str, structured: str, digest: str) -> str:
-        """Return the hex digest of all that determines the answer: question (``digest``), endpoint and schema."""
+        """Return the hex digest of all inputs that determine the answer: question (``digest``), endpoint, schema."""
         content = [endpoint, structured, self.schema, digest]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -144,7 +144,7 @@ class ModelAnswer:
 
     Attributes:
         text: text of the answer; empty if the reply is unreadable.
-        problem: what is wrong with the reply (for example truncation); None: nothing.
+        problem: fault of the reply, for example truncation; None if the reply has no fault.
         tokens_in, tokens_out: tokens of question and answer.
         counted: whether the endpoint reported the number of tokens; otherwise it is estimated from the text's length.
         retries: number of failed attempts before the answer.

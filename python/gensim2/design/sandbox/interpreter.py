@@ -34,7 +34,7 @@ class TaskCodeError(InputError):
 
 
 def run_task_code(source: str) -> TaskSpec:
-    """Return the task that a program describes; its fields are checked like those of a task file.
+    """Return the task that a program describes; its fields are checked like the fields of a task file.
 
     Args:
         source: the program: one class derived from ``Task`` (docs/reference/sandbox.md).

@@ -111,7 +111,7 @@ class Task:
         Args:
             name: name of the step, unique in the task.
             object: the object that the step acts on.
-            tool: "hand", or the grasped object whose keypoints replace those of the hand.
+            tool: "hand", or the grasped object whose keypoints replace the hand's keypoints.
             strategies: names of alternative strategies; default: one with the name of the step.
             done: criteria of the step's success.
         """

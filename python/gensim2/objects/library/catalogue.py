@@ -229,8 +229,8 @@ class Library:
         Args:
             asset_class: name of the class. For a rigid class, any value except an unknown id selects its only object.
             which: ``train``, ``test``, ``train-1`` to ``train-9`` and ``test-1`` to ``test-9`` (the same splits, but
-                with another tenth of the instances for testing), ``all``, ``new`` (generated instances beyond the
-                listed ones), ``random`` (one instance, determined by the seed), a split of the release
+                with another tenth of the instances for testing), ``all``, ``new`` (generated instances that are not
+                listed), ``random`` (one instance, determined by the seed), a split of the release
                 (:mod:`~gensim2.objects.library.catalogue`) or an id.
             seed: seed of ``random``.
 

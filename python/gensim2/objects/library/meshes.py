@@ -194,7 +194,7 @@ class MeshReader:
 
     @property
     def files(self) -> list[str]:
-        """Return the names of all mesh and material files requested so far, including missing ones."""
+        """Return the names of all mesh and material files requested so far, including missing files."""
         return [*self._read, *self._materials]
 
     def warnings(self) -> list[str]:

@@ -60,7 +60,7 @@ class Shelf(ABC):
         return near(instance_id, self.instances(asset_class))
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Return the ids of a fixed number of objects beyond those that ``instances`` lists.
+        """Return the ids of a fixed number of objects that ``instances`` does not list.
 
         Raises:
             InputError: the class has no further objects.

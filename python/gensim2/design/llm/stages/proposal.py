@@ -1,4 +1,4 @@
-"""Ask for a new task, single-step or with several steps, and for a reflection whether the task is good."""
+"""Ask for a new task with one or several steps, and then ask the model whether the task is good."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def task_of(found: Proposal, catalog: Catalog, origin: str) -> TaskSpec:
 
 
 def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) -> Ask[tuple[bool, str]]:
-    """Return the question whether a proposal is good; its answer is read as a verdict with reasons."""
+    """Return the question that asks whether a proposal is good. The answer is a verdict with reasons."""
     classes = [name for name in (found.articulated, found.rigid) if name]
     return reflection_on(prompts, catalog.about(*classes), found.to_dict(), found.name, long=wish.long)
 
@@ -178,7 +178,7 @@ def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) 
 def reflection_on(
     prompts: Prompts, catalog: Catalog, task: Mapping[str, Any], name: str, *, long: bool, free: bool = False
 ) -> Ask[tuple[bool, str]]:
-    """Return the question whether a task is good.
+    """Return the question that asks whether a task is good.
 
     Args:
         prompts: prompt templates.
