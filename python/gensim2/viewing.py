@@ -156,7 +156,7 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
 
 
 def of_file(path: Path, assets: Path | str | None = None) -> Shown:
-    """Read an episode from its file in a data set; otherwise like :func:`of_data_set`.
+    """Read an episode from its file in a data set; ``assets`` is as for :func:`of_data_set`.
 
     Raises:
         InputError: the file is not an episode of a data set, or cannot be read.

@@ -207,7 +207,9 @@ class ChainController:
         return self._pressing(action, observation, run.scene.finger_stiffness)
 
     def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
-        """Start the retreat from the objects and return its first action; None if the hand is far away or must stay."""
+        """Start the motion that moves the hand away from the objects, and return the first action of this motion; None
+        if the hand is far away or must stay.
+        """
         strategy = self._strategies[run.strategy]
         stays = isinstance(strategy, KeypointStrategy) and strategy.solver_config.let_go is None
         if stays or self._held is not None or is_about_the_gripper(self._task):
@@ -241,8 +243,8 @@ class ChainController:
     def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
         """Return the action with a gripper command that presses with the planned force at the current pad distance.
 
-        A finger's drive acts as a spring. If the object is narrower than planned, the planned command would press less
-        than planned. The same happens in simulators in which the pads sink into the object.
+        A finger's drive acts as a spring. If the object is narrower than planned, or if the pads sink into the object
+        as in some simulators, the planned command would press with less than the planned force.
         """
         held = self._held
         if held is None or held.force is None:
@@ -367,7 +369,7 @@ class ChainController:
         return None if self._held is None else self._held.name
 
     def _go_back(self) -> None:
-        """If the current step needs an object that is not in the hand, continue with the step that grasps it."""
+        """If the current step needs an object that is not in the hand, continue with the step that grasps this object."""
         if self._step.tool not in (HAND, self._holds):
             before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
             if before:
@@ -376,8 +378,8 @@ class ChainController:
     def _is_there_already(self, measured: Measurement) -> bool:
         """If a lost object already lies where the goal requires, skip to the step after its placement.
 
-        For example, a cup that was dropped already lies in the box. The hand may be unable to reach it there, and need
-        not.
+        For example, a cup that was dropped already lies in the box. The hand may be unable to reach the cup there, and
+        does not need to reach it.
         """
         if self._trigger != Cause.GRASP_LOST:
             return False
@@ -399,8 +401,8 @@ class ChainController:
         return [name for name in step.strategies if self._strategies[name].makes_room is None]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
-        """Return the plan for the current step that the grasp search computed when it chose the grasp of the held
-        object; None if there is no such plan.
+        """Return the plan of the current step that the planner made when it chose the grasp of the object in the hand;
+        None if the planner made no such plan.
         """
         grasp = self._held_by
         if grasp is None or self._held is None or grasp.step != self._step.name:
@@ -424,7 +426,7 @@ class ChainController:
         return [(step, [self._strategies[each] for each in step.strategies]) for step in later]
 
     def _plan_ahead(self, scene: Scene) -> list[list[ChainPlan]]:
-        """Plan the steps, up to the first failure, on predicted scenes; return the plans of each step."""
+        """Plan the steps on predicted scenes until a step cannot be planned, and return the plans of each step."""
         ahead: list[list[ChainPlan]] = []
         for number, step in enumerate(self._task.steps):
             self._at = number

@@ -63,7 +63,7 @@ class ChainPlan:
         planned: result of the planner.
         scene: scene that the plan was made for.
         at_step: control step at which the plan was made.
-        trigger: ``"start"``, or the deviation because of which the step was planned again.
+        trigger: ``"start"``, or the deviation that caused replanning.
         profile: robot whose simulated drives execute the plan.
         room: horizontal clearance for the hand around the next step's object, m; at most ``ROOM``.
         makes_room: whether the plan only moves an obstacle out of the way.
@@ -82,7 +82,9 @@ class ChainPlan:
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """Return the sort key, lower is better: complete plans first, then ``room``, then the planner's rank."""
+        """Return the sort key, lower is better: complete plans first, then plans with more ``room``, then the planner's
+        rank.
+        """
         return not self.planned.is_solved, ceil((ROOM - self.room) / 0.01), self.planned.rank
 
     @property
@@ -138,8 +140,8 @@ class ChainTurn:
     acted: Measurement | None = None
 
     def is_done(self, measured: Measurement) -> bool:
-        """Return whether the step is done. A criterion about the gripper also counts if it was met earlier, when the
-        gripper grasped or released the object.
+        """Return whether the step is done. A criterion about the gripper also counts if it was met when the gripper
+        last grasped or released the object.
         """
         return all(
             criterion.holds(measured)

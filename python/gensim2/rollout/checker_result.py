@@ -1,4 +1,4 @@
-"""Define the counts of mutated worlds, in which a task is not done, and how often success criteria hold in them.
+"""Count in how many mutated worlds the success criteria hold, although the task is not done in these worlds.
 
 :mod:`gensim2.rollout.mutated` builds and judges the worlds.
 """
@@ -18,7 +18,7 @@ LARGEST_ERROR = 0.01
 
 
 class Mutation(StrEnum):
-    """What is wrong in a world, and why the task is therefore not done."""
+    """Change that makes a successful end state unsuccessful, so that the task is not done."""
 
     NOTHING = "nothing was done"
     """The arm does nothing in the whole episode (the no-op baseline)."""
@@ -52,7 +52,7 @@ DONE = "done"
 
 @dataclass(frozen=True)
 class WorldCount:
-    """Number of worlds of one kind, and of those in which all criteria hold.
+    """Number of worlds of one kind, and number of these worlds in which all criteria hold.
 
     Attributes:
         step: name of the step whose ``done`` is judged; None for the goal of the task.
@@ -75,7 +75,7 @@ class WorldCount:
 
 @dataclass(frozen=True)
 class CheckerResult:
-    """How often the success criteria of a task were wrong.
+    """Counts of the worlds in which the success criteria of a task were right or wrong.
 
     Attributes:
         scenes: number of scenes.
@@ -108,12 +108,14 @@ class CheckerResult:
 
     @property
     def recognized(self) -> tuple[int, int]:
-        """Number of successful end states that the goal recognizes, and of all that were built."""
+        """Number of successful end states in which the goal holds, and number of all successful end states that were
+        built.
+        """
         return total([each for each in self.counts if each.step is None and each.mutation == DONE])
 
     @property
     def error(self) -> float:
-        """Share of the mutated worlds in which the goal is said to be reached."""
+        """Fraction of the mutated worlds in which the goal's criteria hold, although the task is not done."""
         fooled, worlds = total(self.of_goal)
         return fooled / worlds if worlds else 0.0
 
@@ -124,7 +126,9 @@ class CheckerResult:
 
     @property
     def reason(self) -> str:
-        """Sentence about the worlds in which the goal is wrong, most frequent first; empty if there are none."""
+        """Sentence about the kinds of worlds in which the goal's criteria wrongly hold, most frequent kind first; empty
+        if the criteria are always right.
+        """
         wrong = sorted((each for each in self.of_goal if each.fooled), key=lambda each: -each.fooled)
         if not wrong:
             return ""

@@ -50,7 +50,8 @@ class RolloutOptions:
         attempts: maximum number of attempts from the same initial scene; no attempt follows a success.
         noise: standard deviation (rad) of the noise that is added to joint targets in random periods; recordings also
             contain the noise-free action.
-        engines: ``"both"`` also runs each demonstration in the other physics engine; it must hold in both.
+        engines: ``"both"`` also runs each demonstration in the other physics engine; the demonstration must succeed in
+            both.
 
     Raises:
         InputError: the noise is out of range.

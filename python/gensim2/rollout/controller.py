@@ -57,7 +57,7 @@ class Reference:
     """Desired state at the end of an action's control step, independent of the robot's drives.
 
     Attributes:
-        joint_positions, joint_velocities: (m,) positions and velocities of the arm joints, rad or m, and per second.
+        joint_positions, joint_velocities: (m,) positions (rad or m) and velocities (rad/s or m/s) of the arm joints.
         gripper: (2,) commanded distance between the pads, m, and force (N) of each finger on the grasped object; NaN if
             no force is specified.
         action: (m + 1,) action before noise was added; None if no noise was added.
@@ -96,19 +96,19 @@ class Controller(Protocol):
     - ``observation_spec``: an :class:`~gensim2.perception.ObservationSpec` or its fields. Default: point clouds; for
       privileged controllers only the robot's state. The loop reads the spec before every observation, so a controller
       that seldom needs clouds sets it to ``PROPRIOCEPTIVE`` in between.
-    - ``reference``: a :class:`Reference`, read after every action and recorded; None if the action has none.
+    - ``reference``: a :class:`Reference`, read after every action and recorded; None if the action has no reference.
     - ``close()``: release resources such as connections; called when the controller is no longer needed.
     - ``turn``, ``history``, ``events``: name of the current task step, records of all started steps, and reported
-      events. ``turn`` is read after every action, the others after the episode. Without them a step ends when its
-      criterion holds.
+      events. ``turn`` is read after every action, ``history`` and ``events`` after the episode. Without these
+      attributes a step ends when its criterion holds.
     """
 
     def reset(self, observation: Any, seed: int) -> None:
-        """Start an episode and forget the previous episode.
+        """Start an episode, and discard all data of the previous episode.
 
         Args:
             observation: first observation, an :class:`~gensim2.perception.Observation`.
-            seed: seed of the controller's random numbers, which differs from the scene's.
+            seed: seed of the controller's random numbers, which differs from the seed of the scene.
         """
         ...
 
@@ -135,19 +135,19 @@ def spec_of(controller: Controller) -> ObservationSpec:
 
 
 def reference_of(controller: Controller) -> Reference | None:
-    """Return the reference of a controller's last action; None if it reports no reference."""
+    """Return the reference of a controller's last action; None if the controller reports no reference."""
     reference: Reference | None = getattr(controller, "reference", None)
     return reference
 
 
 def turn_of(controller: Controller) -> str | None:
-    """Return the name of a controller's current step; None if it reports no step."""
+    """Return the name of a controller's current step; None if the controller reports no step."""
     turn: str | None = getattr(controller, "turn", None)
     return turn
 
 
 def history_of(controller: Controller) -> Sequence[StepRecord]:
-    """Return a controller's records of its started steps; None if it reports no records."""
+    """Return a controller's records of its started steps; None if the controller reports no records."""
     history: Sequence[StepRecord] = getattr(controller, "history", ())
     return history
 

@@ -96,7 +96,7 @@ class ControllerSpec:
     @property
     def digest(self) -> str:
         """SHA-256 of the controller's name, arguments, source and dependencies. A run can be resumed only with a
-        controller that has the same hash.
+        controller that has the same SHA-256.
 
         Dependencies are the files that the class's static method ``depends_on`` returns for the arguments. The hash
         does not include folders, so source files and checkpoints may be moved.

@@ -17,13 +17,13 @@ HASHED = 8
 
 
 def can_be_counted(given: TaskInput) -> bool:
-    """Return whether a task has articulated objects from the generator, which can create any number of them."""
+    """Return whether a task has articulated objects from the generator, which can create any number of objects."""
     return given.scene.assets == BUILTIN and bool(_articulated(given))
 
 
 def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
-    """Return a task whose scenes use ``count`` generated objects of each articulated class. These objects are not in
-    the library's list of instances.
+    """Return a task whose scenes use ``count`` generated objects of each articulated class. The library does not list
+    these objects.
 
     Raises:
         InputError: the objects are from a folder, or the task has no articulated object.
@@ -63,7 +63,7 @@ def number_of_objects(given: TaskInput) -> int:
 
 
 def is_counted(instances: str) -> bool:
-    """Return whether the value ``instances`` of a task was made by :func:`with_objects`."""
+    """Return whether :func:`with_objects` made the value ``instances`` of a task."""
     return _COUNTED in instances
 
 

@@ -1,8 +1,8 @@
 """Determine why an episode failed: the first fault that was not corrected, with measured values.
 
-Steps are checked in order, and the first step that was not done is blamed. The cause is searched in this order: the
-last deviation that the controller reported in this step, a fault of the step's last plan, and a fault in the
-measurements of the step.
+Steps are checked in order, and the fault is attributed to the first step that was not done. The cause is searched in
+this order: the last deviation that the controller reported in this step, a fault of the step's last plan, and a fault
+in the measurements of the step.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class Outcome:
 
     Attributes:
         goal: whether the goal is reached at the end.
-        stable: whether the simulation was stable, also in the no-op baseline.
+        stable: whether the simulation was stable, both in the episode and in the no-op baseline.
         settled: whether the scene was at rest.
-        cut: whether the time limit ended the episode before the controller did.
+        cut: whether the time limit ended the episode before the controller ended it.
         truncated: whether the episode was longer than the task allows.
         by_itself: whether the goal is also reached in the no-op baseline.
     """
@@ -111,7 +111,7 @@ class _Facts:
     surfaces: Surfaces
 
     def fault_of(self, index: int, step: Step) -> Fault | None:
-        """Return the fault of a step; None if it was done."""
+        """Return the fault of a step; None if the step was done."""
         record = self.records.get(step.name)
         if record is None:
             return Cause.TIME_OVER, {"control_steps": len(self.trace) - 1}
@@ -162,7 +162,7 @@ class _Facts:
 
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
         """Return the fault of a step that should have grasped an object but did not lift it, or lost it later; None if
-        there is none.
+        the step has no such fault.
         """
         wanted = {later.tool for later in self.task.steps[index + 1 :]}
         wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid | RigidLifted)}
@@ -200,7 +200,7 @@ def _has_motion(plan: PlanRecord) -> bool:
 def _fault_of_plans(plans: Sequence[PlanRecord]) -> Fault | None:
     """Return the fault of the last executed plan, or of the last plan if none was executed.
 
-    Plans that only move obstacles do not count."""
+    Plans that only move obstacles are ignored."""
     if not plans:
         return None
     followed = [plan for plan in plans if plan.ran and not plan.detail.get(MAKES_ROOM)]

@@ -103,7 +103,7 @@ class Disturbed(WrappedController):
         return np.append(action[:-1], np.float32(1.0)).astype(np.float32)
 
     def _touched(self) -> Event | None:
-        """Return the event of the hand's first arrival at the grasp pose, or None."""
+        """Return the controller's event for the hand's first arrival at the grasp pose; None before the arrival."""
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
 

@@ -68,7 +68,7 @@ class Asked:
 
 
 def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> int:
-    """Run a controller on a robot until it is done, without evaluation; return the number of control steps.
+    """Run a controller on a robot until the controller is done, without evaluation; return the number of control steps.
 
     Args:
         body: robot, which is reset first. A robot that cannot wait is stepped at the control rate.

@@ -1,7 +1,7 @@
 """Log finished episodes, identified by their index, in any order.
 
-Each finished episode is appended as one JSON line. A last line without a line feed is incomplete: it is dropped, and
-its episode is run again. Any other unreadable line is an error.
+Each finished episode is appended as one JSON line. A last line without a line feed is incomplete: the line is dropped,
+and its episode is run again. Any other unreadable line is an error.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class EpisodeLog:
         self.done[index] = entry
 
     def forget(self, index: int) -> None:
-        """Remove an episode from ``done``, so that it is run again; its new line then replaces the old line."""
+        """Remove an episode from ``done``, so that the episode is run again; the new line then replaces the old line."""
         del self.done[index]
 
     def finish(self, count: int) -> list[Episode]:
@@ -95,7 +95,8 @@ def log_line(entry: Episode) -> bytes:
 
 
 def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY) -> Iterator[Episode | None]:
-    """Yield the episodes of a log one by one, so that only one is in memory; yield None for an incomplete last line.
+    """Yield the episodes of a log one by one, so that only one episode is in memory; yield None for an incomplete last
+    line.
 
     Args:
         path: path of the log.

@@ -71,8 +71,8 @@ def digest(value: Any) -> str:
 
 
 def listing(library: Library, classes: Iterable[str]) -> str:
-    """Return a hash of a library's list of objects. Episodes depend on this list, so a resumed run compares the
-    hash.
+    """Return a hash of a library's list of objects. A resumed run compares the hash, because episodes depend on this
+    list.
     """
     return digest({name: list(library.instances(name)) for name in classes})
 

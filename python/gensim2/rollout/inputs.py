@@ -105,7 +105,7 @@ def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:
 
 
 def instances_word(**given: Unpack[RunArguments]) -> str:
-    """Return the ``instances`` argument of a run, which must be one string and not a mapping.
+    """Return the ``instances`` argument of a run, after checking that the argument is a string and not a mapping.
 
     Raises:
         InputError: the argument is not a string.
@@ -138,7 +138,7 @@ def read_task_inputs(
 
 
 def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[RunArguments]) -> list[TaskInput]:
-    """Read and check tasks; raise an error if the objects of one of them are missing.
+    """Read and check tasks; raise an error if the objects of any of the tasks are missing.
 
     Args:
         tasks, seed, given: as for :func:`read_task_inputs`.
@@ -153,7 +153,7 @@ def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[Run
 
 
 def only_strategies(given: Sequence[TaskInput], names: Sequence[str]) -> list[TaskInput]:
-    """Restrict the steps of tasks to the strategies ``names``; a step that has none of them is unchanged.
+    """Restrict the steps of tasks to the strategies ``names``; a step without any of these strategies is unchanged.
 
     Raises:
         InputError: no step has one of these strategies.
@@ -222,7 +222,7 @@ def _classes(spec: TaskSpec) -> dict[str, str]:
 def of_these_objects(
     assets: str | Path | None, tasks: Sequence[str] = (), instances: str = "all", origin: str | None = None
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the tasks that can be run with the given objects, and the reason for each task that cannot.
+    """Return the tasks that can be run with the given objects, and the reason for each task that cannot be run.
 
     Args:
         assets: library of the objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
@@ -257,9 +257,7 @@ def of_these_objects(
 
 
 def what_it_lacks(library: Library, spec: TaskSpec) -> str | None:
-    """Return a message with those object classes of a task that are not in a library; None if the library has all
-    classes.
-    """
+    """Return a message with the object classes of a task that a library lacks; None if the library has all classes."""
     lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]
     return f"{library.location} has no {', '.join(lacking)}" if lacking else None
 

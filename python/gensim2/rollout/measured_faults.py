@@ -57,8 +57,8 @@ def fault_of_criterion(
         step: step to diagnose.
         measured: measurements while the step was executed.
         at_actuation: measurement at the step's actuation pose; None if unknown.
-        surfaces: surfaces of the objects. A fault says how near the hand came to the surface of an object that it did
-            not move.
+        surfaces: surfaces of the objects. If the hand did not move an object, the fault contains the smallest distance
+            between the hand and the object's surface.
     """
     if step.tool == HAND and (moved := drift(measured, at_actuation, step.object)) is not None:
         return Cause.OBJECT_DRIFTED, {"distance": moved}
@@ -97,7 +97,7 @@ def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, nam
 
 
 def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
-    """Return by how much (m) the hand moved away from an object; None if the object moved with the hand."""
+    """Return the distance (m) by which the hand moved away from an object; None if the object moved with the hand."""
     if measured[-1].finger_opening < LEAST_OPENING:
         return _distances(measured[-1:], name)[-1]
     distances = _distances(measured, name)
@@ -126,7 +126,7 @@ def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
 
 
 def released(measured: Sequence[Measurement]) -> Measurement | None:
-    """Return the first measurement after the fingers opened; None if they stayed closed."""
+    """Return the first measurement after the fingers opened; None if the fingers stayed closed."""
     opening = measured[0].finger_opening + LEAST_OPENING
     return next((instant for instant in measured if instant.finger_opening > opening), None)
 

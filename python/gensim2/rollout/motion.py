@@ -109,8 +109,8 @@ def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] 
 
     Args:
         held: time since the last new command, in the unit that ``unit`` returns.
-        at_rest: whether the scene is at rest. None: not measured; then the function only checks that the minimum time
-            has passed.
+        at_rest: whether the scene is at rest. If None, because the scene was not measured, the function only checks
+            that the minimum time has passed.
         unit: function that converts seconds, for example to control steps (:meth:`RobotProfile.steps`).
     """
     return held >= unit(MAX_SETTLE_SECONDS) or (held >= unit(SETTLE_SECONDS) and at_rest is not False)

@@ -1,9 +1,10 @@
 """Build worlds in which a task is not done, and count how often its success criteria say that it is done.
 
-A successful end state is built from the steps of the task and the shapes of the objects. Then one thing in it is made
-wrong: a joint is left at its start, an object lies beside its goal. Each :class:`Mutation` says why the task cannot be
-done in its worlds; none of them reads a threshold of a criterion. Of the criteria only the types are read, which say
-whether a joint is to be opened, closed or left ajar, and in which direction an object is to be moved.
+A successful end state is built from the steps of the task and the shapes of the objects. Then one thing in this state
+is made wrong: for example, a joint is left at its start, or an object lies beside its goal. Each :class:`Mutation`
+states why the task is not done in its worlds. The mutations do not use the thresholds of the criteria. They use only
+the types of the criteria: whether a joint must be opened, closed or left ajar, and in which direction an object must be
+moved.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ SETTLING = 1.0
 
 
 def judge(env: HeadlessEnv, seed: int) -> list[WorldCount]:
-    """Judge the mutated worlds of one scene.
+    """Evaluate the success criteria in the mutated worlds of one scene.
 
     Args:
         env: simulator of the task's scenes, in either engine.
@@ -90,7 +91,7 @@ class _State:
 
     Attributes:
         objects: objects with their poses.
-        carried: name of the articulated object in which a rigid object lies, by rigid object.
+        carried: by name of a rigid object, the name of the articulated object in which it lies.
         hand: (3,) point between the fingertips, m; None at the start of the episode.
     """
 
@@ -102,7 +103,7 @@ class _State:
         return replace(self, objects={**self.objects, **changed})
 
     def with_openness(self, name: str, openness: float) -> _State:
-        """Move the joint of an object, and with its measured link all rigid objects that lie in it."""
+        """Move the joint of an object, and all rigid objects that lie in the object's measured link."""
         before = self.objects[name]
         after = replace(before, openness=openness)
         moved = {name: after}
@@ -118,8 +119,8 @@ class _Mutant:
     """A state in which a step is not done.
 
     Attributes:
-        mutation: what is wrong.
-        subject: name of the object.
+        mutation: change that prevents success.
+        subject: name of the object that is not where it should be.
         state: state of the scene.
         settles: whether the state must be simulated before it is judged.
     """
@@ -204,7 +205,9 @@ class _Worlds:
         return _carried(state, step.object, way) if way is not None else state
 
     def _put_of(self, step: Step) -> tuple[str, str] | None:
-        """Return the rigid object that a step puts somewhere, and the object on or in which it puts it."""
+        """Return the rigid object that a step places, and the object on or in which the step places it; None for other
+        steps.
+        """
         if step.tool != HAND:
             return (step.tool, step.object) if self._task.motion_of(step) is None else None
         on = [c for c in self._criteria(step) if isinstance(c, RigidOnRigid) and c.rigid == step.object]
@@ -230,10 +233,10 @@ class _Worlds:
         return way if way.any() else None
 
     def _final_steps(self) -> list[Step]:
-        """Return the last step of each object that decides its state at the end.
+        """Return, for each object, the last step that determines the object's state at the end.
 
-        An object is opened for the sake of a rigid object that is then put in or taken out; it does not matter whether
-        it is still open at the end.
+        An object that is opened only to put in or take out a rigid object is left out, because its final openness does
+        not matter.
         """
         final: dict[str, Step] = {}
         for step in self._task.steps:
@@ -248,7 +251,9 @@ class _Worlds:
         return list(final.values())
 
     def _without(self, name: str, states: Sequence[_State]) -> list[Measurement] | None:
-        """Return a successful course without a step; None if the scene begins in the state that it brings about."""
+        """Return the measurements of a successful episode in which one step is omitted; None if the step moves no
+        joint, if the joint was near its target already, or if the states cannot be built.
+        """
         steps = self._task.steps
         step = next(step for step in steps if step.name == name)
         motion = self._task.motion_of(step)
@@ -261,11 +266,11 @@ class _Worlds:
     # Mutations.
 
     def _mutants(self, step: Step, before: _State, after: _State) -> Iterator[_Mutant]:
-        """Yield states in which a step is not done, and everything else is as in ``after``.
+        """Yield states that differ from ``after`` only in that a step is not done.
 
         Args:
             step: the step.
-            before: state to which its object is returned.
+            before: state to which the step's object is returned.
             after: state in which the step is done.
         """
         if (motion := self._task.motion_of(step)) is not None:
@@ -404,7 +409,7 @@ class _Worlds:
         return self._with_start(self._env.measure(), mutant.state.hand)
 
     def _with_start(self, found: Measurement, hand: Array | None) -> Measurement:
-        """Return a measurement with the objects' positions at the reset, and the hand where it is in a state."""
+        """Return a measurement with the objects' positions at the reset, and with the hand at the position ``hand``."""
         starts = {name: self._first.objects[name].position for name in found.start_positions}
         gripper = self._env.profile.gripper_with(self._start.start)
         if hand is not None:
@@ -414,14 +419,16 @@ class _Worlds:
 
 
 def _wanted(motion: JointCriterion) -> float:
-    """Return the openness to which a joint is to be moved."""
+    """Return the target openness of a criterion about a joint."""
     if isinstance(motion, ArticulatedBetween):
         return (motion.low + motion.high) / 2
     return float(isinstance(motion, ArticulatedOpen))
 
 
 def _put(state: _State, name: str, goal: str) -> _State | None:
-    """Put a rigid object on or in another object, or on the table below its measured keypoint; None without space."""
+    """Put a rigid object on or in another object, or on the table below the other object's measured keypoint; return
+    None if there is no space.
+    """
     thing, target = state.objects[name], state.objects[goal]
     opened = replace(target, openness=1.0) if target.openness is not None else target
     for turn in (Rotation.identity(), Rotation.from_euler("x", np.pi / 2), Rotation.from_euler("y", np.pi / 2)):
@@ -441,7 +448,7 @@ def _put(state: _State, name: str, goal: str) -> _State | None:
 
 
 def _carried(state: _State, name: str, way: Array) -> _State:
-    """Move a rigid object with the hand; a hand that lifts an object is at the object."""
+    """Move a rigid object, and place the hand at the moved object."""
     moved = _shifted(state.objects[name], way)
     return replace(state.with_objects(**{name: moved}), hand=_middle(moved))
 

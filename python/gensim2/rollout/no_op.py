@@ -1,5 +1,5 @@
-"""Run the no-op baseline: simulate the scene of an episode without a moving arm. If the goal becomes true there, the
-episode is not a success of the robot.
+"""Run the no-op baseline: simulate the scene of an episode without a moving arm. If the goal is reached in this
+baseline, the episode does not count as a success of the robot.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ START = "start"
 
 
 class Cause(StrEnum):
-    """Reason why an episode does not pass the ``held`` verdict: the first fault that was not corrected."""
+    """Reason why an episode does not pass the success verdict ``held``: the first fault that was not corrected."""
 
     INVALID_PROBLEM = "invalid problem"
     NO_ACTUATION_POSE = "no actuation pose"
@@ -218,10 +218,10 @@ class Episode:
         start: (n,) all active joints of the robot at the start.
         attempts: all attempts from this start in order, if several were allowed; all other fields describe the deciding
             attempt (:mod:`gensim2.rollout.run`).
-        disturbed_at: control step of the disturbance; None without one.
-        engines: verdicts in each engine if the episode ran in two engines, else empty. The verdicts of the episode are
-            then those that it passes in both engines; ``cause``, ``diagnosis``, ``strict_misses`` and ``still`` come
-            from the first engine in which it fails, all other fields from the first engine.
+        disturbed_at: control step of the disturbance; None without a disturbance.
+        engines: verdicts in each engine if the episode ran in two engines, else empty. The episode then passes a
+            verdict only if it passes this verdict in both engines; ``cause``, ``diagnosis``, ``strict_misses`` and
+            ``still`` come from the first engine in which it fails, all other fields from the first engine.
         index: position in the log or data set; -1 if the episode is in neither. Ignored when episodes are compared.
         episode_digest: SHA-256 of the episode's file; None without a file.
     """
@@ -271,10 +271,10 @@ class Episode:
 
 
 def in_all_engines(found: Mapping[Engine, Episode]) -> Episode:
-    """Combine the episodes of one scene in several engines; the result passes the verdicts that all of them pass.
+    """Combine the episodes of one scene in several engines; the result passes a verdict only if all episodes pass it.
 
     Args:
-        found: episode by engine. The first one gives the plans and the objects.
+        found: episode by engine. The first episode provides the plans and the objects.
     """
     episodes = list(found.values())
     failed = (each for verdict in ("held", "strict") for each in episodes if not getattr(each, verdict))

@@ -57,8 +57,8 @@ class Recording:
 
     @property
     def meant(self) -> npt.NDArray[np.float32]:
-        """Return the actions (T, m + 1) that the planner intended, without added noise. In a step without such an
-        action, the last intended action is repeated.
+        """Return the actions (T, m + 1) that the planner intended, without added noise. A step without an intended
+        action repeats the previous intended action.
         """
         if "action" not in self.reference:
             return self.actions

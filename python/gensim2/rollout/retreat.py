@@ -69,8 +69,8 @@ def planned_retreat(
         world: planning world of the episode.
         scene: current scene.
         names: objects that the hand has acted on.
-        near: whether a keypoint of the hand is near these objects. If it is not, the function checks whether another
-            part of the hand touches them.
+        near: whether a keypoint of the hand is near these objects. If no keypoint is near, the function checks whether
+            another part of the hand touches the objects.
 
     Returns:
         The motion; None if the hand is not near the objects, or no motion is found.

@@ -246,8 +246,8 @@ class _Motion:
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
     def measure_about(self, step: int) -> tuple[Measurement, Measurement]:
-        """Keep the last command until control step ``step``. Return the measurements before and after this last control
-        step.
+        """Keep the last command up to and including control step ``step``. Return the measurements before and after
+        this control step.
 
         These steps are not part of the episode.
         """
@@ -326,8 +326,8 @@ class Attempt:
         return step.model_copy(update={"strategies": (first, *(name for name in step.strategies if name != first))})
 
     def controller(self, spec: ControllerSpec) -> ControllerSpec:
-        """Return the controller with the solver seed of this attempt, and with more start values for the solver in
-        later attempts.
+        """Return the controller with the solver seed of this attempt, and, in later attempts, with more start values
+        for the solver.
         """
         if self.seed == 0:
             return spec
@@ -346,9 +346,9 @@ class Attempt:
 def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attempts: int) -> EpisodeResult:
     """Make attempts until one succeeds, and return the deciding attempt.
 
-    The deciding attempt is the successful one; otherwise the first that passes the ``paper`` verdict; otherwise the
-    first. All results of the episode are from this attempt. If the goal is reached in the no-op baseline, no other
-    attempt is made.
+    The deciding attempt is the successful attempt; if there is none, the first attempt that passes the ``paper``
+    verdict; otherwise the first attempt. All results of the episode are from this attempt. If the goal is reached in
+    the no-op baseline, no other attempt is made.
 
     Args:
         run: function that runs an attempt, always from the same initial scene.

@@ -37,7 +37,7 @@ class EpisodeRunner:
     Args:
         scene: settings of the scenes of all tasks.
         execution: settings of the workers.
-        progress: progress display, which advances by one after each job; the caller starts its stage.
+        progress: progress display, which advances by one after each job; the caller starts a stage of the display.
         rollout: options of all episodes.
         log: file to which failed tries of jobs are written with tracebacks; None for no log.
 
@@ -158,8 +158,8 @@ class EpisodeRunner:
     def trials(
         self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]], log: EpisodeLog | None = None
     ) -> list[Episode]:
-        """Run one episode for each job. A job is a pair: the strategies of each step, and a seed. Everything else is as
-        in :meth:`episodes`.
+        """Run one episode for each job. A job is a pair: the strategies of each step, and a seed. Logging and the order
+        of the records are as in :meth:`episodes`.
         """
         return self.episodes(
             f"{config.task.name}: episodes", [(config, ways, seed) for ways, seed in jobs], worker.trial, log

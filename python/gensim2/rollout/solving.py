@@ -120,7 +120,7 @@ def solve(
         out: folder for ``plan.json`` and ``plan.png``. None: only a picture is written, to the cache folder, if a step
             has no plan.
         view: function that is called at the end with the scene, the plan of the first step, and the robot, for example
-            to show them.
+            to show the plan.
         scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed selects one of several instances, and
             ``open_loop`` uses only the first strategy of each step.
 

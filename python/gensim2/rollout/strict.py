@@ -1,4 +1,4 @@
-"""Evaluate the ``strict`` verdict: conditions, in addition to the goal, under which a person would call a task done."""
+"""Evaluate the ``strict`` verdict: in addition to the goal, conditions that a person would require of a finished task."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def strict_misses(
     Args:
         world: simulated world one second after the last command.
         start: measurement before the first control step.
-        at_actuation: measurement at the first actuation pose; None if the controller does not report it. Early motion
-        is then not checked.
+        at_actuation: measurement at the first actuation pose; None if the controller does not report the pose; early
+        motion is then not checked.
         before: measurement one control step before ``later``.
         later: current measurement.
     """

@@ -73,7 +73,7 @@ def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int =
 
 
 def goal_reached(task: TaskSpec, end: Measurement, turns: Sequence[Turn]) -> bool:
-    """Return whether the goal is reached at the end, after the steps whose results do not last to the end."""
+    """Return whether the goal is reached at the end, and every step whose result does not last to the end was done."""
     done = {turn.step.name for turn in turns if turn.paper}
     return all_hold(task.success, end) and task.transient <= done
 
@@ -85,8 +85,8 @@ def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
 
 
 def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[StepRecord]:
-    """Return a record with results for each started step. If the history is empty, the records are created from the
-    turns.
+    """Return, for each started step, a record with the step's results. If the history is empty, the records are created
+    from the turns.
     """
     own: dict[str, list[Turn]] = {}
     for turn in turns:

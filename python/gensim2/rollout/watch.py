@@ -51,7 +51,7 @@ class Held:
 
 
 def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan) -> Held | None:
-    """Return the grasped object after the fingers have closed; None if they closed on nothing."""
+    """Return the grasped object after the fingers have closed; None if the fingers closed on nothing."""
     if plan.picks is None or plan.after is None or measured.finger_opening < _least_opening(plan.width):
         return None
     T_hand_base = np.linalg.inv(profile.model.forward_kinematics(plan.after.q))

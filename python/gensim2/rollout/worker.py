@@ -158,7 +158,9 @@ def trial(config: EpisodeConfig, ways: StepStrategies, seed: int) -> Episode:
 
 
 def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
-    """Run one episode as :func:`episode` does; return the states if it succeeds, else no recording."""
+    """Run one episode as :func:`episode` does, and return its record. If the episode succeeds, also return the recorded
+    states.
+    """
     found, recording = _run(config, config.task, strategies, seed, record=True)
     return found, recording if found.held else None
 
@@ -169,7 +171,7 @@ def record(
     """Run one episode as :func:`episode` does, and pass its states to a function in this process.
 
     With ``config.rollout.engines == "both"`` the episode also runs in the other engine; its record then has the
-    verdicts of both.
+    verdicts of both engines.
 
     Args:
         keep: picklable function that receives the episode's record and its recorded states, and stores them.

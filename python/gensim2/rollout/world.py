@@ -76,8 +76,8 @@ class World(Body, Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """Return the measurements that criteria depend on. In a scene without an arm, the arm's values are those at the
-        start.
+        """Return the measurements that criteria depend on. In a scene without an arm, the arm's values are the values
+        at the start.
         """
         ...
 

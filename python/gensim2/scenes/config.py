@@ -97,7 +97,8 @@ class SceneOptions:
 
     @classmethod
     def of(cls, **scene: Unpack[SceneArguments]) -> SceneOptions:
-        """Return the options from a user's arguments; ``instances`` is not included, because each task has its own.
+        """Return the options from a user's arguments; ``instances`` is left out, because each task has its own
+        instances.
 
         Raises:
             InputError: the folder, the robot or a preset cannot be used.
@@ -143,7 +144,7 @@ class SceneOptions:
         return second
 
     def in_engines(self, engines: Engines) -> tuple[Self, ...]:
-        """Return these options, and with ``"both"`` also those with the other physics engine.
+        """Return a tuple of these options; for ``"both"``, also a copy with the other physics engine.
 
         Raises:
             InputError, MissingExtraError: as for :meth:`second_engine`.

@@ -59,7 +59,7 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
 
 
 def released_pose(model: ArticulatedObject) -> DefaultPose | None:
-    """Return the pose of the original GenSim2 for a released model; None if there is none.
+    """Return the pose of the original GenSim2 for a released model; None if the model has no such pose.
 
     Only real models have such a pose; generated objects use the same ids for other shapes.
     """

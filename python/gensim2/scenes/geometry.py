@@ -1,4 +1,4 @@
-"""Compute what criteria need beyond keypoints: the extent of objects, and the objects inside a container."""
+"""Compute geometric data for success criteria: the extents of objects, and the objects inside a container."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def measured_link(model: Model) -> str:
 
 
 def is_container(model: Model) -> bool:
-    """Return whether rigid objects can be put into an object: its measured keypoint is named so."""
+    """Return whether rigid objects can be put into an object, as the name of the object's measured keypoint shows."""
     return isinstance(model, ArticulatedObject) and INSIDE in list(model.keypoints)[-1]
 
 
@@ -33,8 +33,8 @@ def bounds_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[s
 
     Args:
         models: objects by name.
-        poses: pose (4, 4) of each object's measured link in the world frame. Of an articulated object only this link
-            counts.
+        poses: pose (4, 4) of each object's measured link in the world frame. The corners of an articulated object are
+            the corners of this link.
     """
     found = {}
     for name, model in models.items():
@@ -46,7 +46,8 @@ def bounds_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[s
 
 
 def contents_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[str, frozenset[str]]:
-    """Return the names of the rigid objects in each container: the centre of their bounding box is in its interior.
+    """Return, for each container, the names of the rigid objects whose bounding box has its centre inside the
+    container.
 
     Args:
         models: objects by name.

@@ -95,8 +95,8 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
 
 
 def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: RobotProfile) -> None:
-    """Check that the goal is false in at least one initial state. If it were true in all, episodes would succeed
-    without the robot.
+    """Check that the goal is false in at least one initial state. If the goal were true in all initial states, episodes
+    would succeed without the robot.
 
     Args:
         states: initial states; evaluation stops at the first state in which the goal is not reached.
@@ -137,8 +137,8 @@ def measured_pose(thing: PlacedObject) -> Array:
 
 
 def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
-    """Check the kind of object that each criterion names: criteria about joints need articulated objects, criteria
-    about poses need rigid objects.
+    """Check that each criterion fits its object: criteria about joints need articulated objects, criteria about poses
+    need rigid objects.
     """
     for criterion in criteria:
         for types, kind, other in (

@@ -134,10 +134,10 @@ def sample_initial_state(
 ) -> InitialState:
     """Sample the scene of a seed; ``options`` replace random values.
 
-    A single object keeps its first random placement. Several objects are placed again, at most ``MAX_DRAWS`` times and
-    only if ``physics`` allows this, until they are ``GAP`` apart (including the volume that a joint sweeps) and within
-    the robot's reach, and rigid objects are clear of the robot's start. If the preset randomizes the robot's start, a
-    new start is sampled until the robot overlaps no object. Placements given by options are not changed.
+    A single object keeps its first random placement. If ``physics`` allows it, several objects are placed again, at
+    most ``MAX_DRAWS`` times, until all objects are ``GAP`` apart (including the volume that a joint sweeps) and within
+    the robot's reach, and all rigid objects are clear of the robot's start. If the preset randomizes the robot's start,
+    a new start is sampled until the robot overlaps no object. Placements given by options are not changed.
 
     Two separate random generators are used: one for the values of the task's ranges, one for the additional values of a
     preset. A preset therefore does not change the values of the task's ranges.

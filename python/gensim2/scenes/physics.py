@@ -43,9 +43,10 @@ class PhysicsSwitches:
     """Settings of a scene's physics: ``"default"``, or ``"original"`` for the value of the original GenSim2.
 
     Attributes:
-        joint_friction: default: Coulomb friction and damping of the object; original: for each class a coefficient that
-            is multiplied by the load on the joint.
-        densities: default: masses of the objects; original: a density of the hulls for each class.
+        joint_friction: default: Coulomb friction and damping of the object; original: a coefficient for each class,
+            multiplied by the load on the joint.
+        densities: default: masses of the objects; original: masses from the volume of the hulls and a density for each
+            class.
         materials: friction and restitution of all bodies except the table.
         solver: default: settings and contact offsets for the engine; original: the PhysX settings of the original
             GenSim2.

@@ -65,8 +65,8 @@ AS_IT_IS = Factors()
 def draw_object(
     generator: np.random.Generator, ranges: Randomization, preset: Preset, instances: Sequence[str]
 ) -> Draw:
-    """Sample the random values of an object. The function always uses five random numbers, so that the samples of later
-    objects do not depend on the task.
+    """Sample the random values of an object. The function always uses five random numbers, so that the values of the
+    next objects do not depend on the ranges of this object.
     """
     # One random number selects the instance, so that later samples do not depend on the number of instances.
     instance = instances[int(generator.random() * len(instances))]
@@ -92,7 +92,7 @@ def _placement(generator: np.random.Generator, ranges: Randomization, preset: Pr
 
 def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
     """Sample log-uniform physical factors. The function always uses three random numbers, also for an object without a
-    joint, so that the samples of later objects do not depend on the task.
+    joint, so that the values of the next objects do not depend on the kind of this object.
     """
     mass, contact, joint = (
         float(np.exp(generator.uniform(np.log(low), np.log(high))))

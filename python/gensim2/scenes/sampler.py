@@ -76,8 +76,8 @@ class SceneSampler:
         return state
 
     def _drawn(self, first: InitialState) -> Iterator[InitialState]:
-        """Yield the given state, and then the initial states of the seeds in ``GOAL_SEEDS``, each computed only when it
-        is requested.
+        """Yield the given state, and then the initial states of the seeds in ``GOAL_SEEDS``; each state is sampled only
+        when the caller requests it.
         """
         yield first
         nothing = read_options(None, tuple(self.task.objects))

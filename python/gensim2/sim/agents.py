@@ -92,7 +92,9 @@ class ProfileAgent(BaseAgent):  # type: ignore[misc]
         return modes
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
-        """Load the robot as ManiSkill does, but couple mimic joints by fixed tendons only if the profile demands it."""
+        """Load the robot as ManiSkill does, except that mimic joints are coupled by fixed tendons only if the profile
+        requests tendons.
+        """
         loader = self.scene.create_urdf_loader()
         loader.name, loader.fix_root_link = self.uid, self.fix_root_link
         sapien_utils.apply_urdf_config(loader, sapien_utils.parse_urdf_config(self.urdf_config))

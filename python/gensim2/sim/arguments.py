@@ -56,7 +56,8 @@ def checked_seed(seed: Any) -> int | None:
 def checked_action(action: Any, size: int, control_modes: Sequence[str]) -> Any:
     """Check an action and return it: None (no command), or finite numbers of shape (size,) or (1, size).
 
-    In ManiSkill's form ``{"control_mode": ..., "action": ...}`` the size may differ, so it is not checked.
+    In ManiSkill's form ``{"control_mode": ..., "action": ...}`` the size of the action may differ, so the size is not
+    checked.
     """
     if action is None:
         return None

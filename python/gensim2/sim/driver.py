@@ -29,7 +29,7 @@ class Renderer:
 
     Attributes:
         name: ``"sapien"``, ``"mujoco"`` or ``"ray caster"``.
-        reason: why this renderer draws, as a sentence for the user.
+        reason: sentence for the user about why this renderer was selected.
     """
 
     name: Literal["sapien", "mujoco", "ray caster"]
@@ -98,7 +98,7 @@ def gl_context(width: int, height: int) -> Any:
 
 
 def _platform() -> str:
-    """Return the OpenGL platform: the chosen one, or the first whose library is installed."""
+    """Return the OpenGL platform: the platform that the user chose, or the first platform whose library is installed."""
     chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
     if chosen in GL_LIBRARIES:
         return chosen

@@ -59,7 +59,7 @@ class EngineScene(Protocol):
         """Return ManiSkill's state (13 + 2 n,) of the robot: root pose, root velocities, qpos, qvel."""
 
     def snapshot(self) -> tuple[Array, str]:
-        """Return the full physics state, and a hash of the scene to which the state belongs.
+        """Return the full physics state, and the hash of its scene.
 
         Raises:
             InputError: the engine cannot continue exactly from a stored state.

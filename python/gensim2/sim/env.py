@@ -94,9 +94,9 @@ class GenSim2Env(RaycastObservations):
             evaluation records completed steps); or ``"none"``.
         render_backend: ``"auto"`` renders only if observations or ``render_mode`` need it and a driver works.
         kwargs: arguments of :class:`~gensim2.scenes.config.SceneArguments` and of ManiSkill's ``BaseEnv``;
-            ``robot_uids`` follows from ``robot``. A reset chooses one of ``instances``. An id may also be that of a
-            generated object that is not listed, any number up to 10^6. An id applies to the first object whose class
-            has several instances; a mapping from object names applies to any object.
+            ``robot_uids`` follows from ``robot``. A reset chooses one of ``instances``. An id may also select a
+            generated object that is not listed; such ids are the numbers up to 10^6. An id applies to the first object
+            whose class has several instances; a mapping from object names applies to any object.
 
     Reset options replace random values: ``instance`` (id), ``openness`` (0..1), ``offset`` (x, y, yaw relative to the
     default pose) or ``pose`` (root in the world frame: x, y, z, qw, qx, qy, qz). For a task with several objects each

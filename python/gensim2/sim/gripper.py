@@ -12,9 +12,9 @@ from gensim2.robots import JointDrive, RobotProfile
 class Transmission:
     """Drives for gripper joints without motors.
 
-    Each follower joint has a drive. Before every physics step its target is computed from the position of the driven
-    joint. PhysX's coupling by fixed tendons is unsuitable if one joint is revolute and the other prismatic, because it
-    adds joint positions without regard to units. Passive joints are springs with target 0.
+    Each follower joint has a drive. Before every physics step the target of this drive is computed from the position of
+    the driven joint. PhysX's fixed tendons cannot couple a revolute joint with a prismatic joint, because a tendon adds
+    joint positions without regard to units. Passive joints are springs with target 0.
 
     Args:
         robot: robot in the simulation.
@@ -34,7 +34,7 @@ class Transmission:
             _drive(joints[name], simulation.passive)
 
     def before_substep(self) -> None:
-        """Set the followers' targets to the positions of their motors."""
+        """Compute the follower joints' targets from the positions of the driven joints."""
         if not self._follow:
             return
         q = self._robot.qpos

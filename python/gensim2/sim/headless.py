@@ -199,12 +199,12 @@ class HeadlessEnv(SceneAccessMixin):
         self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
-        """Move an object, as if it was bumped; the recorded initial state is unchanged.
+        """Move an object as a bump would; the recorded initial state is unchanged.
 
         Args:
             name: name of the object.
             dx, dy: displacement in the world frame, m.
-            dyaw: rotation about the vertical axis through its root, rad.
+            dyaw: rotation about the vertical axis through the object's root, rad.
 
         Raises:
             InputError: the object does not exist.

@@ -45,7 +45,7 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
         reward_mode: ``"sparse"`` (1 if the goal is reached, else 0) or ``"normalized_dense"`` (0 to 1).
         render_mode: ``"rgb_array"`` or None. The engine's renderer draws the pictures, or the ray caster if the
-            engine's renderer does not work; ``info["renderer"]`` of a reset says which one draws, and why.
+            engine's renderer does not work; ``info["renderer"]`` of a reset states which renderer is used, and why.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Raises:

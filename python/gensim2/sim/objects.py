@@ -136,7 +136,8 @@ def _corners(shape: physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
 
 def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionShape) -> tuple[float, float]:
     """Compare the bounding boxes of a collision shape and of the hull from which PhysX made the shape. Return the
-    largest distances (m) by which the shape's box is smaller, and by which it is larger.
+    largest distance (m) by which the shape's box is smaller than the hull's box, and the largest distance by which it
+    is larger.
     """
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
@@ -144,7 +145,7 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
 
 
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
-    """Return whether a collision shape still represents its hull (N, 3), if its bounding box is smaller by ``lost`` (m)
-    and larger by ``grown`` (m).
+    """Return whether a collision shape still represents its hull (N, 3), given that the shape's bounding box is smaller
+    by ``lost`` (m) and larger by ``grown`` (m).
     """
     return grown <= HULL_TOLERANCE and lost <= HULL_LOSS * float(np.ptp(hull, axis=0).max())

@@ -27,7 +27,7 @@ Value = TypeVar("Value")
 
 
 class LazyMapping(Mapping[str, Value], Generic[Value]):
-    """Mapping from names to values. All values are computed when one of them is first read, because most mappings are
+    """Mapping from names to values. All values are computed when the first value is read, because most mappings are
     never read.
 
     Args:

@@ -203,13 +203,13 @@ class Physics:
 class CoulombFriction:
     """Coulomb friction of ``joint.friction`` N m (or N), plus viscous damping.
 
-    PhysX's articulation friction, a coefficient on the joint's load, has no threshold in N m, and the joint creeps: a
-    0.3 kg lid with a gravity torque of 0.26 N m moves 0.23 rad in 5 s at coefficient 1. SAPIEN's default of 0.05
-    doubles the resistance of a moving lid; here it is 0.
+    PhysX's own joint friction is a coefficient on the joint's load. It has no threshold in N m, so the joint creeps: a
+    0.3 kg lid with a gravity torque of 0.26 N m moves 0.23 rad in 5 s at coefficient 1. SAPIEN's default coefficient of
+    0.05 doubles the resistance of a moving lid; this class sets the coefficient to 0.
 
     A velocity drive with target zero and a force limit acts as Coulomb friction that is regularized below
-    ``CREEP_SPEED``. With a limit of 0.5 N m the same lid creeps less than 0.0002 rad in 5 s. It holds at 0.98 of the
-    limit; at 1.1 of the limit its speed after 0.1 s agrees with the excess torque to 1 %.
+    ``CREEP_SPEED``. With a limit of 0.5 N m the same lid creeps less than 0.0002 rad in 5 s. The lid stays at rest at a
+    torque of 0.98 of the limit; at 1.1 of the limit its speed after 0.1 s agrees with the excess torque to 1 %.
 
     The damping at the joint's current speed is added to the force limit, so that damping never reverses the motion of a
     light link.

@@ -94,7 +94,7 @@ class SapienScene:
         return articulation_state(self._arm.articulation)
 
     def snapshot(self) -> tuple[Array, str]:
-        """Raise an error: PhysX keeps contacts and impulses between steps, and SAPIEN does not expose them."""
+        """Raise an error, because PhysX keeps contacts and impulses between steps, which SAPIEN cannot read."""
         raise InputError("sapien cannot resume exactly from a stored state", field="engine", remedy="use mujoco")
 
     def restore(self, state: Array, scene: str) -> None:

@@ -106,8 +106,8 @@ def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
 
 
 def read_scene(robot: RobotReader, parts: Parts) -> Scene:
-    """Return the planner's scene in the robot's base frame. The scene does not say which object is grasped; the caller
-    adds this.
+    """Return the planner's scene in the robot's base frame. The scene does not contain the name of the grasped object;
+    the caller adds the name.
     """
     # The profile's pose is used, because the simulator rounds the base pose to float32.
     T_world_base = robot.profile.T_world_base
@@ -158,5 +158,7 @@ class SceneAccessMixin:
         return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
 
     def measure(self) -> Measurement:
-        """Measure the current state in the world frame; a missing robot is measured in its start pose."""
+        """Measure the current state in the world frame; in a scene without a robot, the measurement has the robot's
+        start pose.
+        """
         return measure(self._robot, self.parts)

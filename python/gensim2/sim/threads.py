@@ -13,8 +13,8 @@ from gensim2.core.errors import InputError
 
 
 class _Done(gym.Wrapper[Any, Any, Any, Any]):
-    """Stand-in for an environment. Its ``reset`` and ``step`` return a result that a thread has already computed, so
-    that gymnasium's own class can collect the results.
+    """Placeholder for an environment. Its ``reset`` and ``step`` return a result that a thread has already computed, so
+    that gymnasium's ``SyncVectorEnv`` can collect the results.
     """
 
     def __init__(self, env: gym.Env[Any, Any], result: Any) -> None:
@@ -53,8 +53,8 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(self._threads.map(advance, range(self.num_envs))), super().step, actions)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Any:
-        """Reset all environments, or only the ones in ``options["reset_mask"]``. With an integer ``seed``, environment
-        k gets ``seed + k``.
+        """Reset all environments, or only the environments in ``options["reset_mask"]``. With an integer ``seed``,
+        environment k gets ``seed + k``.
         """
         if options is not None and "reset_mask" in options:
             return super().reset(seed=seed, options=options)
@@ -67,7 +67,7 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(made), super().reset)
 
     def _with(self, results: list[Any], function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a method of the base class in such a way that it receives the given results instead of calling the
+        """Call a method of the base class with placeholders that return the given results instead of the real
         environments.
         """
         envs = self.envs

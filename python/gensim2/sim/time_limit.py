@@ -16,7 +16,8 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     ManiSkill requires a tensor.
 
     Args:
-        env: environment from ``gymnasium.make``; this wrapper takes over the limit of gymnasium's own wrapper.
+        env: environment from ``gymnasium.make``; this wrapper replaces gymnasium's ``TimeLimit`` wrapper and takes its
+            limit.
         registered: step limit in gymnasium's registry; the environment converts it to its robot's control rate.
     """
 

@@ -6,8 +6,8 @@ interiors of containers; ``holds_in_paper`` is the original definition, for the 
 describe a joint that is partly open, and the position of a rigid object, which is the origin of its frame, near the
 object's middle.
 
-Each criterion has four methods. ``objects`` returns the names of the objects that it measures. ``holds`` returns
-whether the criterion is met; with NaN it is never met. ``progress`` returns a value from 0 to 1, where 1 means that the
+Each criterion has the property ``objects`` with the names of the objects that it measures. ``holds`` returns whether
+the criterion is met; with NaN it is never met. ``progress`` returns a value from 0 to 1, where 1 means that the
 criterion is met.
 """
 
@@ -61,7 +61,7 @@ class _Criterion(BaseModel, ABC):
 
     @abstractmethod
     def progress(self, measured: Measurement) -> float:
-        """Return progress towards the criterion from 0 to 1; 1 if it holds."""
+        """Return progress towards the criterion from 0 to 1; 1 if the criterion holds."""
 
 
 class ArticulatedOpen(_Criterion):
@@ -156,8 +156,8 @@ class RigidMoved(_Criterion):
 
 class RigidOnRigid(_Criterion):
     """A rigid object is on or in a support: their origins are within ``threshold`` (m) horizontally, the object's
-    origin is at most ``height`` (m) above the support's, and the object's lowest point is higher than the support's but
-    at most 1 cm higher than the support's highest point.
+    origin is at most ``height`` (m) above the support's, and the object's lowest point is above the support's lowest
+    point and at most 1 cm above the support's highest point.
     """
 
     type: Literal["rigidbody_on_rigidbody"] = "rigidbody_on_rigidbody"
@@ -173,7 +173,7 @@ class RigidOnRigid(_Criterion):
         return nearness(self._excess(measured))
 
     def _excess(self, measured: Measurement) -> float:
-        """Return the largest distance (m) by which a condition is missed; negative if none is."""
+        """Return the largest distance (m) by which a condition is missed; negative if all conditions are met."""
         x, y, z = map(float, (measured.poses[self.rigid] - measured.poses[self.support])[:3])
         found = [math.hypot(x, y) - self.threshold, z - self.height]
         if self.rigid in measured.bounds and self.support in measured.bounds:
@@ -194,17 +194,19 @@ class _Distance(_Criterion):
 
     @abstractmethod
     def _excess(self, measured: Measurement) -> float:
-        """Return by how many metres the horizontal distance exceeds the threshold; negative below the threshold."""
+        """Return the distance (m) by which the horizontal distance exceeds the threshold; negative below the threshold."""
 
     @abstractmethod
     def _height_excess(self, measured: Measurement) -> float:
-        """Return the height (m) by which the criterion is missed, 0 if it is met or the shapes are unknown."""
+        """Return the height (m) by which the criterion's height condition is missed; 0 if the condition is met or the
+        shapes are unknown.
+        """
 
 
 class DistanceArticulatedRigid(_Distance):
     """The horizontal distance between the measured keypoints of an articulated and a rigid object is less than
-    ``threshold`` (m). If the articulated object is a container, the middle of the rigid object is also inside;
-    otherwise the rigid object's lowest point is not above the articulated object's keypoint.
+    ``threshold`` (m). If the articulated object is a container, the middle of the rigid object must also be inside;
+    otherwise the rigid object's lowest point must not be above the articulated object's keypoint.
     """
 
     type: Literal["distance_articulated_rigidbody"] = "distance_articulated_rigidbody"
@@ -298,8 +300,8 @@ def _share(value: float) -> float:
 
 
 def _beyond_height(measured: Measurement, name: str, threshold: float) -> float:
-    """Return the height (m) by which every gripper keypoint near an object is more than ``threshold`` above or below
-    the object; 0 if no keypoint is near, or if the shapes are unknown.
+    """Return the smallest height (m) by which a gripper keypoint near an object exceeds the permitted distance
+    ``threshold`` above or below the object; 0 if no keypoint is near, or if the shapes are unknown.
     """
     if name not in measured.bounds:
         return 0.0

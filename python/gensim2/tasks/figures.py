@@ -64,8 +64,8 @@ class Condition(_Value):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the conditions are those of the paper's protocol: the paper's ranges of scenes, all instances, closed
-        loop, one attempt, no disturbance.
+        """Whether the conditions equal the paper's protocol: the paper's ranges of scenes, all instances, closed loop,
+        one attempt, no disturbance.
         """
         return not self.deviations
 

@@ -1,7 +1,7 @@
 """Read the task library, which has one folder for each task, in three locations.
 
 ``library/`` in this package contains the paper's suite, ``designed/`` contains tasks that designers made with generated
-objects, and the user's folder (:func:`user_library`) contains tasks kept by the user's runs. In each,
+objects, and the user's folder (:func:`user_library`) contains tasks that the user's runs have added. In each location,
 ``<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, and ``<Name>/strategies/<name>.yaml`` is a strategy for
 one of its steps. A folder of schema version 1 has a ``solver.yaml`` instead. If the task's folder has no file for a
 strategy, the file is read from the folder ``strategies/`` beside the tasks of the package, which several tasks share.

@@ -86,14 +86,14 @@ MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-
 
 
 def paper_of(task: TaskSpec) -> tuple[float, float] | None:
-    """Return mean and deviation of a task's success rate in the paper; None if the task is not the paper's, although it
-    may have the same name.
+    """Return mean and deviation of a task's success rate in the paper; None for a task of another origin, even if a
+    task of the paper has the same name.
     """
     return PAPER.get(task.name) if _is_published(task) else None
 
 
 def released_of(task: TaskSpec) -> tuple[int, int] | None:
-    """Return successes and episodes of a task, measured with the released code. None if the task is not the paper's."""
+    """Return successes and episodes of a task, measured with the released code. None if the task is not from the paper."""
     return MEASURED.get(task.name) if _is_published(task) else None
 
 

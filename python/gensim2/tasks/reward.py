@@ -59,7 +59,7 @@ class StagedReward:
     """Dense reward of an episode, normalized to 0..1: 1 exactly when the goal holds.
 
     All stages have equal weight and follow the order of the task's steps. The reward of a finished stage is kept even
-    if a later stage reverses it, as when an opened drawer is closed again.
+    if a later stage reverses it, for example if an opened drawer is closed again.
 
     Args:
         task: task whose steps and goal are rewarded.
@@ -69,7 +69,7 @@ class StagedReward:
         self._goal, self._stages, self._stage = task.success, stages_of(task), 0
 
     def of(self, measured: Measurement) -> float:
-        """Return the reward at this instant, and advance to the next stage if the current one has ended."""
+        """Return the reward at this instant, and advance to the next stage if the current stage has ended."""
         if all_hold(self._goal, measured):
             return 1.0
         last = len(self._stages) - 1

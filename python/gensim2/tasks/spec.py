@@ -131,7 +131,9 @@ class ObjectSpec(_Value):
     randomization: Randomization = Randomization()
 
     def words(self, source: str) -> tuple[str, ...] | None:
-        """Return the allowed instances for a source (``"real"`` or ``"generated"``); None allows all of the class."""
+        """Return the allowed instances for a source (``"real"`` or ``"generated"``); None allows all instances of the
+        class.
+        """
         return self.instances.get(source) if isinstance(self.instances, dict) else self.instances  # type: ignore[call-overload]
 
 
@@ -141,7 +143,7 @@ class Step(_Value):
     Attributes:
         name: name, unique in the task.
         object: object to move, to grasp, or to approach with the tool.
-        tool: ``"hand"``, or the grasped object, whose keypoints then replace the hand's.
+        tool: ``"hand"``, or the grasped object, whose keypoints then replace the keypoints of the hand.
         strategies: names of the step's strategies in order of preference; designers call their strategy ``designed``.
         done: criteria that must all hold at some time during the step for the verdict ``paper``. A step without
             criteria counts as done as soon as it starts, as in the paper's grasp and release steps.
@@ -298,12 +300,14 @@ class TaskSpec(_Value):
         )
 
     def motion_of(self, step: Step) -> JointCriterion | None:
-        """Return the criterion that a step's object must meet with its joint; None if there is none."""
+        """Return the criterion that a step's object must meet with its joint; None if the step has no such criterion."""
         criteria = step.done or (self.success if step is self.steps[-1] else ())
         return next((c for c in criteria if isinstance(c, JOINT) and c.object == step.object), None)
 
     def uses(self, step: Step, container: str) -> bool:
-        """Return whether a step puts a grasped object at ``container``, or grasps an object that stands on it."""
+        """Return whether a step puts a grasped object at ``container``, or grasps an object that stands on
+        ``container``.
+        """
         puts = step.object == container and step.tool != HAND and self.motion_of(step) is None
         return puts or (step.tool == HAND and self.objects[step.object].place.on == container)
 

@@ -16,8 +16,8 @@ StepStrategies = Mapping[str, Strategies]
 
 
 def with_strategies(task: TaskSpec, ways: StepStrategies) -> TaskSpec:
-    """Return a copy of the task whose steps name these strategies. Its provenance keeps only the
-    entries of these strategies.
+    """Return a copy of the task whose steps name the strategies ``ways``, and whose provenance has only entries of
+    these strategies.
     """
     steps = tuple(step.model_copy(update={"strategies": tuple(ways[step.name])}) for step in task.steps)
     provenance = task.provenance

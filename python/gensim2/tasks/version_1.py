@@ -56,7 +56,7 @@ def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
 
 
 def place_of(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """Convert the location of a field in version 2 to its location in version 1, for error messages."""
+    """Convert the location of a field in schema version 2 to the field's location in version 1, for error messages."""
     for new, old in _PLACES.items():
         if location[: len(new)] == new:
             return old + location[len(new) :]

@@ -1,4 +1,4 @@
-"""Draw recorded states with MuJoCo's renderer, in a model of its own that has visible surfaces and no physics."""
+"""Draw recorded states with MuJoCo's renderer, in a separate MuJoCo model with visible surfaces and without physics."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ class MujocoRigidPart(RigidPart):
 
     Args:
         name, thing: as for :class:`RigidPart`.
-        simulation: its simulation.
+        simulation: simulation that contains the object.
     """
 
     def __init__(self, name: str, thing: PlacedObject, simulation: Simulation) -> None:
@@ -169,7 +169,7 @@ class MujocoRobot(RobotReader):
     """Reader of a robot's state in a MuJoCo scene.
 
     Args:
-        simulation: its simulation.
+        simulation: simulation that contains the robot.
     """
 
     def __init__(self, profile: RobotProfile, simulation: Simulation) -> None:
