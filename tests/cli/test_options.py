@@ -144,3 +144,19 @@ def test_defaults_are_those_of_the_functions_behind() -> None:
                 assert default == own[each.name].default, f"{name} {each.name}"
                 compared += 1
     assert compared > 60
+
+
+@pytest.mark.parametrize(("words", "said"), [([], "--resume --out FOLDER"), (["--out", "here"], "with --resume")])
+def test_an_interrupted_command_says_how_it_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
+    @command("out", "resume", show=lambda result: line(str(result)))
+    def interrupted(**given: Any) -> dict[str, Any]:
+        """Do nothing."""
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(type(cli.cli), "get_command", lambda *_: interrupted)
+    assert cli.run(["interrupted", *words]) == 130
+    err = capfd.readouterr().err.strip()
+    assert err.startswith("gensim2: interrupted; what was finished is kept; to continue, repeat the command")
+    assert err.endswith(said)

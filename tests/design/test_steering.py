@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 
 from gensim2.design import Affordance, CandidateResult, StageResult, steering
 from gensim2.design.base import Candidate
@@ -123,3 +124,9 @@ def test_nothing_is_drawn_twice_and_the_draw_is_seeded() -> None:
     assert len(set(first)) == 30
     assert not set(first) & set(pool()[:50])
     assert steering.draw(pool()[:50], results, 30, np.random.default_rng(1)) == []
+
+
+@pytest.mark.parametrize(("travelled", "said"), [(-0.001, " 0% "), (-0.25, " -25% "), (0.994, " 99% ")])
+def test_a_small_negative_travel_has_no_sign(travelled: float, said: str) -> None:
+    (found,) = diagnoses([("object did not move", {"travelled": travelled})])
+    assert f"went{said}of its range" in found.words

@@ -78,7 +78,8 @@ def test_a_stopped_run_says_one_line_and_leaves_no_process_and_no_half_file(
     os.kill(process.pid, number)
     assert process.wait(timeout=60) == code
     words = [line for line in (tmp_path / "log").read_text().splitlines() if line.strip()]
-    assert words[-1] == "gensim2: interrupted; what was finished is kept"
+    kept = "gensim2: interrupted; what was finished is kept"
+    assert words[-1] == f"{kept}; to continue, repeat the command with --resume"
     assert not any("Traceback" in line for line in words)
     while any(kill_runs.command_line(pid) for pid in workers) and time.monotonic() < deadline:
         time.sleep(0.05)

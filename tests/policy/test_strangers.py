@@ -399,3 +399,18 @@ def test_an_assertion_of_the_websockets_library_is_an_error_of_one_line(
     monkeypatch.setattr(ClientConnection, "handshake", fail)
     with pytest.raises(RemoteError, match="cannot be reached: did not receive a valid HTTP response"):
         RemoteController(hostile(), "panda")
+
+
+def test_a_client_whose_process_ends_has_just_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setenv(protocol.TOKEN, TOKEN)
+    spec = ControllerSpec(f"{Path(__file__).with_name('test_remote.py')}:Echo")
+    found = PolicyServer(spec, "panda", TOKEN, port=0, said=said.append)
+    threading.Thread(target=found.serve, daemon=True).start()
+    client = RemoteController(found.url)
+    client._connection.close_socket()
+    until = time.monotonic() + 10.0
+    while len(said) < 2 and time.monotonic() < until:
+        time.sleep(0.01)
+    found.close()
+    assert said == ["127.0.0.1 connected", "127.0.0.1 gone"]

@@ -11,7 +11,7 @@ from constraints import point_to_point, pointing_down
 import gensim2_kpam as kpam
 from gensim2.core.errors import InputError
 from gensim2.objects.placement import STANDARD_REGION
-from gensim2.robots import CLOSED, OPEN, robot
+from gensim2.robots import CLOSED, OPEN, load_robot, robot
 
 pytest.importorskip("mani_skill")
 
@@ -104,3 +104,8 @@ def test_an_unknown_robot_is_refused_by_name() -> None:
     with pytest.raises(InputError, match=r"no robot 'r2d2'.*panda") as refused:
         robot("r2d2")
     assert refused.value.field == "robot"
+
+
+def test_a_urdf_alone_is_no_robot_and_the_error_names_what_reads_it() -> None:
+    with pytest.raises(InputError, match=r"'arm/mine.urdf' is a URDF.*files.*gensim2_kpam.Robot.from_urdf"):
+        load_robot("arm/mine.urdf")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from gensim2.cli.options import EPISODES, PROCESSES, Ending, command
 from gensim2.cli.output import line
 from gensim2.cli.run_pipeline import show_tasks
-from gensim2.cli.typed import Count, Folder
+from gensim2.cli.typed import Count, Folder, Option
 from gensim2.core.progress import Progress
 
 
@@ -26,7 +26,12 @@ def _show(result: dict[str, Any]) -> None:
 
 @command(*EPISODES, "engines", "library", *PROCESSES, "ray", "resume", "videos", show=_show)
 def design(
-    folder: Folder, *, out: Folder | None = None, verify: Count = 20, progress: Progress, **given: Any
+    folder: Annotated[Path, Option(metavar="FOLDER")],
+    *,
+    out: Folder | None = None,
+    verify: Count = 20,
+    progress: Progress,
+    **given: Any,
 ) -> dict[str, Any] | Ending:
     """Find strategies for your own task.
 

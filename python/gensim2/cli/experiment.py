@@ -65,7 +65,7 @@ def _show(result: dict[str, Any]) -> None:
         line(f"{arm['name']}: {rates}; {arm['cpu_s']:.0f} s of CPU")
     for name, reason in result["skipped"].items():
         line(f"not run: {name}: {reason}")
-    line(f"page: {Path(result['out']) / 'report.html'}")
+    line(f"report: {Path(result['out']) / 'report.html'}")
 
 
 def _rate(row: dict[str, Any], kind: str) -> str:

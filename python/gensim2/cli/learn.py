@@ -77,7 +77,7 @@ def _show(result: dict[str, Any]) -> None:
     ]
     heads = ("task", "held (95 %)", "blind", "shuffled", "no-op", "expert", "demos", "steps", "CPU s", "causes")
     table(heads, rows)
-    line(f"page: {Path(result['out']) / 'report.html'}")
+    line(f"report: {Path(result['out']) / 'report.html'}")
 
 
 def _rate(value: float | None) -> str:

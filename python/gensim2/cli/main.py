@@ -169,7 +169,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
-        return _fail("gensim2: interrupted; what was finished is kept", exit_code(error))
+        # Click raises Abort from a KeyboardInterrupt.
+        notes = getattr(error.__cause__ or error, "__notes__", ())
+        return _fail("; ".join(("gensim2: interrupted; what was finished is kept", *notes)), exit_code(error))
     except SystemExit as error:  # Click raises no SystemExit here, so a library or the user's code has raised it.
         return _fail(f"gensim2: something called sys.exit({error.code!r}) before the work was done", NOT_RUN)
     except OSError as error:

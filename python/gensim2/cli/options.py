@@ -12,7 +12,7 @@ from click.core import ParameterSource
 from gensim2.cli.output import Show, document, report
 from gensim2.cli.typed import Folder, Option, Real, count, options_of_class, parameters, summary
 from gensim2.core.cores import usable_cores
-from gensim2.core.errors import InputError
+from gensim2.core.errors import InputError, Stopped
 from gensim2.core.seeding import LARGEST_SEED
 
 #: Exit codes: 1 if a check failed, 2 for invalid input, 3 if some jobs could not be run.
@@ -193,11 +193,17 @@ def command(
             if show is None:
                 function(**given)
                 return
-            with report(given.pop("json_file"), show, text) as (progress, give):
-                found = function(**given, **({"progress": progress} if listening else {}))
-                give(found.result if isinstance(found, Ending) else found)
-            if isinstance(found, Ending):
-                raise found.error
+            try:
+                with report(given.pop("json_file"), show, text) as (progress, give):
+                    found = function(**given, **({"progress": progress} if listening else {}))
+                    give(found.result if isinstance(found, Ending) else found)
+                if isinstance(found, Ending):
+                    raise found.error
+            except (KeyboardInterrupt, Stopped) as error:
+                if "resume" in given:
+                    named = given.get("out", "") is not None or "folder" in given
+                    error.add_note("to continue, repeat the command with --resume" + ("" if named else " --out FOLDER"))
+                raise
 
         help_text = summary(function)
         return click.Command(

@@ -75,7 +75,8 @@ def in_words(cause: str, numbers: Mapping[str, Any]) -> str:
     facts = [
         *_of_plan(numbers.get("plan", numbers)),
         *(text.format(1000 * numbers[name]) for name, text in NUMBERS.items() if _is_number(numbers.get(name))),
-        *(text.format(numbers[name]) for name, text in SHARES.items() if _is_number(numbers.get(name))),
+        # Adding zero turns the -0 of a small negative share into 0.
+        *(text.format(round(numbers[name], 2) + 0.0) for name, text in SHARES.items() if _is_number(numbers.get(name))),
         *_deviations(numbers.get("deviations", ())),
         *_failing(numbers.get("failing", ())),
     ]

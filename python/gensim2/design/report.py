@@ -61,7 +61,7 @@ def write_report(run_dir: Path) -> Path:
         demos=sum(task["demos"] for task in tasks),
         shown=SHOWN_CANDIDATES,
         model=model.of_run(),
-        unfilmed=_why_unfilmed(run),
+        unfilmed=_why_unfilmed(run, run_dir),
         advice=NOTHING_KEPT,
     )
     path = run_dir / "report.html"
@@ -145,11 +145,12 @@ NOTHING_KEPT = (
 )
 
 
-def _why_unfilmed(run: RunRecord) -> str:
+def _why_unfilmed(run: RunRecord, run_dir: Path) -> str:
     """Return the reason why a task has no video, as a sentence for the report."""
     if run.arguments.get("videos") == 0:
         return "no pictures: videos were disabled (--videos 0)"
-    return "no pictures yet: no video of this task was made; if this failed, errors.log says why"
+    why = "; if this failed, errors.log says why" if (run_dir / "errors.log").exists() else ""
+    return f"no video of this task was made{why}"
 
 
 def _step(step: Step) -> dict[str, Any]:

@@ -32,7 +32,7 @@ EXPLAINED = {
     "expert_mean": "the planner that made the training data, on the same scenes: what the policy could reach.",
 }
 """Description of each control experiment."""
-_WIDTH, _HEIGHT = 400.0, 100.0
+_WIDTH, _HEIGHT = 280.0, 100.0
 
 
 def write_page(result: LearnResult) -> Path:

@@ -173,6 +173,13 @@ def robot_key(name: object) -> str:
             field="robot",
             remedy="if it is a robot of your own, give its file: gensim2 --load-robot FILE.py, or gensim2.load_robot",
         )
+    if name.endswith(".urdf"):
+        raise InputError(
+            f"{name!r} is a URDF, which has no gripper, drives and base pose",
+            field="robot",
+            remedy="register a RobotProfile whose field files names the URDF (docs/guides/robots.md); to plan with the "
+            "URDF alone, gensim2_kpam.Robot.from_urdf reads it",
+        )
     raise InputError(
         f"no robot {name!r}",
         field="robot",

@@ -26,6 +26,7 @@ from gensim2.policy.keypose.program import ACTUATION
 from gensim2.policy.keypose.source import PlannedSource, _either_way_round
 from gensim2.policy.keypose.training import POLICY, TRAINING, read_ways, train_keypose
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, fresh_network
+from gensim2.policy.remote.protocol import ObservationMessage, decode, encode, observation_to_message
 from gensim2.policy.source import SENTENCE
 from gensim2.robots import robot
 
@@ -214,3 +215,11 @@ def test_a_head_with_more_ways_keeps_those_that_it_knows() -> None:
     assert torch.equal(many.head.of_way.weight[[0, 1, -1]], few.head.of_way.weight)
     assert torch.equal(many.head.heat.weight, few.head.heat.weight)
     assert not torch.equal(grown[:, 2], known[:, -1])
+
+
+@pytest.mark.filterwarnings("error:The given NumPy array is not writable")
+def test_arrays_that_cannot_be_written_are_read_without_a_warning(trained: Path) -> None:
+    policy = PolicyCheckpoint.load(trained)
+    sent = decode(encode({"kind": "x", "o": observation_to_message(seen(0))}))["o"]
+    shown = ObservationMessage.model_validate(sent).value()  # arrays on the memory of a message, as in a server
+    assert answers(policy, shown, policy.row_of("push the bar", trained))

@@ -33,7 +33,11 @@ def template(package: str, name: str) -> Template:
 
 
 def _visible(value: Any) -> Any:
-    """Replace control characters of a text by escapes, because they can hide or reorder the text around them."""
+    """Replace control characters of a text by escapes, because they can hide or reorder the text around them. Replace
+    the Python values True, False and None by words.
+    """
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "yes", False: "no"}[value]
     # A template macro returns a value of type Markup. Its control characters were replaced inside the macro.
     return printable(value) if type(value) is str else value
 

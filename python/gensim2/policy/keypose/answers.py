@@ -53,7 +53,8 @@ def answers(checkpoint: PolicyCheckpoint, observation: Observation, row: torch.T
     """
     network, config = checkpoint.network, checkpoint.config
     assert isinstance(network.head, KeyposeHead)
-    seen = {name: torch.from_numpy(np.asarray(observation[name], dtype=np.float32))[None, None] for name in SEEN}
+    # The copies can be written to, as PyTorch requires. Arrays that a policy server received cannot.
+    seen = {name: torch.from_numpy(np.array(observation[name], dtype=np.float32))[None, None] for name in SEEN}
     seen[SEEN_CLOUD] = seen[SEEN_CLOUD][:, :, order_of_points(seen[SEEN_CLOUD].shape[2])]
     inputs = inputs_of(seen, config, checkpoint.action.arm)
     with torch.inference_mode():

@@ -195,7 +195,9 @@ class PolicyServer:
             for data in connection:
                 connection.send(encode(self._answer(data, who)))
         except ConnectionClosed as error:
-            self._said(f"{who}: {one_line(str(error))}")
+            # A client whose process ends sends no close frame. This is a normal end.
+            if error.rcvd is not None or error.sent is not None:
+                self._said(f"{who}: {one_line(str(error))}")
         finally:
             self._connections.discard(connection)
             self._busy.release()
