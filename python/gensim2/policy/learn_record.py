@@ -83,7 +83,9 @@ class LearnRecord(RunSettings):
             yield from differing("demonstrations", self.demonstrations_of, now.demonstrations_of)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the folder of the starting policy from ``now``, the record of the resuming command."""
+        """Return this record with the folder of the starting policy from ``now``, the record of the resuming
+        command.
+        """
         return self.model_copy(update={"start": now.start})
 
     @property

@@ -144,7 +144,9 @@ def _label(
 def _from_fingers_on(
     actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
 ) -> npt.NDArray[np.float32]:
-    """Return the actions of a plan, without the initial wait for the fingers if the fingers have reached their command."""
+    """Return the actions of a plan, without the initial wait for the fingers if the fingers have reached their
+    command.
+    """
     arm = profile.arm_size
     fingers = observation.joint_velocities[list(profile.gripper_columns)]
     if abs(observation.gripper_command - float(actions[0, arm])) > STILL or np.abs(fingers).max() > SLOW:
@@ -245,7 +247,9 @@ class RelabelledSource:
         self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch in which a fraction ``SHARE`` of the samples are labels; the other samples are demonstrations."""
+        """Return a batch in which a fraction ``SHARE`` of the samples are labels; the other samples are
+        demonstrations.
+        """
         few = round(SHARE * size) if self._relabels else 0
         found = self._demonstrations.draw(rng, size - few)
         if not few:

@@ -369,7 +369,9 @@ class ChainController:
         return None if self._held is None else self._held.name
 
     def _go_back(self) -> None:
-        """If the current step needs an object that is not in the hand, continue with the step that grasps this object."""
+        """If the current step needs an object that is not in the hand, continue with the step that grasps this
+        object.
+        """
         if self._step.tool not in (HAND, self._holds):
             before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
             if before:

@@ -76,7 +76,9 @@ class EpisodeLog:
         self.done[index] = entry
 
     def forget(self, index: int) -> None:
-        """Remove an episode from ``done``, so that the episode is run again; the new line then replaces the old line."""
+        """Remove an episode from ``done``, so that the episode is run again; the new line then replaces the old
+        line.
+        """
         del self.done[index]
 
     def finish(self, count: int) -> list[Episode]:

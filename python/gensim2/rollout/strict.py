@@ -1,4 +1,6 @@
-"""Evaluate the ``strict`` verdict: in addition to the goal, conditions that a person would require of a finished task."""
+"""Evaluate the ``strict`` verdict: in addition to the goal, conditions that a person would require of a finished
+task.
+"""
 
 from __future__ import annotations
 

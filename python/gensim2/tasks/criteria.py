@@ -194,7 +194,9 @@ class _Distance(_Criterion):
 
     @abstractmethod
     def _excess(self, measured: Measurement) -> float:
-        """Return the distance (m) by which the horizontal distance exceeds the threshold; negative below the threshold."""
+        """Return the distance (m) by which the horizontal distance exceeds the threshold; negative below the
+        threshold.
+        """
 
     @abstractmethod
     def _height_excess(self, measured: Measurement) -> float:

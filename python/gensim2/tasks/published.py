@@ -93,7 +93,9 @@ def paper_of(task: TaskSpec) -> tuple[float, float] | None:
 
 
 def released_of(task: TaskSpec) -> tuple[int, int] | None:
-    """Return successes and episodes of a task, measured with the released code. None if the task is not from the paper."""
+    """Return successes and episodes of a task, measured with the released code. None if the task is not from the
+    paper.
+    """
     return MEASURED.get(task.name) if _is_published(task) else None
 
 

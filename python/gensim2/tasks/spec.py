@@ -300,7 +300,9 @@ class TaskSpec(_Value):
         )
 
     def motion_of(self, step: Step) -> JointCriterion | None:
-        """Return the criterion that a step's object must meet with its joint; None if the step has no such criterion."""
+        """Return the criterion that a step's object must meet with its joint; None if the step has no such
+        criterion.
+        """
         criteria = step.done or (self.success if step is self.steps[-1] else ())
         return next((c for c in criteria if isinstance(c, JOINT) and c.object == step.object), None)
 

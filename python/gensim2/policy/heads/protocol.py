@@ -45,7 +45,9 @@ class Head(Protocol):
     noise: tuple[int, ...]
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Compute the normalization of the targets from a large batch, once before training, and store it in buffers."""
+        """Compute the normalization of the targets from a large batch, once before training, and store it in
+        buffers.
+        """
         ...
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:

@@ -71,7 +71,9 @@ class Surroundings:
         return Seen(points[~mine], points[mine], q, holds)
 
     def scene(self, seen: Seen) -> kpam.Scene:
-        """Return a collision scene with the table, the obstacle points, and the grasped object as a part of the hand."""
+        """Return a collision scene with the table, the obstacle points, and the grasped object as a part of the
+        hand.
+        """
         parts = (("cloud", seen.standing), ("held", seen.held))
         bodies = [
             kpam.Body(name, "rigid", [kpam.Shape.point_cloud(part, POINT_RADIUS)], np.eye(4))
@@ -112,7 +114,9 @@ class Surroundings:
         return depth
 
     def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
-        """Return a mask (N,) of the grasped object: points close to the fingers, and all points connected with these."""
+        """Return a mask (N,) of the grasped object: points close to the fingers, and all points connected with
+        these.
+        """
         hand = self._model.forward_kinematics(q)[:3, 3]
         near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
         found = np.zeros(len(points), dtype=bool)
