@@ -32,15 +32,16 @@ from gensim2.tasks.library import PAPER, load_task, packaged_names, task_names
 PAGE = Path(__file__).parents[1] / "docs/results/checker.md"
 MOST_SCENES = 100
 
-INTRODUCTION = """This page states how often the success criteria of a task say success although the task is not done.
-The criteria were judged in mutated worlds: a successful end state in which one thing was made wrong
-([kinds of worlds](../reference/tasks.md#mutated-worlds))."""
+INTRODUCTION = """This page reports how often the success criteria of a task are true although the task is not done. The
+criteria were judged in mutated worlds. A mutated world is a successful end state in which one thing was changed so
+that the task is not done ([kinds of worlds](../reference/tasks.md#mutated-worlds))."""
 
-RECOGNIZED = """The successful end state itself is also judged: if the criteria did not recognize it, their answers in
-its mutations would prove nothing. An end state is not built if the object does not fit into its container."""
+RECOGNIZED = """The successful end state itself is also judged. If the criteria did not recognize it as a success,
+their answers in the mutated worlds would prove nothing. An end state is not built if the object does not fit into its
+container."""
 
-BY_CRITERION = """A world counts for the criteria about the object that is wrong in it. Criteria are wrong if all
-criteria of the goal, or of the step, hold."""
+BY_CRITERION = """A mutated world counts for every criterion about the object that was changed in this world. The
+criteria are wrong in a mutated world if all criteria of the goal (or of the step) are true."""
 
 
 def measure(name: str, worlds: int, seed: int, assets: str) -> dict[str, Any]:
@@ -76,7 +77,7 @@ def page(found: dict[str, Any]) -> str:
             "    python benchmarks/checker.py --page checker.json",
             "",
             f"The measurement took {cpu_s:.0f} s of CPU time ({cpu_s / len(results):.1f} s per task).",
-            f"A task is refused if its goal holds in more than {LARGEST_ERROR:.0%} of these worlds.",
+            f"A task is refused if its goal is true in more than {LARGEST_ERROR:.0%} of its mutated worlds.",
             "",
             "## Tasks",
             "",
@@ -122,7 +123,8 @@ def page(found: dict[str, Any]) -> str:
             "",
             "## By task",
             "",
-            "Wrong answers / mutated worlds of the goal, and then of the steps if a task has several:",
+            "Each line lists wrong answers / mutated worlds for the goal, and for the steps if the task has "
+            "several steps:",
             "",
             *(f"- {name}: {_counts(result)}" for name, result in results.items()),
         ]

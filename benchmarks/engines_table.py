@@ -90,8 +90,9 @@ def designed(_: Sequence[Figure]) -> str:
     first, second = (sum(each) for each in zip(*kept.values(), strict=True))
     said = (
         f"Of {len(known)} measured tasks, {first} succeed in SAPIEN often enough to be kept ({KEEP_THRESHOLD:.0%} of "
-        f"the episodes, {KEEP_LONG:.0%} for a task of several steps), and {second} in MuJoCo. Of all episodes "
-        f"{_mean([one for one, _ in known.values()])} and {_mean([other for _, other in known.values()])} succeed."
+        f"the episodes, {KEEP_LONG:.0%} for a task of several steps), and {second} in MuJoCo. The success rate "
+        f"over all episodes is {_mean([one for one, _ in known.values()])} in SAPIEN and "
+        f"{_mean([other for _, other in known.values()])} in MuJoCo."
     )
     rows = [
         line([name, *_pair(pair)])

@@ -86,12 +86,12 @@ def every(rows: Sequence[Row]) -> str:
     parts = [_table(plain, others=False)] if plain else []
     if wide:
         parts.append(
-            "**`wide` scenes.** Training and evaluation of these policies use the randomization `wide`.\n\n"
+            "**`wide` scenes.** The next policies were trained and evaluated with the randomization `wide`.\n\n"
             + _table(wide, others=False)
         )
     if others:
         parts.append(
-            "**Others.** These policies use other objects, or learn long-horizon tasks or several tasks.\n\n"
+            "**Others.** The next policies use other objects, or learn long-horizon tasks or several tasks.\n\n"
             + _table(others, others=True)
         )
     return "\n".join(parts)

@@ -245,7 +245,7 @@ def test_designed_tasks_and_policies_are_taken_in_from_the_json_of_runs(
         "<!-- figures: designed -->\n<!-- /figures -->\n<!-- figures: policy -->\n<!-- /figures -->", ROWS
     )
     assert "Of 1 measured tasks, 1 succeed in SAPIEN often enough to be kept" in text
-    assert "and 0 in MuJoCo. Of all episodes" in text
+    assert "and 0 in MuJoCo. The success rate over all episodes" in text
     assert "No task would be kept in one engine only" not in text
     assert "| OpenOven | 49/50 | 5/20 | **0.000** |" in text
     assert "| OpenBox | 20/20 | 18/20 | 0.49 |" in text
