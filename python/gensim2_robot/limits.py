@@ -190,7 +190,9 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
         worst = int(off.argmax())
         if off[worst] > limits.jump:
             name = limits.profile.arm_joints[worst]
-            raise RefusedError(f"the first action jumps: {name} by {off[worst]:.2f}, the limit is {limits.jump:g}")
+            raise RefusedError(
+                f"the first action moves {name} by {off[worst]:.2f}, more than the limit of {limits.jump:g}"
+            )
     return np.append(arm, np.clip(given[-1], -1.0, 1.0))
 
 

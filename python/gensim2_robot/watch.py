@@ -161,7 +161,7 @@ class Watch:
 
     def _require(self, *states: State) -> None:
         if self.state not in states:
-            raise StateError(f"is {self.state}, must be {' or '.join(states)}")
+            raise StateError(f"the state is {self.state}, but must be {' or '.join(states)}")
 
     def _change(self, now: float, state: State, reason: str, at_once: bool = False) -> None:
         self.state, self.reason = state, reason

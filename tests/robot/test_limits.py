@@ -155,7 +155,7 @@ def test_margins_are_kept_and_told(slow: ArmLimits) -> None:
         (np.array(["a"] * 8), "must consist of numbers"),
         ([10**400] * 8, "must consist of numbers"),
         (np.append(HOME + 5.0, 1.0), "cannot reach"),
-        (np.append(HOME + 0.3, 1.0), "jumps"),
+        (np.append(HOME + 0.3, 1.0), "the first action moves"),
     ],
 )
 def test_nonsense_is_refused(slow: ArmLimits, action: np.ndarray, said: str) -> None:

@@ -152,7 +152,7 @@ def import_(
         up: Axis of the model that points up. The model's front must face -x if z points up, and z if y points up. A USD
             file states its axis.
         keypoints: Position of a keypoint such as head or tail in the frame of the moving link, in units of the model,
-            or a YAML file of positions by name; may be given again.  [default: proposed from the geometry]
+            or a YAML file of positions by name; can be repeated.  [default: proposed from the geometry]
         license: Licence of the model.
         out: Output folder, usable as --assets; created if missing.
         force: Replace existing objects.

@@ -37,9 +37,10 @@ class Learning:
         demonstrations: Earlier run of learn for another policy type with the same TASKS, objects and seed. Its
             demonstrations are reused, and more demonstrations are made if the share of --minutes for demonstrations is
             not used up.
-        text: Text encoder of a multi-task policy: small is trained with the policy, clip is CLIP's, sentence is a
-            sentence model's.  [default: the encoder of --from, else small]
-        text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP's on the hub]
+        text: Text encoder of a multi-task policy: small is trained with the policy, clip is the text
+            encoder of CLIP, and sentence is a sentence encoder.  [default: the encoder of --from, else small]
+        text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP on the
+            Hugging Face hub]
         settings: YAML settings of network and training that differ from the defaults, such as encoder: pointnext.
         test_instances: Objects for the evaluation.  [default: test if the policy, or the policy of --from, was trained
             on listed objects and each class has a test split (ten or more objects); otherwise new]

@@ -73,7 +73,7 @@ def train(
     """Train a network that estimates articulated objects from point clouds.
 
     The command places objects at random, renders point clouds by ray casting without simulation, and trains a network
-    on them. It writes the estimator to the folder.
+    on them. The trained estimator is written to --out.
 
     Args:
         out: Output folder.

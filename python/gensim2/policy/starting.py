@@ -107,9 +107,11 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
     if begun is not None:
         had = begun.config.text
         if text not in (None, had):
-            raise InputError(f"must be {had}, the encoder of --from, is {text!r}", field="text")
+            raise InputError(
+                f"must be {had}, the text encoder of the policy given with --from, not {text!r}", field="text"
+            )
         if model not in (None, begun.config.text_model):
-            raise InputError("is determined by the policy of --from", field="text_model", remedy="leave it out")
+            raise InputError("is determined by the policy given with --from", field="text_model", remedy="leave it out")
         begun.require_text_model(model, "--from")
         prepare([*begun.sentences, *sentences], begun.config)
         return

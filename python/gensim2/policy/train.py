@@ -368,7 +368,7 @@ def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source)
     start.observation.require(source.observation, "the data", of="--from")
     if start.action != source.action:
         raise InputError(
-            f"has actions {start.action}, but the data have {source.action}", file="--from", field="action"
+            f"the policy has actions {start.action}, but the data have {source.action}", file="--from", field="action"
         )
     mine, its = network.config.to_dict(), start.config.to_dict()
     for name in mine:

@@ -91,7 +91,7 @@ def calibrate(
     if log is None and (read is not None or carried):
         raise click.UsageError("--board needs images from a log: give --from DIR.")
     if carried and read is None:
-        raise click.UsageError("Cameras on the arm see too little of its meshes: give --board.")
+        raise click.UsageError("Cameras on the arm see too little of the arm's meshes: give --board.")
     if log is not None:
         found = calibrate_log(log, out, board=read, carried=carried, seed=given["seed"])
     else:

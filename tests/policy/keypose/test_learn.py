@@ -197,11 +197,11 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
         (["OpenBox", "--from", str(second), "--noise", "d435"], "noise"),
         (
             ["OpenBox", "--from", str(second), "--text", "clip"],
-            f"text: must be {policy.config.text}, the encoder of --from",
+            f"text: must be {policy.config.text}, the text encoder of the policy given with --from",
         ),
         (
             ["OpenBox", "--from", str(second), "--text-model", "other"],
-            "text_model: is determined by the policy of --from",
+            "text_model: is determined by the policy given with --from",
         ),
         (["OpenBox", "--from", str(second), "--robot", "fetch"], "is for the robot 'panda'"),
         ([str(other), "--from", str(second)], "have the sentence 'close the box'"),

@@ -26,7 +26,7 @@ def start_fork_server() -> None:
     if _registered_in != os.getpid():
         _registered_in = os.getpid()
         atexit.register(_end_server, _registered_in)
-    resource_tracker.ensure_running()  # start it first, because its start unblocks signals
+    resource_tracker.ensure_running()  # start the tracker now, because its start unblocks signals
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:
         forkserver.ensure_running()

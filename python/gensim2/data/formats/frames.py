@@ -63,7 +63,10 @@ def frames_of(
     if states is None or states.shape[1] != FIRST_JOINT + 2 * joints:
         raise InputError(f"holds no states of the robot {profile.name}", field=f"articulations.{profile.agent}")
     if recording.actions.shape[1] != len(profile.arm_joints) + 1:
-        raise InputError(f"has {recording.actions.shape[1]} numbers, which do not fit {profile.name}", field="actions")
+        raise InputError(
+            f"has {recording.actions.shape[1]} numbers in a step, which do not fit the robot {profile.name}",
+            field="actions",
+        )
     own: dict[str, list[Array]] = {name: [] for name in PROPRIOCEPTION}
     for step in range(steps):
         positions, velocities = np.split(states[step, FIRST_JOINT : FIRST_JOINT + 2 * joints], 2)

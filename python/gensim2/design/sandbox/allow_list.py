@@ -100,7 +100,7 @@ def checked(
     if len(source) > LONGEST_SOURCE:
         raise SyntaxError(f"has {len(source)} characters, more than {LONGEST_SOURCE}")
     if (odd := NOT_IN_TEXT.search(source)) is not None:
-        raise at_line(f"a control character ({odd[0]!r})", source.count("\n", 0, odd.start()) + 1)
+        raise at_line(f"the program contains a control character ({odd[0]!r})", source.count("\n", 0, odd.start()) + 1)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Ignore warnings, for example about unknown escapes in a description.
@@ -279,7 +279,7 @@ class Reader:
             raise Refused(node, f"a constant of type {type(node.value).__name__} is not allowed")
         if isinstance(node.value, str):
             if (odd := NOT_IN_TEXT.search(node.value)) is not None:
-                raise Refused(node, f"a control character ({odd[0]!r})")
+                raise Refused(node, f"the program contains a control character ({odd[0]!r})")
         elif isinstance(node.value, (int, float)):
             check_number(node, node.value)
 

@@ -144,7 +144,7 @@ class _Chain:
         elif kind in WORKING:
             self._work(where, kind)
         elif kind == "distance_gripper_rigidbody" and self._grasps_next(rest):
-            self.reached = criterion(kind, self.role, self.other)  # the criterion of a grasp
+            self.reached = criterion(kind, self.role, self.other)  # the criterion that shows the success of a grasp
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role
             self._step("reach", on, HAND, kind)
