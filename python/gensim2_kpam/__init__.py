@@ -1,8 +1,8 @@
 """Plan joint motions that meet keypoint constraints. Units are m, rad, s; poses are (4, 4) row-major float64.
 
-A :class:`KeypointProblem` holds a robot, a solver config, keypoints, the object's joint and obstacles. :func:`plan`
+A :class:`KeypointProblem` contains a robot, a solver config, keypoints, the object's joint and obstacles. :func:`plan`
 returns a :class:`Plan` with the motion, each constraint's residual, and the reason for a failure. ``__init__.pyi``
-documents shapes and units. Every error is a :class:`KpamError` that names the file or field and a remedy.
+documents shapes and units. Every error is a :class:`KpamError` whose message names the file or field, and a remedy.
 """
 
 from ._native import (

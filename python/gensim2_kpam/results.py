@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Status(StrEnum):
-    """Status of a planned keypoint problem. Only ``SOLVED`` and ``PARTIAL`` have a trajectory."""
+    """Status of a planned keypoint problem. Only plans with the status ``SOLVED`` or ``PARTIAL`` have a trajectory."""
 
     SOLVED = "solved"
     """The whole motion is reachable and collision-free."""
@@ -118,7 +118,7 @@ class Touch(TypedDict):
 
 
 class Guess(TypedDict):
-    """A segment of a motion in which the travel of the object's joint is only estimated."""
+    """A segment of a motion in which the change of the object's joint value is only estimated."""
 
     toward: str
     """Name of the keyframe at the end of the segment."""
@@ -129,7 +129,7 @@ class Guess(TypedDict):
 
 
 class TriedPose(TypedDict):
-    """Status and costs of an attempt to plan a motion with one actuation pose."""
+    """Result of an attempt to plan a motion through one actuation pose: status and costs."""
 
     q: Array
     """Joint values (n,), rad or m."""

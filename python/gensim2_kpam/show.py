@@ -123,7 +123,7 @@ def _middle(robot: Robot) -> Array:
 
 
 def _draw(server: Any, name: str, surface: tuple[Array, Array], color: tuple[int, int, int]) -> list[Any]:
-    """Add triangles and spheres to the page as scene nodes below ``name``, and return their handles."""
+    """Add triangles and spheres to the page as scene nodes below ``name``, and return the handles of the nodes."""
     triangles, balls = surface
     out = []
     if len(triangles):

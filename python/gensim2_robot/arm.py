@@ -79,12 +79,12 @@ class LimitedArm:
         return self._sent
 
     def release(self) -> None:
-        """Stop sending commands; the arm's own controller holds the position until :meth:`begin`."""
+        """Stop sending commands; the arm's own controller keeps the position until :meth:`begin` is called."""
         if self._sent is not None:
             self.stop()
 
     def command(self, q: npt.ArrayLike, gripper: float, t: float) -> Sent:
-        """Request joints (m,) for the time t, and return the command that was sent.
+        """Request joints (m,) for the time ``t`` (s), and return the command that was sent within the limits.
 
         Raises:
             RefusedError: the target is not finite, or the contact force is too large; nothing is sent.
@@ -95,8 +95,8 @@ class LimitedArm:
         return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """Send the next command of the stop that the limits have already checked; once the arm is at rest, repeat its
-        last position.
+        """Send the next command of a stop that was already checked against the limits; once the arm is at rest, repeat
+        the last position.
 
         Raises:
             RefusedError: the contact force is too large; nothing is sent.
@@ -108,7 +108,7 @@ class LimitedArm:
         return self._send(halt(self._sent), self._gripper, t)
 
     def stop(self) -> None:
-        """Stop the arm at once by its own controller, and accept no command until :meth:`begin`."""
+        """Stop the arm at once by its own controller, and accept no command until :meth:`begin` is called."""
         self._driver.stand()
         self._sent = None
 
@@ -142,7 +142,7 @@ class Streamer:
     """Plans a smooth motion through the targets; commands are samples of this motion.
 
     The motion reaches each target no earlier than the target's time, and comes to rest shortly after the last target.
-    The arm therefore stops by itself if no more targets arrive. New targets extend the motion.
+    New targets extend the motion, so the arm stops by itself if no more targets arrive.
 
     Args:
         limits: joint limits of the motion. Limits of the tool and of the workspace are not part of this motion; they
@@ -217,7 +217,7 @@ class Streamer:
         return way * min(1.0, float((room / np.maximum(np.abs(way), _SAME)).min()))
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration, (m,) each, from which the motion continues."""
+        """Return position, velocity and acceleration, (m,) each, from which the planned motion continues."""
         if self._motion is not None and self.follows(sent, now):
             return self._motion.sample(now)
         return sent.q, sent.v, sent.a

@@ -34,7 +34,7 @@ class Braking:
     offset: Array
 
     def scaled(self, share: float) -> Braking:
-        """Return limits with velocities scaled by ``share`` at every position."""
+        """Return a copy whose velocity limits are multiplied by ``share`` at every position."""
         return replace(self, gain=share**2 * self.gain, offset=share * self.offset)
 
     def fastest(self, q: Array) -> tuple[Array, Array]:
@@ -44,7 +44,8 @@ class Braking:
     def ahead(self, seconds: float) -> Braking:
         """Return stricter limits: a joint within these limits now is within the original limits ``seconds`` later.
 
-        Solving ``v = -offset + sqrt(gain (room - v seconds))`` for v gives limits of the same form.
+        With ``room`` as the distance to the end of the range, solving ``v = -offset + sqrt(gain (room - v seconds))``
+        for v gives limits of the same form.
         """
         offset = self.offset + 0.5 * self.gain * seconds
         room = (offset**2 - self.offset**2) / self.gain
@@ -114,7 +115,7 @@ class ArmLimits:
 
     Attributes:
         profile: robot profile.
-        lower, upper: (m,) position limits of the arm's joints, rad or m; a margin inside the joint ranges.
+        lower, upper: (m,) position limits of the arm's joints, rad or m; they lie inside the joint ranges by a margin.
         range_lower, range_upper: (m,) ends of the joint ranges, rad or m.
         velocity, acceleration, jerk: (m,) maximum values, in rad or m per s, s^2 and s^3.
         braking: additional velocity limits that depend on the position; None if the arm has none.
@@ -122,8 +123,8 @@ class ArmLimits:
         low, high: (3,) corners of the tool's workspace in the robot's base frame, m.
         clearance: minimum distance between links of the robot, and between the robot and the table, m.
         force: maximum contact force on the arm, N.
-        leash: maximum distance (rad or m) between a target and the measured arm, so that a blocked arm does not press
-            harder and harder. A contact force reduces this distance.
+        leash: maximum distance (rad or m) between a target and the measured arm, so that the force of a blocked arm
+            does not grow. A contact force reduces this distance.
         jump: maximum distance, rad or m, between an episode's first target and the arm, and between any target and the
             joint range.
     """
@@ -259,8 +260,8 @@ class ArmLimits:
         return joints
 
     def whole(self, arm: Array) -> Array:
-        """Return the positions of all active joints (N, n) for arm positions (N, m). The fingers are open, which needs
-        the most space.
+        """Return the positions of all active joints (N, n) for arm positions (N, m). The fingers are open, because open
+        fingers need the most space.
         """
         rows = np.tile(self._open, (len(arm), 1))
         rows[:, list(self.profile.arm_columns)] = arm

@@ -1,5 +1,5 @@
-"""Check sent commands independently of the code that limits them, by finite differences and the ray caster's
-kinematics.
+"""Check sent commands by finite differences and the ray caster's kinematics, without using the code that limits
+commands.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ BLOCK = 5000
 
 
 def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
-    """Return the number of commands (m,) that exceed a limit. Successive commands are one cycle apart; the first one is
-    at rest.
+    """Return the number of commands (m,) that exceed a limit. Successive commands are one cycle apart; at the first
+    command the arm is at rest.
     """
     if not commands:
         return 0
@@ -45,7 +45,9 @@ def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
 
 
 def _too_near_an_end(q: Array, velocity: Array, limits: ArmLimits) -> npt.NDArray[np.bool_]:
-    """Return a mask (N,) of commands that move too fast towards a joint limit: ``(|v| + offset)^2 > gain * room``."""
+    """Return a mask (N,) of commands that move too fast towards a joint limit at the distance ``room``: ``(|v| +
+    offset)^2 > gain * room``.
+    """
     if limits.braking is None:
         return np.zeros(len(q), dtype=bool)
     ends = limits.braking

@@ -57,7 +57,7 @@ def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
 
 
 def _lateness() -> list[float]:
-    """Return measured delays (s) between the end of a wait and the wake-up of this process."""
+    """Measure how late this process wakes up after waiting, and return the delays, s."""
     found = []
     for _ in range(WAKE_UPS):
         due = time.monotonic() + 2e-3

@@ -31,7 +31,9 @@ class Clock(Protocol):
         ...
 
     def punctual(self) -> AbstractContextManager[str]:
-        """Let this thread wake up with as little delay as possible within the block; yield the scheduling policy."""
+        """Let this thread wake up with as little delay as possible within the ``with`` block; yield the scheduling
+        policy.
+        """
         ...
 
 
@@ -46,7 +48,7 @@ class MachineClock:
 
     @contextlib.contextmanager
     def punctual(self) -> Iterator[str]:
-        """Give this thread priority over other threads within the block.
+        """Give this thread priority over other threads within the ``with`` block.
 
         The thread gets real-time priority if the operating system permits it (``ulimit -r``). Other Python threads
         yield after a shorter time. The garbage collector skips the objects that exist already, because scanning them
@@ -91,7 +93,7 @@ class SimulatedClock:
     """A clock that does not advance during computations, so that a run in one process is reproducible.
 
     Attributes:
-        hooks: functions that are called, in this order, with each new time.
+        hooks: functions that the clock calls, in this order, with each new time.
     """
 
     def __init__(self) -> None:

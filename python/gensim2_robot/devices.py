@@ -87,7 +87,7 @@ class ArmDriver(Protocol):
         ...
 
     def stand(self) -> None:
-        """Stop the arm at once by its own controller, and accept no targets until the next start."""
+        """Stop the arm at once by its own controller, and accept no targets until the next episode starts."""
         ...
 
     def close(self) -> None:
@@ -140,7 +140,7 @@ class Keys:
 
     @contextlib.contextmanager
     def let_go(self) -> Iterator[None]:
-        """Restore the terminal's line mode within the block, so that a person can enter lines."""
+        """Restore the terminal's line mode within the ``with`` block, so that a person can enter lines."""
         if not self._there:
             yield
             return

@@ -1,4 +1,4 @@
-"""Compute observations from images and joints; control loop and replay of logs use the same code."""
+"""Compute observations from images and joints; the control loop and the replay of logs both use this code."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ THROUGH_PIXELS = 1.0 / 400.0
 
 
 class CameraPoseError(GenSim2Error):
-    """An image does not show the robot where its meshes should be: the camera was exchanged or moved."""
+    """An image does not show the robot at the position of its meshes, because the camera was exchanged or moved."""
 
 
 class OwnPoints:
@@ -36,7 +36,7 @@ class OwnPoints:
 
     Args:
         cameras: cameras. The pose of a camera on a link is in the link's frame.
-        near: maximum difference (m) between the measured depth and the depth of the robot's meshes.
+        near: maximum difference (m) between the measured depth of a robot pixel and the depth of the robot's meshes.
 
     Attributes:
         robot: segmentation ids of the hand (with its descendants) and of the other links.
@@ -102,8 +102,8 @@ class OwnPoints:
 def _require_robot(
     camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
 ) -> None:
-    """Raise an error if measured points lie behind the robot's surface, where the robot would hide them. Objects in
-    front of the robot are allowed.
+    """Raise an error if measured points lie behind the robot's surface, where the robot would hide the points from the
+    camera. Objects in front of the robot are allowed.
     """
     covered = (ids > 0) & (depth > 0)
     count = int(covered.sum())
@@ -141,8 +141,8 @@ PIXELS = 320 * 240
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """Return a camera with every n-th row and column of pixels, and n, the largest value that keeps at least ``pixels``
-    pixels.
+    """Return a camera with every n-th row and column of pixels, and the number n, which is as large as possible with at
+    least ``pixels`` pixels.
     """
     step = max(1, int((camera.width * camera.height / pixels) ** 0.5))
     if step == 1:
@@ -180,7 +180,7 @@ class Eyes:
     Args:
         cameras: available cameras.
         language: instruction of the task.
-        pixels: minimum number of pixels of each image that are used.
+        pixels: minimum number of pixels to use of each image.
 
     Raises:
         InputError: a camera is missing, or the observation spec needs data that no camera provides.

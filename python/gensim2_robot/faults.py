@@ -72,8 +72,8 @@ class Fault:
 
 
 class FullDisk:
-    """A simulated disk that can become full. On a full disk one write fails; then only the space that the log has
-    reserved is available.
+    """A simulated disk that can become full. When the disk becomes full, one write fails; afterwards only the space
+    that the log has reserved is available.
 
     Attributes:
         full: whether the disk is full.

@@ -87,7 +87,7 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
 
 
 def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[DepthNoise, dict[str, int]]:
-    """Fit noise parameters; return them, and the number of pixels from which each parameter was estimated.
+    """Fit noise parameters, and return the parameters and the number of pixels from which each parameter was estimated.
 
     Parameters that cannot be estimated keep their value in ``base``.
 
@@ -194,12 +194,12 @@ class _Part:
         return (float(np.mean(found)) if found else 0.0), int(which.sum())
 
     def lost(self, mask: npt.NDArray[np.bool_]) -> tuple[float, int]:
-        """Return the fraction of the pixels in ``mask`` that have no measurement."""
+        """Return the fraction of the pixels in ``mask`` that have no measurement, and the number of pixels used."""
         return (float(1.0 - self._share[mask].mean()) if mask.any() else 0.0), int(mask.sum())
 
     def mixed(self) -> tuple[float, int]:
-        """Return the fraction of edge pixels with a measured depth between the depths of both sides of the edge, and
-        the number of pixels used.
+        """Return the fraction of edge pixels whose measured depth lies between the depths on the two sides of the edge,
+        and the number of pixels used.
         """
         if not self.edges.any():
             return 0.0, 0
@@ -213,8 +213,8 @@ class _Part:
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 
     def shadowed(self) -> tuple[float, int]:
-        """Return the fraction of pixels beside an edge, hidden from one camera of the stereo pair, that have no
-        measured depth, and the number of pixels used.
+        """Return the fraction of pixels without a measured depth among the pixels beside an edge that one camera of the
+        stereo pair cannot see, and the number of pixels used.
         """
         filled = self._median.copy()
         for row in filled:

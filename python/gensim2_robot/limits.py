@@ -1,9 +1,9 @@
 """Check and limit every command to an arm.
 
-For every command, a complete stop from this command is computed and checked: positions, velocities, accelerations,
-jerks, speed and workspace of the tool, and distances between the robot's links and to the table. If the check fails,
-the next command of the last checked stop is sent instead, or an interpolation between this command and the request that
-passes the check. So no request can make the arm exceed a limit.
+For every requested command, a complete stop from this command is computed and checked: positions, velocities,
+accelerations, jerks, speed and workspace of the tool, distances between the robot's links, and distances to the table.
+If the check fails, the next command of the last checked stop is sent instead, or an interpolated command between this
+stop and the request, if the interpolated command passes the check. So no request can make the arm exceed a limit.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class Commands:
 
 @cache
 def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
-    """Return acceleration profiles of stops that last ``count`` cycles, each with its sums.
+    """Return pairs of acceleration profiles of stops that last ``count`` cycles, each pair with the sums of its
+    profiles.
 
     The first kind of profile decays linearly to zero; the second kind is a trapezoid that ends at zero.
     """
@@ -107,7 +108,7 @@ _CLOSE = 1e-9
 
 
 class RefusedError(GenSim2Error):
-    """The arm must not continue with a target or in a state; the message names the reason."""
+    """A target, or the arm's state, does not allow the arm to continue; the message names the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +200,8 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
 def limit(
     sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0, measured: Array | None = None
 ) -> Sent:
-    """Return the next command: the target, or if it exceeds a limit, a command towards it within all limits.
+    """Return the next command: the target, or, if the target exceeds a limit, a command towards the target within all
+    limits.
 
     This is a pure function.
 
@@ -278,8 +280,8 @@ def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
 
 
 def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]) -> Array:
-    """Return the acceleration (m,) of the next cycle. It leads towards the target and still permits a stop within the
-    limits.
+    """Return the acceleration (m,) of the next cycle. This acceleration leads towards the target and still permits a
+    stop within the limits.
     """
     inside = np.clip(wanted, limits.lower, limits.upper)
     if (inside != wanted).any():
@@ -307,7 +309,9 @@ def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]
 
 
 def _checked(before: Array, q: Array, v: Array, a: Array, limits: ArmLimits, clips: list[str]) -> Commands | None:
-    """Return a stop after a command if both keep every limit; otherwise add the violated limit to ``clips``."""
+    """Return a stop that follows a command, if command and stop are within all limits; otherwise return None and add
+    the violated limit to ``clips``.
+    """
     if (q < limits.lower - SLACK).any() or (q > limits.upper + SLACK).any():
         clips.append("position")
         return None

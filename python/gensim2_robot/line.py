@@ -74,11 +74,11 @@ class Mind(Protocol):
 
 @dataclass
 class LoopFigures:
-    """Measurements of the control loop, in s, or in ms if the name ends in ``_ms``.
+    """Measurements of the control loop; times are in s, or in ms if the name ends in ``_ms``.
 
     Attributes:
         periods: durations of the periods.
-        late: delay of each period's start.
+        late: delays of the starts of the periods.
         commands_late: delays of sent commands.
         picture_age_ms: for each request, the age of the newest image when the point cloud is computed.
         encoding_ms: times for computing a point cloud from images.
@@ -102,8 +102,8 @@ class LoopFigures:
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return by how many cycles (-1, 0 or 1) to change a period, so that requests follow the arrival of images.
 
-    The function chooses between shorter and longer periods by the number of changes; it chooses shorter periods if
-    images would otherwise be too old.
+    The function chooses shorter or longer periods, whichever need fewer changes until requests follow images. It
+    chooses shorter periods if images would otherwise be too old.
 
     Args:
         waited: number of cycles from the arrival of the newest complete set of images to a request.
@@ -124,7 +124,7 @@ class Line:
         arm: arm with its limits.
         cameras: connection to the cameras.
         mind: connection to the controller.
-        watch: watchdog, whose state permits or stops motion.
+        watch: watchdog; its state determines whether the arm may move.
         clock: clock of the loop.
         journal: log of the loop.
         pace: control steps per second.
@@ -133,8 +133,8 @@ class Line:
         pace: control steps per second.
         commands: if set, a list that gets every command.
         in_phase: whether the period has been shifted such that requests follow soon after the arrival of images.
-        stopped_ms, standing_ms: time from the event that held or stopped the arm to the last moving command
-            (``stopped_ms``) and to the measured standstill (``standing_ms``); None before such an event.
+        stopped_ms, standing_ms: times after the watchdog held or stopped the arm: until the last command that moves the
+            arm (``stopped_ms``), and until the measured standstill (``standing_ms``); None before a hold or stop.
     """
 
     def __init__(
@@ -226,8 +226,8 @@ class Line:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Request actions again after a pause. The number of control steps includes the pause, so that the controller
-        drops outdated actions.
+        """Request actions again after a pause. The number of control steps includes the steps of the pause, so that the
+        controller drops outdated actions.
         """
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
@@ -310,7 +310,7 @@ class Line:
         self.watch.check_answer(sent is not None and not sent.is_at_rest, now)
 
     def _ask(self, due: float, now: float) -> None:
-        """Request those actions of the next period that the controller has not sent yet."""
+        """Request the actions of the next period that the controller has not sent yet."""
         if self._open is not None:
             return
         step = 1.0 / self.pace
@@ -411,8 +411,8 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Return the next braking command along the planned path. If the arm is no longer on the path, or braking along
-        it is too slow, return the next command of the checked stop.
+        """Return the next braking command along the planned path. If the arm is no longer on the path, or if braking
+        along the path is too slow, return the next command of the checked stop.
         """
         if not self._braking:
             self._braking = True

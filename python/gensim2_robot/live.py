@@ -47,7 +47,7 @@ PATIENT = WatchRules(
 
 
 class LivePage:
-    """Web page that receives the same data as a log, and draws the newest data in a thread of its own.
+    """Web page that receives the same data as a log, and draws the newest data in a separate thread.
 
     Args:
         robot_name: name of the robot.
@@ -167,8 +167,8 @@ class LivePage:
             _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
 
     def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Return the tool positions (k, 3), m, that actions (k, m + 1) lead to; joints without an action keep their
-        positions in ``q`` (n,).
+        """Return the tool positions (k, 3), m, to which actions (k, m + 1) lead; joints that the actions do not command
+        keep their positions in ``q`` (n,).
         """
         found = []
         for action in actions[np.isfinite(actions).all(axis=1)] if actions.ndim == 2 else ():

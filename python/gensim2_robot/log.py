@@ -1,6 +1,6 @@
 """Log all observations, requests, answers, commands and watchdog states to MCAP files.
 
-At a given size a file is closed and a new file is started; at the size limit of the folder the oldest files are
+At a given size a file is closed and a new file is started; if the folder exceeds its size limit, the oldest files are
 removed. The files stay readable after any failure: space for closing a file is reserved in an unnamed file, so a full
 disk ends the log without damage, and a killed run leaves no temporary file.
 """
@@ -47,7 +47,7 @@ class Journal(Protocol):
 
 
 class Journals:
-    """Passes data on to several logs. If one log fails, the call raises its error.
+    """Passes data on to several logs. If a log raises an error, the call raises this error.
 
     Args:
         several: logs, which get the data in this order.

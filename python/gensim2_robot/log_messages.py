@@ -1,7 +1,7 @@
 """Define the schemas of log messages.
 
 :class:`~gensim2_robot.log.Log` writes messages and ``log_reader`` reads them. Measurements of devices and actions of
-policies may contain NaN; descriptions of cameras and settings may not.
+policies may contain NaN; descriptions of cameras and settings must not.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ def _whole(digits: str) -> int:
 
 
 def _array(kind: str, dimensions: int) -> AfterValidator:
-    """Return a validator for non-empty arrays of one data type (``dtype.kind`` or a dtype's name) and number of
-    dimensions.
+    """Return a validator for non-empty arrays with a given data type (``dtype.kind`` or a dtype's name) and a given
+    number of dimensions.
     """
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:

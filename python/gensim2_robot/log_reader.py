@@ -1,6 +1,6 @@
 """Read logs, which may be untrusted: check sizes before memory is allocated, and checksums before content is parsed.
 
-The log of a killed run has no end record; all records that were written are read as a stream.
+The log of a killed run has no end record; the reader then reads all complete records as a stream.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def about_of(folder: Path) -> About:
 
 
 def unclosed(folder: Path) -> list[str]:
-    """Return the names of a log's files without an end record; a killed run leaves such a file.
+    """Return the names of the files of a log that have no end record; a killed run leaves such a file.
 
     Raises:
         InputError: the log is missing, or a file cannot be read.

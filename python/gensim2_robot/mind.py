@@ -1,5 +1,5 @@
-"""Run a controller in the rollout loop of the simulation and connect it to the control loop, which requests chunks of
-actions.
+"""Run a controller in the rollout loop of the simulation, and connect the controller to the control loop, which
+requests chunks of actions.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return a controller's observation spec, or a spec with all cameras if the controller uses none."""
+    """Return a controller's observation spec; if the controller uses no camera, return a spec with all cameras."""
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
@@ -168,7 +168,7 @@ class LineBody:
             self.remote.disown()
 
     def prepare(self, spec: ObservationSpec) -> None:
-        """Build data for observations in advance, so that this does not delay the first answer."""
+        """Build the data that observations need in advance, so that the first answer is not delayed."""
         self._eyes_of(looked_at(spec, self._spec.cameras) if self._truth is not None else spec)
 
     def reset(self, seed: int, options: Any = None) -> None:
@@ -252,7 +252,9 @@ class LineBody:
 
 
 def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
-    """Return invalid actions for a fault: actions of the wrong size, or with values that no arm can reach."""
+    """Return invalid actions for the injection of a fault: actions of the wrong size, or with values that no arm can
+    reach.
+    """
     draw = rng(0, "garbage", number)
     return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)
 

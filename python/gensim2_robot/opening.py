@@ -73,7 +73,7 @@ class Prepared:
         config: configuration of the loop.
         controller: specification of the controller.
         seen: observation spec of the controller.
-        privileged: whether the controller gets the true state of the scene.
+        privileged: whether the controller gets the true state of the simulated scene.
         limits: limits of the arm.
         noise: depth noise of simulated cameras.
         cameras: cameras to use. For real cameras, the poses are initial guesses.
@@ -358,7 +358,7 @@ def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: Min
 @contextlib.contextmanager
 def interruptions() -> Iterator[list[int]]:
     """Collect stop signals (Ctrl-C, SIGTERM) in a list and yield the list, so that the program can stop the arm before
-    it ends.
+    the program ends.
     """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():

@@ -150,8 +150,8 @@ class Room:
 
 @dataclass(frozen=True)
 class SharedPicture:
-    """Reference to an image in a slot of shared memory. It is valid until the slot is returned. The other fields are
-    the same as in :class:`CameraFrame`.
+    """Reference to an image in a slot of shared memory. The reference is valid until the slot is returned. All fields
+    except ``slot`` are the same as in :class:`CameraFrame`.
     """
 
     camera: str
@@ -164,10 +164,10 @@ class SharedPicture:
 class PictureSlots:
     """Access of one process to shared memory with a slot for each image.
 
-    A slot belongs to one process at a time. The reader owns a slot after the message about a new image until it returns
-    the slot; at all other times the writer owns the slot. The creator sends the memory's name to the other process.
-    Once both processes have opened the memory, the name is removed, so the memory is freed when both processes have
-    ended, even if they were killed.
+    A slot belongs to one process at a time. The reader owns a slot from the message about a new image until the reader
+    returns the slot; at all other times the writer owns the slot. The creator sends the memory's name to the other
+    process. Once both processes have opened the memory, the name is removed, so the memory is freed when both processes
+    have ended, even if they were killed.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:

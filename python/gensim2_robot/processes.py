@@ -49,7 +49,7 @@ _GONE = (EOFError, OSError)
 
 
 class DeviceProcess:
-    """A process and the pipe to the process; no call waits for the process.
+    """A child process, and the pipe between this process and the child; no call waits for the child.
 
     Args:
         what: name of the process for error messages.

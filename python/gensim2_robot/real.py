@@ -42,7 +42,7 @@ class ProcessCameras:
         serials: serial number of each camera's device, by camera name.
 
     Raises:
-        GenSim2Error: ``make`` raised this error.
+        GenSim2Error: ``make`` raised a GenSim2Error, which is raised again.
         DeviceGoneError: ``make`` raised another exception, the process has ended, the cameras did not open within 60 s,
             or a stop signal arrived.
     """
@@ -207,8 +207,8 @@ def logged_cameras(source: CameraSource, cameras: Sequence[Camera]) -> LoggedCam
 
 
 class ByHand:
-    """A scene that a person arranges and judges. The program cannot know whether the goal is reached or the scene is at
-    rest.
+    """A real scene that a person arranges and judges. The program cannot know whether the goal is reached or the scene
+    is at rest.
     """
 
     is_ready = True

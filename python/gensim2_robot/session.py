@@ -43,8 +43,8 @@ def _said(arm: object) -> str:
 
 
 class SceneStage(Protocol):
-    """Interface for the scenes of episodes: it arranges the next scene, and can report whether the goal is reached if
-    this is known.
+    """Interface for the scenes of episodes. An implementation arranges the next scene, and reports whether the goal is
+    reached, if it can measure the goal.
     """
 
     @property
@@ -110,10 +110,10 @@ class Ended:
 
     Attributes:
         goal: whether the goal was reached at the end; None if only a person can tell.
-        over: whether the controller ended the episode, and not the goal or the time limit.
+        over: whether the controller ended the episode, rather than the goal or the time limit.
         seconds: duration, s.
         at_rest: whether the scene was at rest at the end; None if only a person can tell.
-        lost: whether the goal was reached for long enough at first, but not after the scene had settled.
+        lost: whether the goal was reached for long enough, but no longer held after the scene had settled.
     """
 
     goal: bool | None
@@ -303,8 +303,8 @@ class Session:
         return self._given.spec.max_seconds * self._devices.arm.profile.control_hz / self._line.pace
 
     def _settle(self) -> float | None:
-        """Keep the arm in place until the scene settles. Return the duration (s) of holds in this time, or None if a
-        hold was not resumed.
+        """Keep the arm in place until the scene settles. Return the total duration (s) of the watchdog's holds in this
+        time; None if the person did not resume after a hold.
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
@@ -318,7 +318,7 @@ class Session:
         return sat_out
 
     def _stand(self) -> None:
-        """Bring the arm to rest with the stop that the limits have checked, and release the arm."""
+        """Bring the arm to rest with the stop that was checked against the limits, and release the arm."""
         line, until = self._line, self._devices.clock.now() + COMING_TO_REST
         while line.arm.sent is not None and not line.arm.sent.is_at_rest and self._devices.clock.now() < until:
             self._cycle()
@@ -366,7 +366,8 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Wait for the end of a hold. Return the time since ``since``, s, or None if the person did not resume.
+        """Wait until a person resumes after the watchdog has held the arm. Return the time since ``since``, s; None if
+        the person did not resume.
 
         The duration does not count towards the task's time limit.
         """
@@ -378,7 +379,9 @@ class Session:
         return held
 
     def _resumed(self) -> bool:
-        """Return whether a person resumes a held arm; without a person the arm stays held."""
+        """Wait until a person resumes or stops the held arm, and return whether the arm was resumed; False without a
+        person.
+        """
         line = self._line
         if line.watch.state is not State.HOLDING or self._keys is None or not self._keys.is_there:
             return False

@@ -82,7 +82,7 @@ class SimulatedWorld:
         self._looked: Measurement | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Create a new scene. An arm that had refused commands accepts them again, unless the injected fault is
+        """Create a new scene. An arm that had refused commands accepts commands again, unless the injected fault is
         permanent.
 
         Args:
@@ -146,7 +146,7 @@ class SimulatedWorld:
         return self._env.scene_state()
 
     def look(self) -> tuple[bool, bool]:
-        """Return two flags: whether the goal is reached in a stable scene, and whether the scene is at rest.
+        """Return whether the goal is reached in a stable scene, and whether the scene is at rest.
 
         Call this method every ``GOAL_EVERY`` cycles. The scene is at rest if no object has moved since the last call.
         """
@@ -244,8 +244,8 @@ class SimulatedCameras:
         self._episode = episode
 
     def take(self, rows: Rows) -> list[CameraFrame]:
-        """Return the images of one instant. An injected fault changes the images of the first camera, or exchanges
-        those of the first two cameras.
+        """Return the images of one instant. An injected fault changes the images of the first camera, or exchanges the
+        images of the first two cameras.
         """
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)

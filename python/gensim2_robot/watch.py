@@ -43,12 +43,12 @@ class WatchRules:
         apart: maximum time between the captures of the newest images of two cameras.
         no_action: time limit for an answer of the controller while the arm moves.
         thinking: time limit for an answer of the controller while the arm stands still.
-        late_answers: number of consecutive answers without any action in time, after which the arm is held.
+        late_answers: number of consecutive answers whose actions all arrive too late, after which the arm is held.
         state_age: maximum age of the last state that the arm has sent.
         behind: maximum distance (rad or m) of the arm from the nearest command of the last ``window``. Above the
             contact force ``pressed`` only the force limit applies.
         pressed: contact force above which the arm may be held back by an obstacle, N.
-        window: time span of the past commands with which the arm is compared.
+        window: time span of the past commands with which the arm's position is compared.
         overrun: maximum tolerated delay of the start of a period.
         overruns: number of consecutive delays larger than ``overrun``, after which the arm is stopped.
     """
@@ -74,8 +74,8 @@ class StateChange:
         time: time of the change, s.
         state: new state.
         reason: reason for the change, as text.
-        at_once: whether the arm's own controller must stop the arm, because our stop commands would be too late or
-            would be refused.
+        at_once: whether the arm's own controller must stop the arm, because stop commands of the control loop would be
+            too late or would be refused.
     """
 
     time: float
@@ -86,7 +86,7 @@ class StateChange:
 
 @dataclass
 class Watch:
-    """State machine of the watchdog, which derives the state from events. The state machine sends no commands.
+    """State machine of the watchdog, which derives its state from events and sends no commands.
 
     Only a person can resume, and only after a hold. After a stop the run has to be started again.
 
@@ -135,7 +135,7 @@ class Watch:
             self._change(now, State.HOLDING, reason)
 
     def stop(self, now: float, reason: str, *, at_once: bool = False) -> None:
-        """Enter the state stopped from any state; ``at_once`` stops the arm by its own controller."""
+        """Enter the state ``stopped`` from any state; ``at_once`` stops the arm by its own controller."""
         if self.state is not State.STOPPED:
             self._change(now, State.STOPPED, reason, at_once)
 
@@ -213,7 +213,7 @@ class Watch:
         self._asked = None
 
     def came(self, late: bool, now: float) -> None:
-        """Record that actions arrived. ``late`` means that all of them came too late; this is normal once at the start
+        """Record that actions arrived. ``late`` means that all actions came too late, which is normal once at the start
         of a motion.
         """
         self._late_answers = self._late_answers + 1 if late else 0
@@ -274,7 +274,7 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Return the number of image rows that contain many measurements. Noise practically never produces such a row
+    """Return the number of image rows with so many measurements that noise practically never produces the same row
     twice.
     """
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

@@ -1,5 +1,5 @@
 """Calibrate a camera with a ChArUco board: solve the robot-world and hand-eye equation ``A X = Z B`` in closed form,
-then minimize the errors of the corners.
+then minimize the reprojection errors of the board's corners.
 """
 
 from __future__ import annotations
@@ -88,7 +88,8 @@ class HandEye:
     Attributes:
         camera: (4, 4) pose of the camera, in the hand's frame if the hand carries the camera, else in the base frame.
         board: (4, 4) pose of the board, in the base frame if the hand carries the camera, else in the hand's frame.
-        residual_px, held_out_px: median error of the corners in fitted and held-out images.
+        residual_px, held_out_px: median reprojection error of the corners, in the images used for the fit and in
+            held-out images.
         residual_mm, held_out_mm: the same errors, converted from pixels to mm at the board's distance.
     """
 

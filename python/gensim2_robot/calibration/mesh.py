@@ -49,7 +49,7 @@ def placed_at(camera: Camera, pose: Pose) -> Camera:
 
 
 def tukey(residual: Array, scale: float) -> Array:
-    """Return the weights of Tukey's biweight, which are 0 for residuals above 4.685 times the scale."""
+    """Return the weights of Tukey's biweight, which are 0 for residuals larger than 4.685 times ``scale``."""
     share = np.clip(residual / (4.685 * scale), -1.0, 1.0)
     return np.asarray((1.0 - share**2) ** 2)
 
@@ -71,9 +71,8 @@ REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
 
 
 def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
-    """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels.
-
-    The background is the largest depth of a pixel in all images.
+    """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels. The
+    background depth of a pixel is the largest depth of this pixel in all images.
     """
     ordered = np.sort(depths, axis=0)
     behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # ignore the largest depth, which may be an outlier
@@ -119,8 +118,8 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """Return start poses: the initial guess, then the best rotations of the guess, shifted to the points of the
-        moving robot.
+        """Return start poses for the registration: the initial guess, then the best rotations of the guess, shifted so
+        that the meshes match the measured points of the robot.
         """
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
@@ -143,7 +142,9 @@ class Coarse:
         return Pose(T)
 
     def register(self, start: Pose) -> Pose:
-        """Return the pose, found from a start pose, at which the measured points lie on the robot's surfaces."""
+        """Register from a start pose, and return the pose at which the measured points are closest to the robot's
+        surfaces.
+        """
         pose = start
         for reach in REACHES:
             model = self._model(pose)
@@ -165,7 +166,7 @@ class Coarse:
     def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
         """Return, for each view, points and normals, (k, 3) each, of the robot's surface in front of the background.
 
-        The background is the largest depth of a pixel in all views.
+        The background depth of a pixel is the largest depth of this pixel in all views.
         """
         camera = placed_at(self._small, pose)
         seen = [self._surface.see(camera, view.q) for view in self._views]
@@ -215,7 +216,7 @@ class Compared:
     """Pixels of one image on the robot's surface.
 
     Attributes:
-        points: (k, 3) measured points, in the base frame.
+        points: (k, 3) measured points in the base frame, m.
         rays: (k, 3) rays from the camera, scaled to unit depth.
         normals: (k, 3) surface normals.
         off: (k,) errors along the normals, m.
@@ -268,7 +269,7 @@ def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, re
 
 
 def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
-    """Return a mask of the robot's pixels at which the surface is continuous within two pixels."""
+    """Return a mask of the robot's pixels that have no edge of the surface within two pixels."""
     there = np.isfinite(seen.depth)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
@@ -341,7 +342,8 @@ class MeshCalibration:
     Attributes:
         camera: camera with its pose in the base frame.
         scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
-        residual_mm, held_out_mm: median distance of measured points from the meshes, in fitted and held-out images.
+        residual_mm, held_out_mm: median distance of measured points from the meshes, in the images used for the fit and
+            in held-out images.
         links_mm: median distance on each link, in all images.
         seen: fraction of the robot's pixels in held-out images whose measured points are near the robot's surface.
         sigma_mm, sigma_deg: standard deviation of the pose, as estimated by the fit.

@@ -165,7 +165,7 @@ class _Walk:
 
 
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
-    """Return the poses in which a logged arm was at rest, with up to ``pictures`` images of every camera.
+    """Return the poses in which the arm of a log was at rest, each with up to ``pictures`` images of every camera.
 
     The function reads the log twice: the first pass finds the times, and the second pass reads only the images that are
     used.

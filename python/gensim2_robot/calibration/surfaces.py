@@ -86,8 +86,8 @@ class RobotSurface:
 
 
 def shrunk(camera: Camera, by: int) -> Camera:
-    """Return the camera with the image's width and height divided by ``by``; a new pixel covers ``by`` x ``by``
-    original pixels.
+    """Return a copy of the camera whose image width and height are divided by ``by``, so that a pixel covers ``by`` x
+    ``by`` original pixels.
     """
     scale = np.diag([1.0 / by, 1.0 / by, 1.0])
     return replace(camera, width=camera.width // by, height=camera.height // by, intrinsic=scale @ camera.intrinsic)

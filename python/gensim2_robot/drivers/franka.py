@@ -53,7 +53,7 @@ class _FrankaHand(StreamedArm):
         """Return positions (7,), velocities (7,), the external force (N) and the mode of a libfranka state.
 
         Raises:
-            DriverError: the motion ended with the exception ``ended``, and not by a stop of the arm itself.
+            DriverError: the motion ended with the exception ``ended``, and not because the arm stopped itself.
         """
         if ended is not None and not stopped:
             raise DriverError(f"the arm has ended the motion: {ended}") from ended

@@ -67,8 +67,8 @@ class LoggedCameras:
         self._later = {name: at - first[path] for name, path in self._logs.items()}
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Return the images that are due, oldest first; at most the newest images of each camera that fit into its
-        buffer.
+        """Return the images that are due, oldest first. If more images of a camera are due than its buffer can store,
+        only the newest images are returned.
 
         Raises:
             InputError: the log is damaged.

@@ -135,7 +135,7 @@ class RealSenseCameras:
 
 
 class _Film:
-    """Reads matching depth and colour images of one device."""
+    """Reads depth and colour images of one device, and combines images of the same time."""
 
     def __init__(self, rs: Any, camera: Camera, device: Any, rate: int | None) -> None:
         self._rs, self._device = rs, device
@@ -203,7 +203,9 @@ class _Film:
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
-        """Return the highest rate (Hz) that all kinds of streams have in the requested size; None if there is none."""
+        """Return the highest rate (Hz) that all kinds of streams have in the requested size; None if there is no such
+        rate.
+        """
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
             for profile, kind, video in _streams(sensor, kinds):

@@ -47,8 +47,8 @@ class StreamedArm(ABC):
 
     Targets arrive 100 times per second. The stream interpolates linearly between targets with a delay of one to three
     cycles, so targets that are slightly late or arrive in a burst cause no stop and no jerk. If no next target arrives,
-    the arm slows down towards the last target without overshooting it, and is stopped soon after. The gripper has its
-    own thread, because the gripper's library may block. The gripper's library gets a command only when the command
+    the arm slows down towards the last target without overshooting it, and is stopped soon afterwards. The gripper has
+    its own thread, because the gripper's library may block. The gripper's library gets a command only when the command
     changes.
 
     Args:
@@ -98,7 +98,7 @@ class StreamedArm(ABC):
             self._grips.put(self._gripper)
 
     def stand(self) -> None:
-        """Stop at once by the arm's own controller."""
+        """Stop the arm at once by the arm's own controller."""
         with self._lock:
             self._standing, self._passed = True, None
             self._goals.clear()

@@ -44,7 +44,7 @@ class Person(Protocol):
         ...
 
     def judge(self, question: str, offered: bool | None) -> bool:
-        """Return the person's answer to a question; ``offered`` is the simulator's answer."""
+        """Ask the person a yes-or-no question, and return the answer; ``offered`` is the simulator's answer."""
         ...
 
     def cause(self, causes: Sequence[str]) -> str:
@@ -77,7 +77,9 @@ class Terminal:
             return click.confirm(f"{question}{says}", default=offered, err=True)
 
     def cause(self, causes: Sequence[str]) -> str:
-        """Ask for the cause of a failure, as a number from the list or as free text, and return the cause."""
+        """Ask for the cause of a failure, which the person enters as a number from the list or as free text; return the
+        cause.
+        """
         with self._asking():
             for number, cause in enumerate(causes, 1):
                 click.echo(f"  {number}  {cause}", err=True)
@@ -136,8 +138,8 @@ def trial(
     """Run trials of one protocol and write the table of all trials in ``out``.
 
     Finished trials are always kept. If the watchdog holds or stops a simulated arm, the trial counts as failed, and the
-    next trial starts with new devices. If it holds or stops a real arm, the run ends, so that a person can check the
-    arm.
+    next trial starts with new devices. If the watchdog holds or stops a real arm, the run ends, so that a person can
+    check the arm.
 
     Args:
         protocol: protocol of the trials.
@@ -158,7 +160,8 @@ def trial(
     Raises:
         InputError: an argument is invalid, or the folder has trials with other settings.
         WriteError: a trial cannot be written; the arm is stopped first.
-        TrialsEndedError: the loop stopped before an episode started, or a person must check a real arm.
+        TrialsEndedError: the loop stopped before an episode started, or a person must check a real arm before the next
+            trial.
         KeyboardInterrupt: a stop signal arrived; the arm is stopped first.
     """
     config, scene = LineConfig.split(line)
