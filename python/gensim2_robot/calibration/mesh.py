@@ -71,8 +71,10 @@ REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
 
 
 def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
-    """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels. The
-    background depth of a pixel is the largest depth of this pixel in all images.
+    """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels.
+
+    The background depth of a pixel is the largest depth of this pixel in all images. With more than three images it is
+    the second largest depth.
     """
     ordered = np.sort(depths, axis=0)
     behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # ignore the largest depth, which may be an outlier
