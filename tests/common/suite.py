@@ -113,6 +113,14 @@ SKIPPED_IN_CI: dict[str, str] = {}
 
 #: The slowest files, which are started first so that no core waits for one of them at the end.
 LONGEST = (
+    "kill/test_trainings.py",
+    "policy/test_builtin.py",
+    "policy/experiments/test_experiment.py",
+    "policy/test_hostile_folders.py",
+    "policy/test_replicas.py",
+    "test_packaging.py",
+    "design/runs/test_models_in_physics.py",
+    "fuzz/test_readers.py",
     "kill/test_kills.py",
     "kpam/test_recheck.py",
     "real/test_sim_real.py",

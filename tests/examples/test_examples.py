@@ -136,7 +136,7 @@ OUTCOMES: dict[str, tuple[Outcome, tuple[str, ...]]] = {
     "05_look_at_an_object.py": (_looked, ()),
     "06_pick_and_place.py": (_placed, ()),
     "07_grasp_an_object.py": (_grasped, ()),
-    "08_evaluate_a_controller.py": (_evaluated, (FOLDER, "8")),
+    "08_evaluate_a_controller.py": (_evaluated, (FOLDER, "4")),
     "09_a_robot_of_your_own.py": (_own_robots, ()),
     "10_collect_and_export.py": (_exported, (FOLDER,)),
 }

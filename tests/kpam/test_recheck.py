@@ -20,7 +20,7 @@ from .random_problems import RandomProblem, arm_problem, random_problem
 
 #: Numbers of random problems on their own arms and on six arms, and of those that a single test checks.
 #: ``benchmarks/random_plans.py`` tries 20,000.
-PROBLEMS, ON_SIX_ARMS, SHARE = 100, 1000, 100
+PROBLEMS, ON_SIX_ARMS, SHARE = 100, 400, 100
 
 #: Problems on six arms with a former bug: leaving an overlap, the hand went into something else; or the approach went
 #: as near to an object as at its end, which it touches, without reporting it in ``tight``.

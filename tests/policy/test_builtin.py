@@ -103,7 +103,7 @@ def test_the_library_s_strategies_are_those_that_taught_it(monkeypatch: pytest.M
 
 def test_it_does_what_it_is_told(tmp_path: Path) -> None:
     words = ["CloseBox", "OpenBox", "TurnOnFaucet", "--checkpoint", "builtin", "--assets", "builtin"]
-    rest = ["--instances", "new", "--seed", "3", "--episodes", "5", "--controls", "blind", "--control-episodes", "3"]
+    rest = ["--instances", "new", "--seed", "3", "--episodes", "4", "--controls", "blind", "--control-episodes", "2"]
     out = ["--out", str(tmp_path / "run"), "--json", str(tmp_path / "found.json")]
     assert run(["evaluate", *words, *rest, "--workers", "1", *out]) == 0
     found = json.loads((tmp_path / "found.json").read_bytes())

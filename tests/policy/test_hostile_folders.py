@@ -108,11 +108,15 @@ DAMAGES = (_pipe, _folder, _huge, _cut, _names_code)
 
 
 def damaged(folder: Path, kinds: tuple[str, ...]) -> Iterator[tuple[Path, str]]:
-    """Yield copies of a folder with one file of each kind damaged in each way, and a description of the damage."""
+    """Yield copies of a folder with one file of each kind damaged in two of the ways, and a description of the damage.
+
+    The ways take turns from kind to kind, so that all of them occur.
+    """
     files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-    for kind in kinds:
+    for number, kind in enumerate(kinds):
+        ways = (DAMAGES[number % len(DAMAGES)], DAMAGES[(number + 2) % len(DAMAGES)])
         for name in fnmatch.filter(files, kind)[:1]:
-            for damage in DAMAGES:
+            for damage in ways:
                 copy = folder.parent / "copy"
                 shutil.rmtree(copy, ignore_errors=True)
                 shutil.copytree(folder, copy)

@@ -7,10 +7,6 @@ import json
 import os
 import resource
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -30,22 +26,6 @@ from gensim2.policy.train import train_policy
 
 HERE = Path(__file__).parent
 STEPS = 60
-SCRIPT = f"""
-import sys, time
-sys.path.insert(0, {str(HERE)!r})
-import made_up
-from pathlib import Path
-from gensim2.policy.train import train_policy
-from gensim2.core.progress import NullProgress
-
-class Slow(NullProgress):
-    def advance(self, steps=1):
-        time.sleep(0.02)
-
-config = made_up.policy()
-training = made_up.training(steps={STEPS}, save_every=3, log_every=2)
-train_policy(made_up.MadeUpSource(config), config, training, Path(sys.argv[1]), resume=True, progress=Slow())
-"""
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -53,26 +33,6 @@ def contents(folder: Path) -> dict[str, bytes]:
     found = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name != ".lock"}
     points = [json.loads(line) for line in (folder / "training/curves.jsonl").read_text().splitlines()]
     return found | {"curves": json.dumps([{**point, "cpu_s": 0} for point in points]).encode()}
-
-
-def test_a_training_that_is_killed_twice_ends_as_an_undisturbed_one(tmp_path: Path) -> None:
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
-    config = made_up.policy()
-    training = made_up.training(steps=STEPS, save_every=3, log_every=2)
-    train_policy(made_up.MadeUpSource(config), config, training, whole)
-    state = parts / "training/state.json"
-    for least in (4, 20):
-        process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(parts)])
-        until = time.monotonic() + 240
-        while not state.exists() or json.loads(state.read_text())["step"] < least:
-            assert process.poll() is None, "it ended before it was killed"
-            assert time.monotonic() < until
-            time.sleep(0.01)
-        process.send_signal(signal.SIGKILL)
-        assert process.wait() == -signal.SIGKILL
-    assert json.loads(state.read_text())["step"] < STEPS
-    train_policy(made_up.MadeUpSource(config), config, training, parts, resume=True)
-    assert contents(parts) == contents(whole)
 
 
 class Broken(NullProgress):
