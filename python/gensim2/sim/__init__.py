@@ -11,6 +11,7 @@ that ManiSkill's tools can replay them.
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 from gensim2.core.lazy import lazy_names
@@ -23,5 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["TASK_ENV_ID", "GenSim2Env", "HeadlessEnv", "env_id", "make_env", "make_vec_env", "register_all"]
 
 __getattr__ = lazy_names(__name__)
+
+# ManiSkill imports progress bars for notebooks, which this package does not use. They warn if ipywidgets is missing.
+warnings.filterwarnings("ignore", message="IProgress not found")
 
 register_all()
