@@ -642,6 +642,9 @@ class KeypointProblem:
             acceleration: (n,) rad/s^2 or m/s^2; default: zero.
         """
     @property
+    def point_targets(self) -> list[Array]:
+        """Target (3,) of each point constraint in the base frame (m): the object's keypoint, shifted by the offset."""
+    @property
     def scene(self) -> Scene:
         """Scene of the problem, in which the object's joint has the name "joint"."""
 

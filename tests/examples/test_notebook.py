@@ -29,6 +29,7 @@ def test_the_notebook_runs(tmp_path: Path) -> None:
         (text,) = (text for source, text in by_text.items() if word in source)
         return text
 
+    assert "TqdmWarning" not in "".join(by_text.values())
     assert "solved" in said("plans = ")
     assert "'point_cloud': (1024, 6)" in said("obs, info")
     assert "image/png" in str([cell.outputs for cell in notebook.cells if "scatter" in cell.source])

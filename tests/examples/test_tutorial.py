@@ -66,7 +66,24 @@ def test_a_strategy_by_hand_is_planned_and_drawn(page: Path, capfd: pytest.Captu
     picture = re.search(r"^picture: (.+)$", said, re.M)
     assert picture is not None
     assert Path(picture[1]).read_bytes().startswith(b"\x89PNG")
+    assert "joint axis [0, -0.7071, -0.7071]" in said
+    reason = re.search(r"has a residual of (\S+) \(tolerance 0\.001\)", said)
+    row = re.search(r"^point2point_constraint\(tool_head, articulated_object_head\) +(\S+)", said, re.M)
+    assert reason is not None
+    assert row is not None
+    assert float(row[1]) == pytest.approx(float(reason[1]), rel=0.01)
     assert not (page / "runs").exists()
+
+
+def test_a_partial_motion_is_drawn_and_no_failure(page: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    strategy = page / "PushLid" / "strategies" / "push_lid.yaml"
+    strategy.write_text(strategy.read_text().replace("[0.0, -0.7, -0.7]", "[0.0, 1.0, 0.0]"))
+    assert cli.run(["solve", "PushLid", "--assets", "mylibrary", "--seed", "1", "--library", "none"]) == 0
+    said = capfd.readouterr().out
+    assert "PushLid on tea_chest/1: partial" in said
+    picture = re.search(r"^picture: (.+)$", said, re.M)
+    assert picture is not None
+    assert Path(picture[1]).read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_policy_of_the_tutorial_is_trained(page: Path) -> None:

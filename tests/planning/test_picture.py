@@ -9,7 +9,7 @@ pytest.importorskip("embreex")
 
 from gensim2.perception.raycast.drawing import Drawing
 from gensim2.perception.raycast.shapes import Surface
-from gensim2.planning.picture import SIZE, plan_picture
+from gensim2.planning.picture import SIZE, TARGET, plan_picture
 from gensim2.planning.scene import Scene, SceneBody, SceneObject
 from gensim2.robots import robot
 
@@ -68,3 +68,8 @@ def test_a_scene_without_a_plan_shows_the_arm_the_object_and_its_keypoints() -> 
     assert picture.shape[0] > SIZE
     assert len(colored(picture[:SIZE, :SIZE], "#c2410c")) > 30
     assert (picture[SIZE:] < 128).any(), "the text"
+    assert not len(colored(picture, TARGET))
+    for far, number in ((0.1, 1), (0.001, 0)):  # a target at a keypoint is not marked by itself
+        aim = np.array([0.5, 0.0, 0.2 + far])
+        picture = np.asarray(plan_picture(scene, None, profile, title="Lift", targets=[aim]))
+        assert (len(colored(picture[:SIZE, :SIZE], TARGET)) > 30) == bool(number)

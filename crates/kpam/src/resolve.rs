@@ -56,6 +56,12 @@ impl KeypointProblem {
         Ok(nalgebra::Matrix3::from_columns(&[y.cross(&z), y, z]))
     }
 
+    /// Returns the target (m, base frame) of each point constraint in the order of the config: the keypoint of the
+    /// object, shifted by the offset.
+    pub fn point_targets(&self) -> Result<Vec<Vector3<f64>>, ProblemError> {
+        Ok(self.resolve()?.points.iter().map(|point| point.target).collect())
+    }
+
     /// Returns the constraints with numbers in place of names and frames.
     pub(crate) fn resolve(&self) -> Result<Resolved, ProblemError> {
         let mut out = Resolved::default();

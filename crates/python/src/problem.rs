@@ -6,6 +6,7 @@ use std::sync::Arc;
 use gensim2_kpam::config::Constraint;
 use gensim2_kpam::{Body, KeypointProblem, KeypointProblemBuilder, SolverConfig};
 use nalgebra::Vector3;
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyMapping};
 use serde::de::DeserializeOwned;
@@ -214,6 +215,13 @@ impl PyKeypointProblem {
         let velocity = velocity.map(|v| convert::vector(v, "velocity", None)).transpose()?;
         let acceleration = acceleration.map(|v| convert::vector(v, "acceleration", None)).transpose()?;
         self.0.with_start(q, velocity, acceleration, time).map(|p| Self(Arc::new(p))).map_err(|e| from_problem(&e))
+    }
+
+    /// Target (3,) of each point constraint in the base frame, in the order of the config.
+    #[getter]
+    fn point_targets<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
+        let targets = self.0.point_targets().map_err(|e| from_problem(&e))?;
+        Ok(targets.iter().map(|target| convert::array1(py, target.as_slice())).collect())
     }
 
     /// Scene of the problem, in which the object's joint has the name "joint".

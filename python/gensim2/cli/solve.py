@@ -73,11 +73,13 @@ def solve(
 
     The command plans the steps of TASK in one random scene, in the same way as an episode. Each step starts from the
     predicted result of the previous steps. If no complete motion is found, the plan contains the longest possible part
-    of the motion and has the status partial. The exit code is 1 if a step has no plan; status and reason then explain
-    the failure, and a picture shows the scene, the keypoints, the keyframes and the residuals.
+    of the motion and has the status partial, because an episode executes this part. The exit code is 1 if a step has no
+    motion at all. If a step has no complete motion, its reason is printed, and a picture shows the scene, the
+    keypoints, the targets, the keyframes and the residuals.
 
     Args:
-        out: Folder to write the plan and its picture to.  [default: none; a picture of a failed plan goes to the cache]
+        out: Folder to write the plan and its picture to.  [default: none; the picture of a step without a complete
+            motion goes to the cache]
         browser: Show the plan in the browser until Ctrl-C (extra viz).
     """
     from gensim2.rollout import solve as function

@@ -34,7 +34,7 @@ from gensim2.rollout.identity import digest
 from gensim2.rollout.inputs import TaskInput, chosen_word
 from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
-from gensim2.rollout.solving import draw_plan, plan_steps
+from gensim2.rollout.solving import draw_plan, plan_steps, step_to_draw
 from gensim2.rollout.tally import Tally
 from gensim2.scenes.physics import Engine
 from gensim2.tasks.library import strategies_of
@@ -536,7 +536,8 @@ class PipelineRun:
 
 
 def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture: Path) -> bool:
-    """Plan a task in the scene of one seed and draw the last planned step; runs in a worker process.
+    """Plan a task in the scene of one seed and draw a step; runs in a worker process. The step is the first one without
+    a complete motion, or the last one.
 
     Returns:
         Whether a picture was drawn.
@@ -544,7 +545,7 @@ def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture
     env = worker.simulator(config.scene)
     env.reset(seed)
     steps = plan_steps(config.task, env.profile, strategies, env.scene_state())
-    return draw_plan(steps[-1], config.task.name, env.profile, picture) is not None
+    return draw_plan(step_to_draw(steps), config.task.name, env.profile, picture) is not None
 
 
 def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:

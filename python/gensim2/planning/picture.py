@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,16 +33,25 @@ DIRECTIONS = ((-0.45, -1.0, 0.65), (-0.15, 1.0, 0.4))
 """Directions from the centre of each view to its camera, world frame: from the robot's right, and from its left."""
 OVERVIEW, NARROWEST = 1.5, 0.35
 """Distance from the target to the first view's camera, and minimum distance to the second view's camera, m."""
-KEYPOINT, TOOL, INK, BAD = "#c2410c", "#00796b", "#1c2430", "#c22525"
+KEYPOINT, TOOL, TARGET, INK, BAD = "#c2410c", "#00796b", "#a21caf", "#1c2430", "#c22525"
+APART = 0.005
+"""Distance (m) from every keypoint of the objects above which a target is marked by itself."""
 
 
 def plan_picture(
-    scene: Scene, plan: kpam.Plan | None, profile: RobotProfile, *, title: str, reason: str = ""
+    scene: Scene,
+    plan: kpam.Plan | None,
+    profile: RobotProfile,
+    *,
+    title: str,
+    reason: str = "",
+    targets: Sequence[Array] = (),
 ) -> Image.Image:
     """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
 
     If no pose meets the constraints, the picture shows the arm in the pose with the smallest violation. Object
-    keypoints are orange, tool keypoints are green, and keyframes that the arm does not reach are small.
+    keypoints are orange, tool keypoints are green, and keyframes that the arm does not reach are small. A target of
+    a point constraint that is not a keypoint itself is purple.
 
     Args:
         scene: scene in which the step was planned.
@@ -49,6 +59,7 @@ def plan_picture(
         profile: robot profile.
         title: first line of text under both views.
         reason: reason why no motion was found.
+        targets: (3,) targets of the point constraints, m, base frame.
 
     Raises:
         InputError: a file of the robot cannot be used.
@@ -66,13 +77,16 @@ def plan_picture(
         for name, thing in scene.objects.items()
         for key, place in thing.keypoints.items()
     }
+    places = list(keypoints.values())
+    own = [at for at in targets if all(float(np.linalg.norm(at - place)) > APART for place in places)]
+    aims = {f"target {number}" if len(own) > 1 else "target": at for number, at in enumerate(own, 1)}
     seen = [
         hull @ body.T_base_body[:3, :3].T + body.T_base_body[:3, 3]
         for thing in scene.objects.values()
         for body in thing.bodies
         for hull in body.hulls
     ]
-    near = np.concatenate([*seen, np.array([*keypoints.values(), *tool.values()]).reshape(-1, 3)])
+    near = np.concatenate([*seen, np.array([*places, *tool.values(), *own]).reshape(-1, 3)])
     middle = (near.min(axis=0) + near.max(axis=0)) / 2
     distances = OVERVIEW, max(NARROWEST, 1.9 * float(np.linalg.norm(np.ptp(near, axis=0))))
     turn = scene.T_world_base[:3, :3].T
@@ -82,7 +96,7 @@ def plan_picture(
         drawing = Drawing(solids, middle + distance * away / np.linalg.norm(away), middle, SIZE)
         for frame in () if plan is None else plan.keyframes:
             drawing.frame(np.asarray(frame["T_base_hand"]), 0.05 if frame["reached"] else 0.03, _frame_label(frame))
-        for points, color in ((keypoints, KEYPOINT), (tool, TOOL)):
+        for points, color in ((keypoints, KEYPOINT), (tool, TOOL), (aims, TARGET)):
             for name, place in points.items():
                 drawing.point(place, color, name)
         views.append(drawing.picture())

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.core.errors import MissingExtraError
@@ -27,12 +30,20 @@ FOUND = ("solved", "partial")
 
 @dataclass(frozen=True)
 class SolvedStep:
-    """One step of a task with its plan, which starts from the scene that the earlier plans predict."""
+    """One step of a task with its plan, which starts from the scene that the earlier plans predict.
+
+    Attributes:
+        name, strategy: names of the step and of the planned strategy.
+        scene: scene at the start of the step.
+        found: plan of the step.
+        targets: (3,) targets of the strategy's point constraints, m, in the robot base frame.
+    """
 
     name: str
     strategy: str
     scene: Scene
     found: StepPlan
+    targets: Sequence[npt.NDArray[np.float64]] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the step as plain data.
@@ -62,7 +73,8 @@ class SolveResult:
         objects: class and id of each object, by name.
         steps: planned steps in the order of the task.
         count: number of the task's steps.
-        picture: file with a picture of the last step with keypoints, keyframes and residuals; None if not drawn.
+        picture: file with a picture of a step with keypoints, keyframes and residuals: the first step without a
+            complete motion, or the last step. None if not drawn.
     """
 
     task: str
@@ -73,7 +85,7 @@ class SolveResult:
 
     @property
     def is_whole(self) -> bool:
-        """Return whether every step has a motion that can be executed."""
+        """Return whether every step has a motion that can be executed, completely or in part."""
         return len(self.steps) == self.count and all(step.found.status in FOUND for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:
@@ -118,7 +130,7 @@ def solve(
         task: name of a library task, or a folder with task.yaml and strategies/.
         seed: seed of the scene.
         out: folder for ``plan.json`` and ``plan.png``. None: only a picture is written, to the cache folder, if a step
-            has no plan.
+            has no complete motion.
         view: function that is called at the end with the scene, the plan of the first step, and the robot, for example
             to show the plan.
         scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed selects one of several instances, and
@@ -144,9 +156,10 @@ def solve(
     }
     steps = plan_steps(given.spec, env.profile, given.strategies, env.scene_state())
     result = SolveResult(given.spec.name, objects, tuple(steps), len(given.spec.steps))
-    if out is not None or not result.is_whole:
+    shown = step_to_draw(steps)
+    if out is not None or not shown.found.is_solved:
         where = cache_dir() / "plans" / f"{given.spec.name}_{seed}.png" if out is None else Path(out) / "plan.png"
-        result = replace(result, picture=draw_plan(steps[-1], given.spec.name, env.profile, where))
+        result = replace(result, picture=draw_plan(shown, given.spec.name, env.profile, where))
     if out is not None:
         write_json(Path(out) / "plan.json", result.to_dict())
     if view is not None and steps[0].found.plan is not None:
@@ -167,6 +180,7 @@ def plan_steps(task: TaskSpec, profile: RobotProfile, given: Strategies, scene: 
         One entry for each planned step, in order. If a step has no plan, the list ends with the failed step.
     """
     from gensim2.planning.steps import StepPlanner
+    from gensim2.planning.strategies import KeypointStrategy
     from gensim2.rollout.worker import parsed
 
     planner, strategies = StepPlanner(profile), parsed(given)
@@ -180,11 +194,19 @@ def plan_steps(task: TaskSpec, profile: RobotProfile, given: Strategies, scene: 
             if found.rank == 0:
                 break
         best = min(tried, key=lambda solved: solved.found.rank)
+        chosen = strategies[best.strategy]
+        if isinstance(chosen, KeypointStrategy) and best.found.plan is not None:
+            best = replace(best, targets=planner.problem(scene, step, chosen).point_targets)
         steps.append(best)
         if best.found.status not in FOUND or best.found.after is None:
             break
         scene = best.found.after
     return steps
+
+
+def step_to_draw(steps: Sequence[SolvedStep]) -> SolvedStep:
+    """Return the first step without a complete motion, or the last step."""
+    return next((step for step in steps if not step.found.is_solved), steps[-1])
 
 
 def draw_plan(solved: SolvedStep, task: str, profile: RobotProfile, file: Path) -> Path | None:
@@ -204,7 +226,8 @@ def draw_plan(solved: SolvedStep, task: str, profile: RobotProfile, file: Path) 
 
         found = solved.found
         title = f"{task}, step {solved.name}, strategy {solved.strategy}: {found.status}"
-        picture = plan_picture(solved.scene, found.whole or found.plan, profile, title=title, reason=found.reason)
+        plan = found.whole or found.plan
+        picture = plan_picture(solved.scene, plan, profile, title=title, reason=found.reason, targets=solved.targets)
     except (ImportError, MissingExtraError):
         return None
     file.parent.mkdir(parents=True, exist_ok=True)

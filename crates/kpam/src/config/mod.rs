@@ -109,7 +109,9 @@ impl Constraint {
             Self::Point { keypoint, target, .. } => format!("point2point_constraint({keypoint}, {target})"),
             Self::Axis { kind, from, to, target, .. } => match target {
                 TargetAxis::Fixed { axis, frame } => {
-                    format!("{kind}({from} -> {to}, {} axis [{}, {}, {}])", frame.name(), axis.x, axis.y, axis.z)
+                    // A normalized axis has up to 16 digits. Adding zero turns -0 into 0.
+                    let [x, y, z] = [axis.x, axis.y, axis.z].map(|v| (v * 1e4).round() / 1e4 + 0.0);
+                    format!("{kind}({from} -> {to}, {} axis [{x}, {y}, {z}])", frame.name())
                 }
                 TargetAxis::Keypoints { from: a, to: b } => format!("{kind}({from} -> {to}, {a} -> {b})"),
             },

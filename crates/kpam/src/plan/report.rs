@@ -48,10 +48,8 @@ impl Planner<'_> {
                 .max_by(|a, b| (a.residual - a.tolerance).total_cmp(&(b.residual - b.tolerance)));
             out.reason = match worst {
                 Some(r) => format!(
-                    "no joint values meet the constraints: at best {} misses by {:.4} (tolerance {})",
-                    r.name,
-                    r.residual - r.tolerance,
-                    r.tolerance
+                    "no joint values meet the constraints: at best {} has a residual of {:.4} (tolerance {})",
+                    r.name, r.residual, r.tolerance
                 ),
                 None => "the constraints can be met only outside the joint limits".to_owned(),
             };
