@@ -22,7 +22,7 @@ from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import is_url
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.controller import is_privileged, spec_of
-from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.controller_spec import ControllerSpec, planner_spec
 from gensim2.rollout.inputs import TaskInput
 from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import ArmLimits, Array
@@ -285,11 +285,9 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
 
 
 def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
-    from gensim2.rollout.worker import chain
-
     policy = config.policy
     if policy is None:
-        return chain(given.strategies, given.rollout)
+        return planner_spec(given.spec, given.strategies, given.rollout, given.scene.robot)
     if isinstance(policy, ControllerSpec):
         return policy
     if is_url(str(policy)):

@@ -14,9 +14,9 @@ import gensim2
 from gensim2.cli.main import run
 from gensim2.core.errors import InputError
 from gensim2.data.films import DOT, PAPER, SIZE
-from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
-from gensim2.rollout.worker import chain
-from gensim2.tasks.library import load_strategies
+from gensim2.rollout.config import DEFAULT_ROLLOUT
+from gensim2.rollout.controller_spec import ControllerError, ControllerSpec, planner_spec
+from gensim2.tasks.library import load_strategies, load_task
 
 CONTROLLERS = Path(__file__).parents[1] / "rollout" / "controllers.py"
 
@@ -57,7 +57,7 @@ def test_a_controller_of_ones_own_is_measured_and_its_errors_are_one_line(
 
 def test_the_planner_is_one_of_them_on_the_scenes_of_the_benchmark(tmp_path: Path) -> None:
     common = {"episodes": 2, "runs": 1, "assets": "builtin", "workers": 1}
-    spec: ControllerSpec = chain(load_strategies("CloseBox"))
+    spec: ControllerSpec = planner_spec(load_task("CloseBox"), load_strategies("CloseBox"), DEFAULT_ROLLOUT, "panda")
     mine = gensim2.evaluate(spec, "CloseBox", stop="controller", out=tmp_path / "mine", **common)  # type: ignore[arg-type]
     theirs = gensim2.benchmark(["CloseBox"], out=tmp_path / "theirs", **common)  # type: ignore[arg-type]
     assert mine.rows[0].episodes == theirs.rows[0].episodes

@@ -14,6 +14,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from gensim2.cli.main import run as run_command
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.objects import ArticulatedObject, open_library
@@ -21,8 +22,15 @@ from gensim2.perception import ObservationSpec
 from gensim2.perception.estimation import PerceivingChain, SceneEstimator
 from gensim2.perception.estimation.chain import DISTRUST
 from gensim2.perception.estimation.classes import ClassConstants, by_name
-from gensim2.perception.estimation.estimator import ESTIMATOR_JSON, JointEstimate, ObjectEstimate, squared_yaw
+from gensim2.perception.estimation.estimator import (
+    ESTIMATOR_JSON,
+    JointEstimate,
+    ObjectEstimate,
+    SceneEstimate,
+    squared_yaw,
+)
 from gensim2.perception.estimation.examples import (
+    SETTINGS,
     STRAY_DISTANCE,
     Cameras,
     LabelledCloud,
@@ -429,3 +437,52 @@ def test_a_step_is_done_only_beyond_the_doubt_of_the_estimate(trained: Path) -> 
             measurement = chain._measurement(doubtful, np.array(PANDA.reset_qpos))
             [openness] = measurement.openness.values()
             assert openness == pytest.approx(0.15 + sign * DISTRUST * share * 0.1)
+
+
+@pytest.mark.parametrize(("openness", "goes_on"), [(0.0, False), (0.5, True)])
+def test_the_goal_is_checked_again_after_the_retreat(
+    trained: Path, monkeypatch: pytest.MonkeyPatch, openness: float, goes_on: bool
+) -> None:
+    """The hand covers less of the object after its retreat; then the estimate may differ."""
+    look = look_at("box_rotate", openness)
+    seen = Observer(PANDA, {"object": look.placed.model}, ObservationSpec(cloud=SETTINGS), 0).observe(
+        Cameras(PANDA, model_of("box_rotate"))._states(look.placed, np.array(PANDA.reset_qpos), rng(0, "test")), 0
+    )
+    chain = PerceivingChain("CloseBox", str(trained))
+    estimate = SceneEstimate((truth(look),), np.zeros(0, dtype=np.int64))
+    monkeypatch.setattr(chain._estimator, "estimate", lambda *_: estimate)
+    chain.reset(seen, 0)
+    action, resumed = np.zeros(8, dtype=np.float32), []
+    monkeypatch.setattr(chain._chain, "is_finished", True)
+    monkeypatch.setattr(chain._chain, "resume", resumed.append)
+    monkeypatch.setattr(chain._chain, "act", lambda _: action if resumed or chain._last is None else None)
+    assert chain.act(seen) is action
+    # The controller repeats its last action while the cameras are read.
+    assert chain.act(seen) is action
+    assert ObservationSpec.of(chain.observation_spec).cloud is not None
+    assert (chain.act(replace(seen, step=2)) is action) == goes_on
+    assert len(resumed) == goes_on
+    assert len(chain.looks) == 2
+
+
+def test_benchmark_and_demo_plan_on_the_estimates_of_an_estimator(
+    trained: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """An estimator after six steps is wrong about the box; the planner that gets its estimate therefore fails."""
+    common = ["--engine", "mujoco", "--assets", "builtin", "--workers", "1", "--library", "none"]
+    scene = ["--scene", str(trained), "--noise", "deployed"]
+    written = tmp_path / "result.json"
+    words = ["benchmark", "CloseBox", "TurnOnFaucet", *common, "--runs", "1", "--episodes", "1"]
+    assert run_command([*words, *scene, "--out", str(tmp_path / "run"), "--json", str(written)]) == 0
+    result = json.loads(written.read_text())
+    [task] = result["tasks"]
+    assert (task["name"], task["held_mean"]) == ("CloseBox", 0.0)
+    assert "does not know the class" in result["skipped"]["TurnOnFaucet"]
+    assert (result["arguments"]["scene_source"], result["arguments"]["depth_noise"]) == (str(trained), "deployed")
+    capfd.readouterr()
+    assert run_command(["demo", "TurnOnFaucet", *common, *scene]) == 2
+    assert "does not know the class" in capfd.readouterr().err
+    assert run_command([*words, *scene, "--attempts", "2"]) == 2
+    assert "cannot be combined with an estimated scene" in capfd.readouterr().err
+    assert run_command([*words, "--noise", "deployed"]) == 2
+    assert "has no effect on the true scene" in capfd.readouterr().err

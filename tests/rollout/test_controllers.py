@@ -17,9 +17,9 @@ from gensim2.cli.main import run as run_command
 from gensim2.perception import CloudSettings, EmptyCloudError, Observation, ObservationSpec
 from gensim2.robots import robot
 from gensim2.rollout import worker
-from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig
 from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, spec_of
-from gensim2.rollout.controller_spec import CHAIN, ControllerError, ControllerSpec
+from gensim2.rollout.controller_spec import CHAIN, ControllerError, ControllerSpec, planner_spec
 from gensim2.rollout.driving import drive
 from gensim2.rollout.guarded import Guarded
 from gensim2.rollout.motion import GOAL_SECONDS, MAX_SETTLE_SECONDS
@@ -106,7 +106,9 @@ def test_what_a_controller_is_shown_is_what_the_world_gives_byte_for_byte() -> N
 
 
 def test_a_chain_made_by_name_is_the_same_as_any_other_controller() -> None:
-    spec = pickle.loads(pickle.dumps(worker.chain(load_strategies("CloseBox"))))
+    spec = pickle.loads(
+        pickle.dumps(planner_spec(load_task("CloseBox"), load_strategies("CloseBox"), DEFAULT_ROLLOUT, "panda"))
+    )
     made = spec.make(load_task("CloseBox"), robot("panda"))
     assert spec.target == CHAIN
     assert made.privileged

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from gensim2.cli.options import EPISODES, PROCESSES, command
+from gensim2.cli.options import EPISODES, PLANNER, PROCESSES, command
 from gensim2.cli.output import line, table
 from gensim2.cli.typed import Count, Option, count
 from gensim2.core.progress import Progress
@@ -89,7 +89,7 @@ def _figure(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
 
 
-@command("origin", "library", *EPISODES, "out", *PROCESSES, "ray", "resume", show=_show)
+@command("origin", "library", *EPISODES, *PLANNER, "out", *PROCESSES, "ray", "resume", show=_show)
 def benchmark(
     tasks: tuple[str, ...] = (),
     *,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from gensim2.cli.options import EPISODES, PROCESSES, Ending, command
+from gensim2.cli.options import EPISODES, PLANNER, PROCESSES, Ending, command
 from gensim2.cli.output import line, show_engines
 from gensim2.cli.typed import Count
 from gensim2.core.progress import Progress
@@ -23,7 +23,7 @@ def _show(result: dict[str, Any]) -> None:
     line(f"report: {Path(result['run_dir']) / 'report.html'}")
 
 
-@command("library", *EPISODES, "engines", "out", *PROCESSES, "resume", "videos", show=_show)
+@command("library", *EPISODES, *PLANNER, "engines", "out", *PROCESSES, "resume", "videos", show=_show)
 def demo(task: str, *, episodes: Count = 5, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
     """Record demonstrations of a task.
 

@@ -60,6 +60,8 @@ class Shared:
         control_episodes: Number of episodes of each task and baseline.
         controls: Baselines to measure in addition to the policy: blind (no point cloud), shuffled (point clouds of
             other scenes), no-op, expert (the planner).
+        depth_noise: Noise of the depth cameras with --scene DIR. deployed is the noise d435 with random
+            calibration and clock errors in each episode; FILE is a file written by gensim2 robot fit-noise.
         device: Training device, as PyTorch names it; several devices share each batch. auto is the first GPU, else the
             CPU.
         engine: Physics engine. sapien (extra gensim2[sim]) uses PhysX with ManiSkill's environments. mujoco (extra
@@ -94,6 +96,9 @@ class Shared:
             placement; with --physics original: none]
         resume: Continue the run in --out.
         robot: Robot: panda, fr3, fetch, or a Python file that registers your own robot.
+        scene_source: Scene that the planner gets. true is the state of the simulator. DIR is an estimator made by gensim2
+            perceive train: the planner gets estimates from point clouds, and decides itself when a task is done. Tasks
+            with several objects, or with a class that the estimator does not know, are skipped.
         seed: Random seed.
         time_limit: Time after which an episode counts as hung and is repeated in a new process.
         videos: Number of episodes of each task to film: demonstrations, or failed episodes of a task that is not kept.
@@ -124,6 +129,8 @@ class Shared:
     controls: Annotated[str, Option(metavar="all|none|NAME,...")] = "all"
     control_episodes: Annotated[int, count()] = 30
     noise: Annotated[str | None, Option(metavar="d435|deployed|white|FILE")] = None
+    depth_noise: Annotated[str | None, Option("--noise", "d435|deployed|white|FILE")] = None
+    scene_source: Annotated[str, Option("--scene", "true|DIR")] = "true"
 
 
 _SHARED = options_of_class(Shared)
@@ -131,6 +138,8 @@ _SHARED = options_of_class(Shared)
 #: Options that determine scenes and episodes.
 SCENE = ("assets", "instances", "engine", "physics", "redraw", "randomization", "robot")
 EPISODES = ("seed", *SCENE, "open_loop")
+#: Options that determine what the planner knows.
+PLANNER = ("scene_source", "depth_noise")
 #: Options of simulator processes.
 PROCESSES = ("workers", "time_limit", "jobs_per_worker")
 

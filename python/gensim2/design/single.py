@@ -15,7 +15,7 @@ from gensim2.data.runfolder import RunFolder, default_run_dir
 from gensim2.design.report import reported
 from gensim2.rollout.config import RunArguments
 from gensim2.rollout.identity import digest, listing
-from gensim2.rollout.inputs import check_counts, read_task_input
+from gensim2.rollout.inputs import check_counts, check_scene_source, read_task_input
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.tally import Tally, engines_record
 from gensim2.scenes.physics import Engines
@@ -104,6 +104,7 @@ def demo(
     given = read_task_input(task, seed=seed, **scene)
     given.scene.second_engine(engines)  # raises an error now if the second engine cannot be used
     rollout = replace(given.rollout, engines=engines)
+    estimator = check_scene_source(given)
     spec, strategies, library = given.spec, given.strategies, given.library
     with (
         RunFolder(
@@ -123,6 +124,7 @@ def demo(
                 "task": digest(spec.model_dump(mode="json")),
                 "strategies": digest(strategies),
                 "objects": listing(library, sorted({thing.asset_class for thing in spec.objects.values()})),
+                **({} if estimator is None else {"estimator": estimator}),
             },
             resume,
         ) as folder,

@@ -14,7 +14,7 @@ from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.evaluation.benchmark_table import compared
 from gensim2.evaluation.running import Arguments, Table, TableExtent, tabulate
 from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RunArguments
-from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, check_scene_source, read_task_inputs
 from gensim2.scenes.config import SceneOptions, split_arguments
 from gensim2.scenes.physics import Engine
 from gensim2.tasks.spec import Step
@@ -100,6 +100,8 @@ def benchmark(
     if disturbance is not None:
         given, without = _disturbable(given, resume and out is not None and (Path(out) / RUN_JSON).exists())
         skipped |= dict.fromkeys(without, NOTHING_TO_DISTURB)
+    given, estimators, unseen = _perceivable(given)
+    skipped |= unseen
     rollout = replace(given[0].rollout, one_plan=one_plan, disturbance=disturbance, attempts=attempts)
 
     def arguments(one: TaskInput, config: EpisodeConfig, _: Path) -> Arguments:
@@ -112,7 +114,7 @@ def benchmark(
             **rollout.to_record(),
             "instances": scene.get("instances", "all"),
         },
-        identity(given),
+        {**identity(given), **estimators},
         worker.episode,
         arguments,
         lambda table: BenchmarkResult(**vars(table), provenance=provenance()),
@@ -195,6 +197,30 @@ def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskI
     if not found:
         raise InputError(NOTHING_TO_DISTURB, field="disturbance", remedy="name tasks with a rigid object")
     return found, [one.spec.name for one in given if one not in found]
+
+
+def _perceivable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], dict[str, str], dict[str, str]]:
+    """Return the tasks whose scene the planner can get, the digests of the estimators for a resumed run, and the names
+    of all other tasks with the reasons.
+
+    Raises:
+        InputError: no task remains.
+    """
+    kept: list[TaskInput] = []
+    digests: dict[str, str] = {}
+    refused: dict[str, InputError] = {}
+    for one in given:
+        try:
+            found = check_scene_source(one)
+        except InputError as error:
+            refused[one.spec.name] = error
+            continue
+        kept.append(one)
+        if found is not None:
+            digests[f"estimator of {one.spec.name}"] = found
+    if not kept:
+        raise next(iter(refused.values()))
+    return kept, digests, {name: error.message for name, error in refused.items()}
 
 
 def _is_rigid(given: TaskInput, step: Step) -> bool:

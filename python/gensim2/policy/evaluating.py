@@ -15,10 +15,9 @@ from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.control import Shuffled
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.rollout.config import EvaluationArguments
-from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.controller_spec import ControllerSpec, planner_spec
 from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs, scene_options
 from gensim2.rollout.run import Stop
-from gensim2.rollout.worker import chain
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
 """Control experiments: the policy with all points at the origin, the policy with clouds of other scenes, an arm that
@@ -212,7 +211,14 @@ def evaluate_policy(
         folder, listener = out / "controls" / control, NamedProgress(control, progress)
         if control == "expert":
             beside[control] = tuple(
-                evaluate(chain(one.strategies), name, stop=stop, out=folder / one.spec.name, progress=listener, **few)
+                evaluate(
+                    planner_spec(one.spec, one.strategies, one.rollout, one.scene.robot),
+                    name,
+                    stop=stop,
+                    out=folder / one.spec.name,
+                    progress=listener,
+                    **few,
+                )
                 for name, one in zip(names, given, strict=True)
             )
         else:

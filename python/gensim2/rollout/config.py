@@ -17,6 +17,9 @@ Disturbance = Literal["push", "drop"]
 
 DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 
+TRUE_SCENE = "true"
+"""Name of the scene that the simulator knows, for :attr:`RolloutOptions.scene_source`."""
+
 MAX_NOISE = 0.2
 """Maximum standard deviation (rad) of noise on joint targets."""
 
@@ -26,9 +29,13 @@ class RolloutArguments(SceneArguments, total=False):
 
     Keys:
         open_loop: whether to plan all steps at the start, each with the first strategy that has a complete plan.
+        scene_source: scene that the planner gets, as in :class:`RolloutOptions`.
+        depth_noise: noise of the depth cameras, as in :class:`RolloutOptions`.
     """
 
     open_loop: bool
+    scene_source: str
+    depth_noise: str | None
 
 
 class RunArguments(RolloutArguments, ExecutionArguments, total=False):
@@ -52,9 +59,13 @@ class RolloutOptions:
             contain the noise-free action.
         engines: ``"both"`` also runs each demonstration in the other physics engine; the demonstration must succeed in
             both.
+        scene_source: ``"true"``: the planner knows the state of the simulator. Otherwise the folder of an estimator
+            (``gensim2 perceive train``): the planner gets a scene that this estimator computes from point clouds.
+        depth_noise: noise of the depth cameras of an estimated scene, as for
+            :func:`~gensim2.perception.noise.read_noise`; None: exact depth images.
 
     Raises:
-        InputError: the noise is out of range.
+        InputError: the noise is out of range, or an option cannot be combined with an estimated scene.
     """
 
     open_loop: bool = False
@@ -63,10 +74,31 @@ class RolloutOptions:
     attempts: int = 1
     noise: float = 0.0
     engines: Engines = "one"
+    scene_source: str = TRUE_SCENE
+    depth_noise: str | None = None
 
     def __post_init__(self) -> None:
+        if self.is_estimated:
+            excluded = {
+                "open_loop": self.open_loop,
+                "one_plan": self.one_plan,
+                "disturbance": self.disturbance is not None,
+                "attempts": self.attempts > 1,
+            }
+            for name, is_set in excluded.items():
+                if is_set:
+                    raise InputError(
+                        "cannot be combined with an estimated scene", field=name, remedy="leave one of them out"
+                    )
+        elif self.depth_noise is not None:
+            raise InputError("has no effect on the true scene", field="depth_noise", remedy="give an estimator, too")
         if not 0.0 <= self.noise <= MAX_NOISE:
             raise InputError(f"must lie in 0..{MAX_NOISE} rad, is {self.noise}", field="noise")
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether the planner gets an estimated scene."""
+        return self.scene_source != TRUE_SCENE
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> RolloutOptions:
@@ -74,8 +106,8 @@ class RolloutOptions:
         return cls(**{each.name: record[each.name] for each in fields(cls) if each.name in record})
 
     def to_record(self) -> dict[str, Any]:
-        """Return the options as fields of a record; zero noise and a single engine are left out."""
-        left_out = {"noise": 0.0, "engines": "one"}
+        """Return the options as fields of a record. Zero noise, a single engine and the true scene are left out."""
+        left_out = {"noise": 0.0, "engines": "one", "scene_source": TRUE_SCENE, "depth_noise": None}
         return {name: value for name, value in asdict(self).items() if name not in left_out or value != left_out[name]}
 
 

@@ -15,11 +15,16 @@ from typing import Any
 
 from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, described, user_code
 from gensim2.robots import RobotProfile
+from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.controller import Controller, is_privileged
 from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import Strategies
 
 CHAIN = "gensim2.rollout.chain:ChainController"
 """Name of the controller that executes planned steps."""
+
+PERCEIVING = "gensim2.perception.estimation.chain:PerceivingChain"
+"""Name of the controller that plans steps on estimated scenes."""
 
 _REMEDY = "give module:Class or FILE.py:Class"
 
@@ -119,6 +124,23 @@ class ControllerSpec:
 
     def to_dict(self) -> dict[str, Any]:
         return {"target": self.target, "arguments": dict(self.arguments)}
+
+
+def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions, robot_name: str) -> ControllerSpec:
+    """Return the specification of the controller that plans and executes the steps of a task.
+
+    Args:
+        task: task, which only the controller of estimated scenes gets as an argument.
+        strategies: strategies by name, as plain data.
+        rollout: options of the episode, such as the scene that the planner gets.
+        robot_name: name of the robot.
+    """
+    if rollout.is_estimated:
+        arguments = {"task": task.model_dump(mode="json"), "strategies": strategies, "robot_name": robot_name}
+        folder = str(Path(rollout.scene_source).resolve())
+        return ControllerSpec(PERCEIVING, {**arguments, "estimator": folder, "noise": rollout.depth_noise})
+    how = {"open_loop": rollout.open_loop, "one_plan": rollout.one_plan}
+    return ControllerSpec(CHAIN, {"strategies": strategies, **how})
 
 
 def close(controller: Controller) -> None:

@@ -17,7 +17,8 @@ from gensim2.objects.library.selection import object_of_ids, taken_instances, wo
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
 from gensim2.robots import robot as profile
-from gensim2.rollout.config import RolloutOptions, RunArguments
+from gensim2.rollout.config import TRUE_SCENE, RolloutOptions, RunArguments
+from gensim2.rollout.controller_spec import planner_spec
 from gensim2.scenes.config import SceneConfig, SceneOptions, split_arguments
 from gensim2.tasks.library import (
     PAPER,
@@ -86,8 +87,29 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
         profile(options.robot),
         files,
     )
-    rollout = RolloutOptions(open_loop=given.get("open_loop", False))
+    rollout = RolloutOptions(
+        open_loop=given.get("open_loop", False),
+        scene_source=given.get("scene_source", TRUE_SCENE),
+        depth_noise=given.get("depth_noise"),
+    )
     return TaskInput(options.with_task(spec, word), word, strategies, library, rollout)
+
+
+def check_scene_source(given: TaskInput) -> str | None:
+    """Check that the planner can get the scene that the task's options ask for.
+
+    Returns:
+        Digest of the controller and its estimator; None for the true scene.
+
+    Raises:
+        InputError: the estimator cannot be read, or it cannot estimate the scene of this task.
+        MissingExtraError: PyTorch is not installed.
+    """
+    if not given.rollout.is_estimated:
+        return None
+    spec = planner_spec(given.spec, given.strategies, given.rollout, given.scene.robot)
+    spec.make()
+    return spec.digest
 
 
 def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:

@@ -15,8 +15,8 @@ import gensim2_kpam as kpam
 from gensim2.objects import open_library
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
-from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOptions
-from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.controller_spec import CHAIN, ControllerSpec, planner_spec
 from gensim2.rollout.record import Episode, in_all_engines
 from gensim2.scenes.config import SceneConfig, SceneOptions
 from gensim2.scenes.physics import Engine
@@ -213,16 +213,11 @@ def evaluate(
     return found if keep is None else keep(found, recording)
 
 
-def chain(strategies: Strategies, rollout: RolloutOptions = DEFAULT_ROLLOUT) -> ControllerSpec:
-    """Return the specification of the controller that plans and executes steps with the given strategies."""
-    how = {"open_loop": rollout.open_loop, "one_plan": rollout.one_plan}
-    return ControllerSpec(CHAIN, {"strategies": strategies, **how})
-
-
 def _run(
     config: EpisodeConfig, task: TaskSpec, strategies: Strategies, seed: int, record: bool
 ) -> tuple[Episode, Recording | None]:
-    return _rollout(config, task, chain(strategies, config.rollout), seed, record)
+    spec = planner_spec(task, strategies, config.rollout, config.scene.robot)
+    return _rollout(config, task, spec, seed, record)
 
 
 def _rollout(

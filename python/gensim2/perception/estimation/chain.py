@@ -14,17 +14,23 @@ import torch
 from gensim2.core.errors import InputError
 from gensim2.perception import Observation, ObservationSpec
 from gensim2.perception.estimation.classes import by_name
-from gensim2.perception.estimation.estimator import ESTIMATOR_JSON, ObjectEstimate, SceneEstimate, SceneEstimator
+from gensim2.perception.estimation.estimator import (
+    ESTIMATOR_JSON,
+    ObjectEstimate,
+    SceneEstimate,
+    SceneEstimator,
+)
 from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.scene import planning_scene
 from gensim2.perception.noise import read_noise
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT, robot
-from gensim2.rollout.chain import WAIT_SECONDS, ChainController
+from gensim2.rollout.chain import NOT_DONE, WAIT_SECONDS, ChainController
 from gensim2.rollout.chain_state import ChainPlan
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import Cause, StepRecord
 from gensim2.scenes.arguments import as_task
+from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.library import load_strategies
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
@@ -39,6 +45,9 @@ as hidden, and the estimate is discarded."""
 DISTRUST = 0.5
 """A step counts as done if the estimated joint exceeds its goal by this number of standard deviations, divided by the
 number of motions so far."""
+
+MAX_CHECKS = 2
+"""Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
 
 
 class _Chain(ChainController):
@@ -62,6 +71,22 @@ class _Chain(ChainController):
         run = self._running
         return self._retreat is not None or (run is not None and not run.is_over)
 
+    def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
+        super().reset(observation, seed)
+        self.is_finished = False
+
+    def resume(self, last: Action) -> None:
+        """Plan the last step again, although the controller has finished the task.
+
+        Args:
+            last: last action, which is repeated until the arm moves again.
+        """
+        self.is_finished, self._retreat, self._trigger, self._last = False, None, NOT_DONE, last
+
+    def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
+        self.is_finished = True
+        return super()._leave(observation, run)
+
     def _look(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
         return None
 
@@ -69,8 +94,10 @@ class _Chain(ChainController):
 class PerceivingChain:
     """Controller that plans each step of a task in an estimated scene, and estimates the scene again after each motion.
 
-    The estimate also determines whether a step is done. If the cloud does not show an object of the task's class, the
-    episode ends without an action. All objects of the task must be articulated, and only one object is estimated.
+    The estimate also determines whether a step is done. After the last step the hand retreats. The controller then
+    observes the scene again, and continues with the last step if the goal is not reached. If the first cloud does not
+    show an object of the task's class, the episode ends without an action. All objects of the task must be articulated,
+    and only one object is estimated.
 
     Args:
         task: the task, the name of a library task, or the fields of a task.
@@ -112,6 +139,8 @@ class PerceivingChain:
         self._chain = _Chain(self._task, ways, self._profile)
         self._spec = ObservationSpec(cloud=replace(SETTINGS, noise=None if noise is None else read_noise(noise)))
         self.looks: list[SceneEstimate] = []
+        self._checks_goal, self._checked = False, 0
+        self._last: Action | None = None
         self._believed: ObjectEstimate | None = None
         self._motions = 0
 
@@ -120,6 +149,8 @@ class PerceivingChain:
         """Spec of the next observation. Before planning and after a motion it has cameras; at other times only the
         robot's state.
         """
+        if self._checks_goal:
+            return self._spec
         waits = 0 < self._chain.waited < self._profile.steps(WAIT_SECONDS) if self.looks else False
         return PROPRIOCEPTIVE if self.looks and (self._chain.is_moving or waits) else self._spec
 
@@ -152,6 +183,7 @@ class PerceivingChain:
         """Start an episode."""
         torch.set_num_threads(self._threads)
         self.looks, self._believed, self._seen_at_first, self._motions = [], None, 0, 0
+        self._checks_goal, self._checked, self._last = False, 0, None
         self._take_in(observation)
         if self._believed is not None:
             self._chain.reset(self._with_belief(observation), seed)
@@ -161,7 +193,26 @@ class PerceivingChain:
         if observation.step > 0 and observation.cloud is not None:
             self._motions = self._chain.motions
             self._take_in(observation)
-        return None if self._believed is None else self._chain.act(self._with_belief(observation))
+        if self._believed is None:
+            return None
+        if self._checks_goal:
+            assert self._last is not None
+            self._checks_goal = False
+            if self._checked > MAX_CHECKS or self._is_done(observation):
+                return None
+            self._chain.resume(self._last)
+        action = self._chain.act(self._with_belief(observation))
+        if action is None and self._chain.is_finished and self._last is not None:
+            self._checks_goal, self._checked = True, self._checked + 1
+            return self._last
+        self._last = action
+        return action
+
+    def _is_done(self, observation: Observation) -> bool:
+        """Return whether the goal is reached by the last estimate, without a margin for its deviation."""
+        assert self._believed is not None
+        q = observation.joint_positions.astype(np.float64)
+        return all_hold(self._task.success, self._measurement(self._believed, q, distrust=0.0))
 
     def _take_in(self, observation: Observation) -> None:
         """Estimate the scene from an observation, and store the estimate unless the object is hidden."""
@@ -186,15 +237,15 @@ class PerceivingChain:
 
         return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
 
-    def _measurement(self, found: ObjectEstimate, q: Array) -> Measurement:
+    def _measurement(self, found: ObjectEstimate, q: Array, distrust: float = DISTRUST) -> Measurement:
         """Return the estimated scene as a measurement of a task's criteria.
 
-        The openness is shifted away from the goal in proportion to its standard deviation, so that an uncertain
-        estimate does not count as success.
+        The openness is shifted away from the goal by ``distrust`` standard deviations divided by the number of motions,
+        so that an uncertain estimate does not count as success.
         """
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
-        doubt = DISTRUST * found.joint.openness_deviation / max(self._motions, 1)
+        doubt = distrust * found.joint.openness_deviation / max(self._motions, 1)
         kinds = {each.type for each in self._task.success}
         opens, closes = "articulated_open" in kinds, "articulated_closed" in kinds
         openness = found.joint.openness + doubt * (closes - opens)

@@ -20,7 +20,7 @@ from gensim2.core.record_files import read_record
 from gensim2.objects.types import joint_motion
 from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by_name
 from gensim2.perception.estimation.network import NEIGHBORS, OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
-from gensim2.robots import RobotProfile
+from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
 
 Array = npt.NDArray[np.float64]
 Points = npt.NDArray[np.float32]
@@ -150,7 +150,7 @@ class SceneEstimator:
         refine: whether to align the estimated yaw with the upright surfaces in the cloud.
 
     Example:
-        >>> estimator = SceneEstimator.load("runs/perceive", robot("panda"))
+        >>> estimator = SceneEstimator.load("runs/estimator")
         >>> [found] = estimator.estimate(observation.cloud.xyz).objects
         >>> found.asset_class, found.joint.axis
     """
@@ -168,12 +168,17 @@ class SceneEstimator:
         self.scales: dict[str, float] = dict.fromkeys(DEVIATIONS, 1.0) | dict(scales or {})
 
     @classmethod
-    def load(cls, folder: Path | str, profile: RobotProfile) -> Self:
+    def load(cls, folder: Path | str, profile: RobotProfile | None = None) -> Self:
         """Load an estimator that ``gensim2 perceive train`` has written.
+
+        Args:
+            folder: folder of the estimator.
+            profile: robot whose base frame the clouds use; None: the default robot.
 
         Raises:
             InputError: a file is missing, damaged or too large.
         """
+        folder, profile = Path(folder), robot(DEFAULT_ROBOT) if profile is None else profile
         record = read_record(Path(folder) / ESTIMATOR_JSON, _Record, _REMEDY)
         path = Path(folder) / record.file
         network = SceneNetwork(len(record.classes))
