@@ -96,9 +96,9 @@ class Shared:
             placement; with --physics original: none]
         resume: Continue the run in --out.
         robot: Robot: panda, fr3, fetch, or a Python file that registers your own robot.
-        scene_source: Scene that the planner gets. true is the state of the simulator. DIR is an estimator made by gensim2
-            perceive train: the planner gets estimates from point clouds, and decides itself when a task is done. Tasks
-            with several objects, or with a class that the estimator does not know, are skipped.
+        scene_source: Scene that the planner gets. true is the state of the simulator. DIR is an estimator made by
+            gensim2 perceive train: the planner gets estimates from point clouds, and decides itself when a task is
+            done. Tasks with several objects, or with a class that the estimator does not know, are skipped.
         seed: Random seed.
         time_limit: Time after which an episode counts as hung and is repeated in a new process.
         videos: Number of episodes of each task to film: demonstrations, or failed episodes of a task that is not kept.
