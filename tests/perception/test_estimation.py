@@ -463,6 +463,13 @@ def test_the_goal_is_checked_again_after_the_retreat(
     assert (chain.act(replace(seen, step=2)) is action) == goes_on
     assert len(resumed) == goes_on
     assert len(chain.looks) == 2
+    # An episode may end during a motion, so the next one may begin with an observation without a cloud.
+    monkeypatch.undo()
+    monkeypatch.setattr(chain._estimator, "estimate", lambda *_: estimate)
+    chain.reset(replace(seen, cloud=None), 0)
+    assert ObservationSpec.of(chain.observation_spec).cloud is not None
+    chain.act(seen)
+    assert len(chain.looks) == 1
 
 
 def test_benchmark_and_demo_plan_on_the_estimates_of_an_estimator(

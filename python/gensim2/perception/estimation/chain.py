@@ -184,13 +184,16 @@ class PerceivingChain:
         torch.set_num_threads(self._threads)
         self.looks, self._believed, self._seen_at_first, self._motions = [], None, 0, 0
         self._checks_goal, self._checked, self._last = False, 0, None
-        self._take_in(observation)
-        if self._believed is not None:
-            self._chain.reset(self._with_belief(observation), seed)
+        self._seed = seed
+        # Without a cloud, the specification that the previous episode left was in force; the next observation has one.
+        if observation.cloud is not None:
+            self._begin(observation)
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action; None if the task is done, all plans have failed, or the object is not visible."""
-        if observation.step > 0 and observation.cloud is not None:
+        if not self.looks:
+            self._begin(observation)
+        elif observation.step > 0 and observation.cloud is not None:
             self._motions = self._chain.motions
             self._take_in(observation)
         if self._believed is None:
@@ -213,6 +216,12 @@ class PerceivingChain:
         assert self._believed is not None
         q = observation.joint_positions.astype(np.float64)
         return all_hold(self._task.success, self._measurement(self._believed, q, distrust=0.0))
+
+    def _begin(self, observation: Observation) -> None:
+        """Estimate the scene for the first time in an episode."""
+        self._take_in(observation)
+        if self._believed is not None:
+            self._chain.reset(self._with_belief(observation), self._seed)
 
     def _take_in(self, observation: Observation) -> None:
         """Estimate the scene from an observation, and store the estimate unless the object is hidden."""
