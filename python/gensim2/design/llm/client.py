@@ -204,7 +204,9 @@ class Client:
             remedy = "give the address itself with --base-url"
             return InputError(f"{self.endpoint} redirects to another address", field="designer", remedy=remedy)
         if isinstance(error, library.APIStatusError) and error.status_code < 500:
-            return InputError(f"{self.endpoint} refuses the request: {said}", field="designer")
+            longer = "serve the model with a longer context, or choose another model"
+            remedy = longer if "context length" in said else None
+            return InputError(f"{self.endpoint} refuses the request: {said}", field="designer", remedy=remedy)
         return ModelError(f"{self.endpoint}: {said}, {self._tries()}")
 
     def _tries(self) -> str:
