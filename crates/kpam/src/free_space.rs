@@ -215,7 +215,7 @@ pub(crate) fn way_out(
         let mut before = world.overlaps(State::still(start), segment);
         let lessens = (1..=steps).all(|i| {
             let next = world.overlaps(State::still(&between(n, start, &end, i as f64 / steps as f64)), segment);
-            let less = next.iter().all(|overlap| overlap.lessens(&before));
+            let less = !world.cut_short() && next.iter().all(|overlap| overlap.lessens(&before));
             before = next;
             less
         });
@@ -229,6 +229,9 @@ pub(crate) fn way_out(
 /// Returns whether the straight segment between two collision-free joint vectors is collision-free. First checks a few
 /// joint vectors on the segment, which find most obstacles quickly.
 fn is_free(world: &mut World<'_>, n: usize, a: &Row, b: &Row, segment: MotionSegment, margins: &Margins) -> bool {
+    if world.cut_short() {
+        return false;
+    }
     let blocked = |s: &f64| world.hit_at(State::still(&between(n, a, b, *s)), segment, margins).is_some();
     ![0.5, 0.25, 0.75].iter().any(blocked) && world.sweep(a, b, segment, margins).is_none()
 }

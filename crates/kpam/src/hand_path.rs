@@ -4,11 +4,11 @@
 use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
 
-use crate::KeypointProblem;
 use crate::model::{MAX_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
 use crate::timing::Spline;
+use crate::{Cancel, KeypointProblem};
 
 /// Maximum translation (m) and rotation (rad) of the hand between two waypoints.
 const STRIDE: f64 = 0.01;
@@ -62,11 +62,13 @@ pub(crate) struct Follower<'p> {
     placed: Placed,
     qp: ActiveSet,
     bounds: Vec<Bound>,
+    /// Flag that ends the following of a path.
+    over: Cancel,
 }
 
 impl<'p> Follower<'p> {
-    pub fn new(problem: &'p KeypointProblem, model: &'p Model) -> Self {
-        Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new() }
+    pub fn new(problem: &'p KeypointProblem, model: &'p Model, over: Cancel) -> Self {
+        Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new(), over }
     }
 
     /// Returns the hand pose at the joint vector `x`.
@@ -88,6 +90,9 @@ impl<'p> Follower<'p> {
             let Some(stray) = self.strays(path, &out, backwards, steps * finer) else { return out };
             out.waypoints.truncate(stray + 1);
             out.fraction = stray as f64 / (steps * finer) as f64;
+            if self.over.is_cancelled() {
+                break;
+            }
         }
         out
     }
@@ -103,7 +108,8 @@ impl<'p> Follower<'p> {
         for k in 1..=steps {
             let s = k as f64 / steps as f64;
             let goal = path.at(if backwards { 1.0 - s } else { s });
-            let Some(next) = self.reach(&goal, &last, &drift, push) else {
+            let next = if self.over.is_cancelled() { None } else { self.reach(&goal, &last, &drift, push) };
+            let Some(next) = next else {
                 return Followed { waypoints, fraction: (k - 1) as f64 / steps as f64 };
             };
             for v in 0..self.model.n() {
@@ -124,6 +130,9 @@ impl<'p> Follower<'p> {
             return None; // the path is shorter than one step
         }
         (0..waypoints.len() - 1).find(|&i| {
+            if self.over.is_cancelled() {
+                return true;
+            }
             let limited = curve.keeps_within(i..i + 1, &self.model.lower, &self.model.upper);
             let mut on_path = || {
                 let s = (i as f64 + 0.5) / steps as f64;

@@ -126,7 +126,7 @@ impl Planner<'_> {
         let mut builder = self.builder.clone();
         builder.append_nodes(&self.stop);
         let stop = builder.build(self.model.map());
-        Samples::of(&stop, self.model.n(), [stop.start(), stop.end()], OFF)
+        Samples::of(&stop, self.model.n(), [stop.start(), stop.end()], OFF, &self.over)
     }
 
     /// Searches a collision-free path between two joint vectors that keeps `margins`, and returns its vertices.

@@ -4,9 +4,9 @@ use super::attempt::Attempt;
 use super::failure::Failure;
 use super::planner::Planner;
 use super::timed::{Stretch, TakeUp, Timed};
-use crate::Trajectory;
 use crate::model::Row;
 use crate::world::{Hit, Margins, State, TOUCH, Way};
+use crate::{Cancel, Trajectory};
 
 /// Maximum deviation (rad or m) of a joint from the straight segment between two neighbouring samples.
 pub(super) const OFF: f64 = 2e-5;
@@ -28,15 +28,16 @@ pub(super) struct Samples {
 
 impl Samples {
     /// Samples a motion of `joints` variables between two times (s). Between samples `h` apart, a joint with an
-    /// acceleration of at most `a` deviates by at most `a h^2 / 8` from the straight line.
-    pub fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2], most: f64) -> Self {
+    /// acceleration of at most `a` deviates by at most `a h^2 / 8` from the straight line. The samples end early if
+    /// planning is over.
+    pub fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2], most: f64, over: &Cancel) -> Self {
         let mut time = begin;
         let wider = (most / OFF).sqrt();
         let shortest = wider * SHORTEST.max((end - begin) / MAX_SAMPLES);
         let longest = wider * LONGEST.max((end - begin) / ENOUGH);
         let [position, _, mut acceleration] = trajectory.moving_with_rates(time);
         let mut out = Self { times: vec![begin], waypoints: vec![position], off: Vec::new() };
-        while time < end {
+        while time < end && !over.is_cancelled() {
             let hardest = acceleration[..joints].iter().fold(0.0_f64, |most, a| most.max(a.abs()));
             let mut step = (8.0 * most / hardest).sqrt().clamp(shortest, longest);
             loop {
@@ -102,10 +103,14 @@ impl Planner<'_> {
                 segment.stops |= stop;
             }
             let (timed, taken) = self.timed(attempt, &segments, manner)?;
-            if !self.problem.options.avoid_collisions {
-                return Ok(timed);
+            let met = match self.problem.options.avoid_collisions {
+                true => self.first_hit(&timed, &segments).or_else(|| self.comes_back(&timed, &segments)),
+                false => None,
+            };
+            // A check that was cut short proves nothing.
+            if self.world.unfinished {
+                return Err(Failure::Unproven { keyframe: self.entry });
             }
-            let met = self.first_hit(&timed, &segments).or_else(|| self.comes_back(&timed, &segments));
             let Some((k, hit)) = met else { return Ok(timed) };
             if taken == TakeUp::GoesOn || (taken == TakeUp::Blended && k < attempt.approach.len().max(1)) {
                 manner = if taken == TakeUp::GoesOn { TakeUp::Blended } else { TakeUp::Stopped };
@@ -137,7 +142,10 @@ impl Planner<'_> {
         let start = self.start[0];
         let mut before = self.world.overlaps(State::still(&start), toward);
         for (k, (_, span)) in approach.enumerate() {
-            for x in Samples::of(&timed.trajectory, self.model.n(), *span, OFF).waypoints {
+            for x in Samples::of(&timed.trajectory, self.model.n(), *span, OFF, &self.over).waypoints {
+                if self.world.cut_short() {
+                    return None;
+                }
                 let now = self.world.overlaps(State::still(&x), toward);
                 if now.iter().any(|overlap| overlap.is_new(&before)) {
                     return self
@@ -158,7 +166,7 @@ impl Planner<'_> {
             let mut rest = *span;
             // If the object's joint moves on the segment, only closely spaced samples determine its travel.
             if segment.travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits()) {
-                let rough = Samples::of(&timed.trajectory, joints, *span, ROUGH);
+                let rough = Samples::of(&timed.trajectory, joints, *span, ROUGH, &self.over);
                 let travel: Vec<f64> = segment.travel.first().copied().into_iter().collect();
                 let way = Way { waypoints: &rough.waypoints, travel: &travel, off: &rough.off };
                 let proven = self.world.prove_along(way, segment.segment, segment.kept);
@@ -167,7 +175,7 @@ impl Planner<'_> {
                 }
                 rest[0] = rough.times[proven];
             }
-            let samples = Samples::of(&timed.trajectory, joints, rest, OFF);
+            let samples = Samples::of(&timed.trajectory, joints, rest, OFF, &self.over);
             let travel = samples.travel(joints, segment);
             let way = Way { waypoints: &samples.waypoints, travel: &travel, off: &samples.off };
             self.world.sweep_along(way, segment.segment, segment.kept).map(|(_, hit)| (k, hit))
@@ -185,7 +193,7 @@ mod tests {
         let limits = Limits::new(&[1.0, 1.5], &[5.0, 8.0], &[500.0, 900.0]).unwrap();
         let waypoints = [vec![0.0, 0.0], vec![0.5, 0.2], vec![0.3, 0.9], vec![-0.4, 0.8]];
         let motion = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap().trajectory;
-        let samples = Samples::of(&motion, 2, [motion.start(), motion.end()], OFF);
+        let samples = Samples::of(&motion, 2, [motion.start(), motion.end()], OFF, &Cancel::new());
         assert_eq!(samples.off.len() + 1, samples.waypoints.len());
         assert!(samples.off.iter().all(|off| off[..2].iter().all(|o| *o <= 2.5 * OFF)));
         // Check whether all joints are close to `x` at one common position on the segment.
@@ -209,10 +217,21 @@ mod tests {
     }
 
     #[test]
+    fn samples_end_when_planning_is_over() {
+        let limits = Limits::new(&[1.0], &[1.0], &[100.0]).unwrap();
+        let motion = retime(&[vec![0.0], vec![2.0]], &limits, &RetimeOptions::default()).unwrap().trajectory;
+        let over = Cancel::new();
+        let count = |over: &Cancel| Samples::of(&motion, 1, [motion.start(), motion.end()], OFF, over).waypoints.len();
+        assert!(count(&over) > 50);
+        over.cancel();
+        assert_eq!(count(&over), 1);
+    }
+
+    #[test]
     fn long_motions_have_few_samples() {
         let limits = Limits::new(&[1e-3], &[1e-3], &[1e-2]).unwrap();
         let motion = retime(&[vec![0.0], vec![40.0]], &limits, &RetimeOptions::default()).unwrap().trajectory;
         assert!(motion.end() > 3e4);
-        assert!(Samples::of(&motion, 1, [motion.start(), motion.end()], OFF).waypoints.len() < 3_000);
+        assert!(Samples::of(&motion, 1, [motion.start(), motion.end()], OFF, &Cancel::new()).waypoints.len() < 3_000);
     }
 }

@@ -40,6 +40,8 @@ pub(super) enum Failure {
     TooFast { keyframe: usize, allowed: f64, needed: f64 },
     /// No motion along the path to this keyframe keeps the joint limits from the state at the path's start.
     Untimed { keyframe: usize },
+    /// Planning was cancelled, or its time was up, before the motion to this keyframe was proven.
+    Unproven { keyframe: usize },
 }
 
 impl Failure {
@@ -51,7 +53,8 @@ impl Failure {
             | Self::Blocked { keyframe, .. }
             | Self::NotFound { keyframe, .. }
             | Self::TooFast { keyframe, .. }
-            | Self::Untimed { keyframe } => *keyframe,
+            | Self::Untimed { keyframe }
+            | Self::Unproven { keyframe } => *keyframe,
         }
     }
 
@@ -61,7 +64,7 @@ impl Failure {
             Self::Unreachable { .. } => Lack::Unreachable,
             Self::Inside { .. } => Lack::StartInCollision,
             Self::Blocked { .. } => Lack::Collision,
-            Self::NotFound { .. } => Lack::NotFound,
+            Self::NotFound { .. } | Self::Unproven { .. } => Lack::NotFound,
             Self::TooFast { .. } => Lack::TooFast,
             Self::Untimed { .. } => Lack::Untimed,
         }
@@ -93,6 +96,9 @@ impl Failure {
             }
             Self::Untimed { keyframe } => {
                 format!("no motion to {} from the start velocity keeps the joint limits", label(*keyframe))
+            }
+            Self::Unproven { keyframe } => {
+                format!("the motion to {} was not yet proven collision-free", label(*keyframe))
             }
         }
     }

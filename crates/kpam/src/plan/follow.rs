@@ -157,7 +157,7 @@ impl Planner<'_> {
             let Followed { mut waypoints, fraction } = self.follower.follow(&out.motions.paths[i], &at, true);
             if fraction < 1.0 {
                 let end = self.path_end(&waypoints, &out.motions.paths[i].at(0.0));
-                out.failure = Some(Failure::Unreachable { keyframe: i, fraction, end });
+                out.failure = Some(self.path_failure(i, fraction, end));
                 return;
             }
             waypoints.reverse();
@@ -193,12 +193,20 @@ impl Planner<'_> {
             out.paths[i] = waypoints;
             if fraction < 1.0 {
                 let end = self.path_end(&out.paths[i], &out.motions.paths[i].at(1.0));
-                out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction, end });
+                out.failure = Some(self.path_failure(i + 1, fraction, end));
                 out.after = (i - act, fraction);
                 return;
             }
             out.after.0 = i - act + 1;
         }
+    }
+
+    /// Returns the failure of a path that was followed only in part.
+    fn path_failure(&self, keyframe: usize, fraction: f64, end: PathEnd) -> Failure {
+        if self.over.is_cancelled() {
+            return Failure::Unproven { keyframe };
+        }
+        Failure::Unreachable { keyframe, fraction, end }
     }
 
     /// Returns the reason why the hand cannot reach `goal` from the last waypoint.

@@ -21,6 +21,8 @@ pub(super) struct Planner<'p> {
     pub model: &'p Model,
     pub resolved: &'p Resolved,
     pub follower: Follower<'p>,
+    /// Flag that ends planning, also when its time is up.
+    pub over: Cancel,
     pub world: World<'p>,
     /// Joint positions, velocities and accelerations at the start.
     pub start: [Row; 3],
@@ -67,7 +69,7 @@ impl<'p> Planner<'p> {
         let start = [model.start(), rates(&options.start_velocity), rates(&options.start_acceleration)];
         let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time)
             .loaded(Dynamics::asked(&problem.robot, model, options))
-            .cancelled_by(Some(over));
+            .cancelled_by(Some(over.clone()));
         let mut stopping = Vec::new();
         if start[1..].iter().flatten().any(|v| *v != 0.0) {
             let [position, velocity, acceleration] = &start;
@@ -90,7 +92,8 @@ impl<'p> Planner<'p> {
             problem,
             model,
             resolved,
-            follower: Follower::new(problem, model),
+            follower: Follower::new(problem, model, over.clone()),
+            over,
             world,
             start,
             stop: stopping,

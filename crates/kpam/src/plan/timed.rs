@@ -214,7 +214,7 @@ impl Planner<'_> {
                         ends.extend(passed);
                         break Ok(());
                     }
-                    Err(_) if joined > 1 => joined -= 1,
+                    Err(_) if joined > 1 && !self.over.is_cancelled() => joined -= 1,
                     Err(failure) => break Err(failure),
                 }
             };
@@ -399,8 +399,8 @@ impl Planner<'_> {
                     let allowed = last.due.map_or(0.0, |d| d - begin);
                     Failure::TooFast { keyframe: last.toward, allowed, needed }
                 }
-                // A cancellation is reported by the plan itself.
-                Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
+                Refusal::TooSharp => Failure::Untimed { keyframe: last.toward },
+                Refusal::Cancelled => Failure::Unproven { keyframe: last.toward },
             })?;
         for (segment, time) in segments.iter().zip(&passed) {
             if let Some(keyframe) = segment.keyframe {

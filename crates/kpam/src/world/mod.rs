@@ -130,6 +130,8 @@ pub(crate) struct World<'p> {
     max_checks: u64,
     cancel: Option<Cancel>,
     end: Option<Instant>,
+    /// Whether a check was cut short because of the time limit or a cancellation, so that its path is not proven.
+    pub unfinished: bool,
 }
 
 impl<'p> World<'p> {
@@ -187,6 +189,7 @@ impl<'p> World<'p> {
             max_checks: u64::MAX,
             cancel: None,
             end: None,
+            unfinished: false,
         }
     }
 
@@ -200,6 +203,12 @@ impl<'p> World<'p> {
     /// Whether planning must end because its checks are used up, it is late, or it was cancelled.
     pub fn is_over(&self) -> bool {
         self.is_spent() || self.is_late() || self.is_cancelled()
+    }
+
+    /// Returns whether the check under way must end because planning is late or was cancelled, and records it.
+    pub fn cut_short(&mut self) -> bool {
+        self.unfinished |= self.is_late() || self.is_cancelled();
+        self.unfinished
     }
 
     /// Whether planning has a limit on checks or time.

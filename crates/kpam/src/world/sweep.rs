@@ -44,6 +44,9 @@ impl World<'_> {
         while stride > 1 {
             let half = stride / 2;
             for k in (half..way.waypoints.len()).step_by(stride) {
+                if self.cut_short() {
+                    return None;
+                }
                 if let Some(hit) = self.hit_at(way.state(k), segment, margins) {
                     return Some((k, hit));
                 }
@@ -156,7 +159,7 @@ impl World<'_> {
     }
 
     /// Sweeps the straight joint segments between waypoints; returns the last waypoint before the first collision, and
-    /// the collision.
+    /// the collision. If planning must end, the sweep stops early without a collision and sets `unfinished`.
     pub fn sweep_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
         let last = way.waypoints.len() - 1;
         let end = last as f64;
@@ -167,6 +170,9 @@ impl World<'_> {
         // Extent of the last bubble along the path.
         let mut ahead = 0.0;
         loop {
+            if self.cut_short() {
+                return None;
+            }
             // A bubble centred further ahead that extends back to here covers nearly twice the length.
             let at = (t + AGAIN * ahead).floor().min(end);
             if at > t
@@ -199,7 +205,7 @@ impl World<'_> {
         let end = last as f64;
         let gone = self.gone(&way);
         let (mut t, mut ahead, mut reach) = (0.0, 0.0, REACH);
-        while t < end {
+        while !self.cut_short() && t < end {
             let at = (t + AGAIN * ahead).floor().min(end);
             let leap = if at > t { self.leap_ahead(&way, segment, margins, &gone, t, at, &mut reach) } else { None };
             let next = match leap {
@@ -375,5 +381,15 @@ mod tests {
             let hit = world.sweep_along(Way::still(&waypoints), MotionSegment::Approach, &Margins::plain(clearance));
             assert!(hit.is_none(), "{clearance}");
         }
+        // A check that is cut short finds nothing, proves nothing, and says so.
+        assert!(!world.unfinished);
+        world.limit(None, Some(std::time::Instant::now()), None);
+        let margins = Margins::plain(0.0);
+        assert_eq!(world.prove_along(Way::still(&waypoints), MotionSegment::Approach, &margins), 0);
+        assert!(std::mem::take(&mut world.unfinished));
+        assert!(world.sweep_along(Way::still(&waypoints), MotionSegment::Approach, &margins).is_none());
+        assert!(std::mem::take(&mut world.unfinished));
+        assert!(world.hit_at_any(Way::still(&waypoints), MotionSegment::Approach, &margins).is_none());
+        assert!(world.unfinished);
     }
 }
