@@ -134,7 +134,7 @@ class LineBody:
         next: message that ended the episode.
     """
 
-    waits = True  # True, because the control loop, not the rollout loop, measures delays.
+    waits = True  # The loop waits for each action; the control loop of the arm measures the delays.
 
     def __init__(
         self,

@@ -207,7 +207,8 @@ def test_a_folder_with_other_objects_is_refused(store: TaskStore, tmp_path: Path
     made = library_export(open_library("builtin").load_articulated("drawer", "0"), tmp_path / "made")
     shutil.copytree(made, tmp_path / "folder" / "drawer" / "mine")
     moved(store, str(tmp_path / "gone"))
-    with pytest.raises(InputError, match=r"\.h5: was run with drawer/\d+: no instance .*--assets"):
+    said = r"\.h5: the object drawer/\d+ of this run cannot be loaded: no instance .*--assets"
+    with pytest.raises(InputError, match=said):
         report(store.folder.parent, videos=0, assets=tmp_path / "folder")
     assert run(["data", "report", str(store.folder.parent), "--videos", "0", "--assets", "builtin"]) == 0
     assert (

@@ -112,7 +112,7 @@ class RunSettings(BaseModel):
             yield from differing(name, getattr(self, name), getattr(now, name), self.FREE)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record to store when a run with the settings ``now`` resumes the folder."""
+        """Return the record that this record's folder gets when a run with the settings ``now`` resumes it."""
         del now
         return self
 

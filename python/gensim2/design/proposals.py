@@ -70,7 +70,7 @@ def goal_of(task: TaskSpec) -> str:
 
 
 def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
-    """Return the task that brings an object of this class to ``goal``, with one object and one step."""
+    """Return the task, with one object and one step, that brings an object of the class of ``thing`` to ``goal``."""
     phrase = phrase_of(thing, goal)
     assert phrase is not None, f"no phrase asks for {thing.asset_class} to be {goal}"
     role = role_of(phrase.noun)

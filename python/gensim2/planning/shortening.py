@@ -7,8 +7,8 @@ from typing import Any
 
 import gensim2_kpam as kpam
 
-#: Safety margin: the last motion of a shortened config ends earlier than the partial plan, by this fraction of the
-#: complete motion.
+#: Safety margin. A shortened config ends its last motion earlier than the partial plan did, by this fraction of the
+#: motion's full length.
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")

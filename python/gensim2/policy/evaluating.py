@@ -57,7 +57,8 @@ class PolicyResult:
 
     Attributes:
         policy: results of the policy.
-        controls: results of the control experiments by name. ``"expert"``, the planner, has one result for each task.
+        controls: results of the control experiments by name. The experiment ``"expert"`` runs the planner in
+            place of the policy, and has one result for each task. Other experiments have one result for all tasks.
     """
 
     policy: EvaluationResult

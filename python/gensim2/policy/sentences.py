@@ -36,7 +36,7 @@ def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
     if says is None:
         return {}
     if not isinstance(says, Mapping) or not all(isinstance(each, str) for pair in says.items() for each in pair):
-        raise InputError("must map instructions to instructions", field="says")
+        raise InputError("must be a dictionary from instructions to the instructions that replace them", field="says")
     return says
 
 

@@ -71,7 +71,7 @@ class Move:
 
 
 class Port:
-    """Options of a web page that is always shown.
+    """Options of a command that always serves a web page.
 
     Attributes:
         port: Port of the web page.

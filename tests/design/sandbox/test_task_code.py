@@ -109,7 +109,7 @@ ODD = {
     "an attribute beyond ASCII": (
         HEAD + "        self.t\u00fcr = 1\n",
         6,
-        "'t\u00fcr' is not allowed: names must have lower-case ASCII",
+        "'t\u00fcr' is not allowed: names consist of lower-case ASCII",
     ),
     "a name beyond ASCII": (HEAD + "        \u00e9 = 1\n", 6, "the name '\u00e9' cannot be assigned"),
     "a class beyond ASCII": (HEAD.replace("Odd", "\u00d6dd"), 2, "ASCII letters and digits, not '\u00d6dd'"),

@@ -199,7 +199,7 @@ class Reader:
 
     def look_at_alias(self, node: ast.alias, parent: ast.AST | None) -> None:
         if not isinstance(parent, ast.ImportFrom):
-            raise Refused(parent, f"import {_short(node.name)} is not allowed, only from {MODULE} import ...")
+            raise Refused(parent, f'import {_short(node.name)} is not allowed; write "from {MODULE} import NAME"')
 
     def look_at_Import(self, node: ast.Import, parent: ast.AST | None) -> None:
         """Do nothing: ``look_at_alias`` checks each module."""
@@ -239,7 +239,10 @@ class Reader:
         if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
             raise Refused(node, f"the attribute {_short(node.attr)} is not allowed: only self has attributes")
         if not NAME.fullmatch(node.attr):
-            raise Refused(node, f"self.{_short(node.attr)} is not allowed: names must have lower-case ASCII letters")
+            raise Refused(
+                node,
+                f"self.{_short(node.attr)} is not allowed: names consist of lower-case ASCII letters, digits and _",
+            )
         if isinstance(node.ctx, ast.Store) and node.attr in self.methods:
             raise Refused(node, f"self.{node.attr} cannot be assigned")
 

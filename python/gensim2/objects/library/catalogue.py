@@ -32,8 +32,8 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
         listed: ids of the class in the library.
 
     Returns:
-        The ids of the split; None if the class has no such split. If the library lacks some ids of the release, all of
-        ``listed``, because splits are defined only for complete copies of the GenSim2 release.
+        The ids of the split; None if the class has no such split. All ids of ``listed`` if some ids of the GenSim2
+        release are missing in it, because splits are defined only for complete copies of the release.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:

@@ -40,7 +40,7 @@ class Drawn:
     """Training examples from one scene.
 
     Attributes:
-        examples: arrays by the names of :func:`example`; one example for each planned step and one for "done".
+        examples: one example for each planned step and one for "done"; :func:`example` lists the arrays of an example.
         failed: reason why a step or the scene was left out (planner status or failure in simulation); else None.
     """
 
