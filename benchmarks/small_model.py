@@ -43,6 +43,7 @@ def main() -> int:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     serve = [given.server_python, "-m", "llama_cpp.server", "--model", weights.stdout.strip(), "--n_ctx", str(CONTEXT)]
+    serve += ["--n_threads", str(os.cpu_count() or 1), "--n_threads_batch", str(os.cpu_count() or 1)]
     with (given.out / "server.log").open("w") as log:
         server = subprocess.Popen([*serve, "--port", str(port)], stdout=log, stderr=log)
     try:
@@ -50,7 +51,7 @@ def main() -> int:
         _wait(url, server)
         return _run(given.out, url, given.time_limit)
     finally:
-        server.terminate()
+        server.kill()  # it would finish its answer first
         server.wait()
 
 
