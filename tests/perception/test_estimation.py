@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+import gensim2
 from gensim2.cli.main import run as run_command
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
@@ -47,6 +49,7 @@ from gensim2.perception.noise import DEPLOYED
 from gensim2.perception.raycast.observer import Observer
 from gensim2.planning import StepPlanner, parse_strategy
 from gensim2.robots import robot
+from gensim2.rollout.controller_spec import PERCEIVING, ControllerSpec
 from gensim2.scenes.initial_state import PlacedObject
 from gensim2.scenes.randomize import placed
 from gensim2.tasks.library import load_strategies, load_task
@@ -493,3 +496,28 @@ def test_benchmark_and_demo_plan_on_the_estimates_of_an_estimator(
     assert "cannot be combined with an estimated scene" in capfd.readouterr().err
     assert run_command([*words, "--noise", "deployed"]) == 2
     assert "has no effect on the true scene" in capfd.readouterr().err
+
+
+def test_what_plans_on_the_true_scene_refuses_an_estimated_one(tmp_path: Path) -> None:
+    asked: dict[str, Any] = {"assets": "builtin", "scene_source": "estimator"}
+    for call in (
+        lambda: gensim2.solve("CloseBox", **asked),
+        lambda: gensim2.collect(["CloseBox"], episodes=1, out=tmp_path / "data", **asked),
+        lambda: gensim2.run_pipeline(target_task="CloseBox", out=tmp_path / "out", **asked),
+    ):
+        with pytest.raises(InputError, match="scene_source: is an option of benchmark and demo only"):
+            call()
+
+
+def test_a_moved_estimator_and_a_changed_noise_are_told_apart(trained: Path, tmp_path: Path) -> None:
+    moved, noise = shutil.copytree(trained, tmp_path / "moved"), tmp_path / "noise.yaml"
+    noise.write_text("a: 1")
+
+    def digest(estimator: Path) -> str:
+        given = {"task": "CloseBox", "estimator": str(estimator), "noise": str(noise)}
+        return ControllerSpec(PERCEIVING, given).digest
+
+    first = digest(trained)
+    assert digest(moved) == first
+    noise.write_text("a: 2")
+    assert digest(moved) != first

@@ -26,7 +26,7 @@ def _show(result: dict[str, Any]) -> None:
 
 @command(*EPISODES, "engines", "library", *PROCESSES, "ray", "resume", "videos", show=_show)
 def design(
-    folder: Annotated[Path, Option(metavar="FOLDER")],
+    folder: Annotated[Path, Option(metavar="DIR")],
     *,
     out: Folder | None = None,
     verify: Count = 20,

@@ -98,7 +98,8 @@ class Shared:
         robot: Robot: panda, fr3, fetch, or a Python file that registers your own robot.
         scene_source: Scene that the planner gets. true is the state of the simulator. DIR is an estimator made by
             gensim2 perceive train: the planner gets estimates from point clouds, and decides itself when a task is
-            done. Tasks with several objects, or with a class that the estimator does not know, are skipped.
+            done. benchmark skips tasks with several objects or with a class that the estimator does not
+            know, and demo refuses them.
         seed: Random seed.
         time_limit: Time after which an episode counts as hung and is repeated in a new process.
         videos: Number of episodes of each task to film: demonstrations, or failed episodes of a task that is not kept.

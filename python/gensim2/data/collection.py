@@ -12,7 +12,7 @@ from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
 from gensim2.rollout.config import RunArguments
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
-from gensim2.rollout.inputs import TaskInput, check_counts, only_strategies, read_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, only_strategies, read_task_inputs, require_true_scene
 from gensim2.scenes.physics import Engines
 
 SCHEMA_VERSION = 1
@@ -104,6 +104,7 @@ def collect(
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` retries them.
     """
     check_counts(episodes=episodes)
+    require_true_scene(**scene)
     execution = Execution.of(scene)
     given, skipped = read_task_inputs(tasks, seed=seed, **scene)
     if objects is not None:

@@ -30,6 +30,7 @@ from gensim2.rollout.inputs import (
     has_instances,
     instances_word,
     read_task_input,
+    require_true_scene,
     scene_options,
 )
 from gensim2.rollout.runner import EpisodeRunner
@@ -119,6 +120,7 @@ def run_pipeline(
     elif target_task is not None:
         target = redesigned(load_task(str(target_task)))
     seeding.check_seed(seed)
+    require_true_scene(**scene)
     options, rollout = scene_options(**scene), RolloutOptions(open_loop=scene.get("open_loop", False), engines=engines)
     options.second_engine(engines)  # raises an error now if the second engine cannot be used
     library, instances = open_library(options.assets), instances_word(**scene)

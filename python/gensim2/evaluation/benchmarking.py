@@ -14,6 +14,7 @@ from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.evaluation.benchmark_table import compared
 from gensim2.evaluation.running import Arguments, Table, TableExtent, tabulate
 from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RunArguments
+from gensim2.rollout.controller_spec import ControllerError
 from gensim2.rollout.inputs import TaskInput, check_counts, check_scene_source, read_task_inputs
 from gensim2.scenes.config import SceneOptions, split_arguments
 from gensim2.scenes.physics import Engine
@@ -212,6 +213,8 @@ def _perceivable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], dict[str,
     for one in given:
         try:
             found = check_scene_source(one)
+        except ControllerError:
+            raise
         except InputError as error:
             refused[one.spec.name] = error
             continue

@@ -111,10 +111,12 @@ class ControllerSpec:
         depends: Callable[..., list[Path]] | None = getattr(self.load(), "depends_on", None)
         with user_code(self._refused("depends_on fails"), InputError, MissingExtraError):
             files = [] if depends is None else depends(**self.arguments)
-        place = self.arguments.get("checkpoint")
-        told = dict(self.arguments)
-        if isinstance(place, str) and any(Path(place) in path.parents for path in files):
-            del told["checkpoint"]
+        folders = {str(folder) for path in files for folder in path.parents}
+        told = {
+            name: value
+            for name, value in self.arguments.items()
+            if name not in ("checkpoint", "estimator") or str(Path(str(value))) not in folders
+        }
         target = f"{Path(where).name}:{name}" if where.endswith(".py") else self.target
         found = hashlib.sha256(json.dumps([target, told], sort_keys=True).encode())
         found.update(Path(source).read_bytes() if source is not None else b"")

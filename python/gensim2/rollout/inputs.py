@@ -112,6 +112,17 @@ def check_scene_source(given: TaskInput) -> str | None:
     return spec.digest
 
 
+def require_true_scene(**given: Unpack[RunArguments]) -> None:
+    """Check that the arguments of a function that plans on the true scene ask for no other scene.
+
+    Raises:
+        InputError: the arguments ask for an estimated scene.
+    """
+    for name, default in (("scene_source", TRUE_SCENE), ("depth_noise", None)):
+        if given.get(name, default) != default:
+            raise InputError("is an option of benchmark and demo only", field=name)
+
+
 def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:
     """Return the scene options from a run's keyword arguments.
 

@@ -17,7 +17,7 @@ from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
 from gensim2.rollout.config import RolloutArguments
-from gensim2.rollout.inputs import read_task_input
+from gensim2.rollout.inputs import read_task_input, require_true_scene
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -144,6 +144,7 @@ def solve(
     """
     if out is not None:
         check_writable(Path(out) / "plan.json")
+    require_true_scene(**scene)
     given = read_task_input(task, seed=seed, **scene)
     # These modules are imported here because they take seconds to import.
     from gensim2.sim.headless import HeadlessEnv

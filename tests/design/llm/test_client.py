@@ -175,6 +175,13 @@ def test_any_other_refusal_is_one_error(server: ModelServer) -> None:
     assert server.requests == 1
 
 
+@pytest.mark.parametrize("complaint", ["maximum context length is 8192 tokens", "exceeds the available context size"])
+def test_a_prompt_beyond_the_context_names_the_remedy(server: ModelServer, complaint: str) -> None:
+    server.faults = deque([Fault(400, body=json.dumps({"error": {"message": complaint}}).encode())])
+    with pytest.raises(InputError, match="with a longer context, or choose another model"):
+        Client(options(server)).ask(question())
+
+
 def test_a_key_is_named_by_its_variable_and_never_said(
     server: ModelServer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

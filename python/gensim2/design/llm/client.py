@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import importlib
 import logging
+import re
 from typing import Any
 
 from gensim2.core.errors import InputError, MissingExtraError, ModelError, one_line
@@ -205,7 +206,7 @@ class Client:
             return InputError(f"{self.endpoint} redirects to another address", field="designer", remedy=remedy)
         if isinstance(error, library.APIStatusError) and error.status_code < 500:
             longer = "serve the model with a longer context, or choose another model"
-            remedy = longer if "context length" in said else None
+            remedy = longer if re.search(r"context (length|size|window)|prompt is too long", said) else None
             return InputError(f"{self.endpoint} refuses the request: {said}", field="designer", remedy=remedy)
         return ModelError(f"{self.endpoint}: {said}, {self._tries()}")
 

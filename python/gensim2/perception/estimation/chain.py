@@ -113,9 +113,10 @@ class PerceivingChain:
     """
 
     @staticmethod
-    def depends_on(estimator: str, **_: object) -> list[Path]:
-        """Return the file that contains the SHA-256 of the weights."""
-        return [Path(estimator) / ESTIMATOR_JSON]
+    def depends_on(estimator: str, noise: str | None = None, **_: object) -> list[Path]:
+        """Return the file that contains the SHA-256 of the weights, and the file of the noise if there is one."""
+        files = [Path(estimator) / ESTIMATOR_JSON]
+        return files if noise is None or not Path(noise).is_file() else [*files, Path(noise)]
 
     def __init__(
         self,
@@ -201,11 +202,13 @@ class PerceivingChain:
         if self._checks_goal:
             assert self._last is not None
             self._checks_goal = False
-            if self._checked > MAX_CHECKS or self._is_done(observation):
+            if self._is_done(observation):
                 return None
             self._chain.resume(self._last)
         action = self._chain.act(self._with_belief(observation))
         if action is None and self._chain.is_finished and self._last is not None:
+            if self._checked == MAX_CHECKS:
+                return None
             self._checks_goal, self._checked = True, self._checked + 1
             return self._last
         self._last = action
