@@ -101,7 +101,7 @@ def test_new_ones_are_a_hundred_that_no_list_has(library: Library, tmp_path: Pat
     urdf = tmp_path / "drawer" / "7" / "mobility.urdf"
     urdf.parent.mkdir(parents=True)
     urdf.write_text("<robot/>")
-    with pytest.raises(InputError, match=r"drawer is real: there are no instances beyond .*builtin"):
+    with pytest.raises(InputError, match=r"drawer is real: the class has only the listed .*builtin"):
         open_library(tmp_path).choose("drawer", "new")
 
 

@@ -74,14 +74,14 @@ def test_keywords_options_and_fields_are_the_same_words() -> None:
     # `redraw` is a switch of the physics, whose name it has in files.
     assert {each.name for each in fields(SceneOptions)} | {"instances", "redraw"} == set(SCENE_FIELDS)
     assert {each.name for each in fields(SceneConfig)} == {*SCENE_FIELDS, "task"} - {"redraw"}
-    assert set(get_type_hints(RolloutArguments)) == {*SCENE_FIELDS, "open_loop"}
-    assert set(options.EPISODES) == {*get_type_hints(RolloutArguments), "seed"}
+    assert set(get_type_hints(RolloutArguments)) == {*SCENE_FIELDS, "open_loop", *options.PLANNER}
+    assert {*options.EPISODES, *options.PLANNER} == {*get_type_hints(RolloutArguments), "seed"}
     assert set(options.EPISODES) <= set(get_type_hints(options.Shared))
     run = {each.name for each in fields(RolloutOptions)}
     assert set(FIXED_ARGUMENTS) >= {*SCENE_FIELDS, *run}
-    # Noise and a second engine are for collections only and are not part of any figure.
-    collected = {"noise", "engines"}
-    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets", "redraw"} | run - collected
+    # Noise and a second engine are for collections only, and figures are of planners that know the true scene.
+    others = {"noise", "engines", *options.PLANNER}
+    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets", "redraw"} | run - others
 
 
 def test_it_pickles_and_finds_its_like() -> None:
