@@ -90,7 +90,10 @@ DAMAGE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a flipped bit": (_flip, "is damaged"),
     "half": (lambda f: _weights(f).write_bytes(_weights(f).read_bytes()[:999]), "is damaged"),
     "foreign weights": (_foreign, "are not those of the configuration"),
-    "fewer sentences": (lambda f: _edit(f, lambda c: c["sentences"].pop()), "the expected type and shape are I64 [1, 24, 12]"),
+    "fewer sentences": (
+        lambda f: _edit(f, lambda c: c["sentences"].pop()),
+        "expected type and shape are I64 [1, 24, 12]",
+    ),
     "a table of no axes": (lambda f: _sealed(f, lambda t: t.update(sentences=torch.tensor(0))), "sentences is I64 []"),
     "pieces of no word": (lambda f: _sealed(f, lambda t: t["sentences"].fill_(2048)), "must lie in 0..2047"),
     "no number": (lambda f: _sealed(f, lambda t: t["network.cloud_mean"].fill_(torch.nan)), "not finite"),
