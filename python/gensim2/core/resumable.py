@@ -251,8 +251,10 @@ class ResumableFolder(Generic[Settings]):
         if (path / self._marker).exists():
             if not resume:
                 raise held_already(path, holds)
+        # Another run may write the marker after the question for it and before the list of files.
         elif self._alone and any(
-            entry.name != FolderLock.NAME and not entry.name.startswith(f".{self._marker}.") for entry in path.iterdir()
+            entry.name not in (FolderLock.NAME, self._marker) and not entry.name.startswith(f".{self._marker}.")
+            for entry in path.iterdir()
         ):
             held = holds.removeprefix("a ")
             raise InputError(f"is not empty and holds no {held}", file=path, remedy="choose another --out")
