@@ -17,11 +17,10 @@ from math import sqrt
 from pathlib import Path
 from typing import Any
 
-from markdown_tables import line, runs_to_take_in
+from markdown_tables import line, take_in
 from results_claims import TYPES
 from scipy.stats import fisher_exact
 
-from gensim2.core.files import write_json
 from gensim2.design.execution import KEEP_LONG, KEEP_THRESHOLD
 from gensim2.rollout.tally import interval
 from gensim2.scenes.physics import ENGINES
@@ -161,7 +160,7 @@ def _taken_in(controller: str) -> dict[tuple[str, str], Count]:
     }
 
 
-def take_in(found: dict[str, Any], commit: str) -> list[dict[str, Any]]:
+def rows_of(found: dict[str, Any], commit: str) -> list[dict[str, Any]]:
     """Return the rows to store from one JSON output of ``gensim2 benchmark`` or ``gensim2 evaluate``."""
     return [
         {
@@ -181,13 +180,7 @@ def take_in(found: dict[str, Any], commit: str) -> list[dict[str, Any]]:
 
 def main() -> int:
     """Store the results of the given runs."""
-    given = runs_to_take_in(__doc__)
-    before = json.loads(FILE.read_text(encoding="utf-8"))["rows"] if FILE.exists() else []
-    rows = {(row["task"], row["controller"], row["engine"]): row for row in before}
-    for path in given.files:
-        for row in take_in(json.loads(path.read_text(encoding="utf-8")), given.commit):
-            rows[row["task"], row["controller"], row["engine"]] = row
-    write_json(FILE, {"schema_version": 1, "rows": [rows[key] for key in sorted(rows)]})
+    take_in(__doc__, FILE, rows_of, ("task", "controller", "engine"))
     return 0
 
 

@@ -9,15 +9,14 @@ replaces an earlier policy with the same name and first seed.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from markdown_tables import line, runs_to_take_in
+from markdown_tables import line, take_in
 
-from gensim2.core.files import write_atomic, write_json
+from gensim2.core.files import write_atomic
 from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, summary
 from gensim2.policy.experiments.page import WORDS
 
@@ -118,21 +117,15 @@ def draw(arms: Sequence[Arm], file: Path) -> None:
     figure.savefig(file, dpi=150)
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Return a sort key for names that orders numbers by value."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+def _natural(key: tuple[str, int]) -> tuple[list[tuple[int, str]], int]:
+    """Return a sort key for names and seeds that orders the numbers in names by value."""
+    name, seed = key
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)], seed
 
 
 def main() -> None:
     """Store the results of runs, and write the tables."""
-    given = runs_to_take_in(__doc__)
-    figures = json.loads(FIGURES.read_text())["arms"] if FIGURES.exists() else []
-    known = {(arm["name"], arm["seed"]): arm for arm in figures}
-    for file in given.files:
-        for arm in arms_of(json.loads(file.read_text()), given.commit):
-            known[arm["name"], arm["seed"]] = arm
-    arms = [known[key] for key in sorted(known, key=lambda key: (_natural(key[0]), key[1]))]
-    write_json(FIGURES, {"schema_version": 1, "arms": arms})
+    arms = take_in(__doc__, FIGURES, arms_of, ("name", "seed"), field="arms", order=_natural)
     draw(arms, CURVE)
     write_atomic(PAGE, MARKED.sub(lambda match: f"{match[1]}{table(arms)}{match[2]}", PAGE.read_text()))
 

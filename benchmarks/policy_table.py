@@ -10,16 +10,14 @@ are several seeds, the first one's row stands in the tables, and all of them in 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from markdown_tables import line, runs_to_take_in
+from markdown_tables import fill, line, take_in
 
-from gensim2.core.files import write_atomic, write_json
 from gensim2.core.yaml_files import read_yaml
 from gensim2.policy.config import HEADS
 from gensim2.rollout.tally import interval
@@ -238,18 +236,9 @@ def _table(rows: Sequence[Row], *, others: bool) -> str:
 
 def main() -> None:
     """Take runs in, and write the tables."""
-    given = runs_to_take_in(__doc__)
-    figures = json.loads(FIGURES.read_text())["rows"] if FIGURES.exists() else []
-    known = {tuple(row[name] for name in KEY): row for row in figures}
-    for file in given.files:
-        for row in rows_of(json.loads(file.read_text()), given.commit):
-            known[tuple(row[name] for name in KEY)] = row
-    rows = [known[key] for key in sorted(known, key=str)]
-    write_json(FIGURES, {"schema_version": 1, "rows": rows})
+    rows = take_in(__doc__, FIGURES, rows_of, KEY, order=str)
     makers = {"all": every, "short": short, "chunks": chunks, "heads": heads, "baselines": baselines, "seeds": seeds}
-    for page in PAGES:
-        text = MARKED.sub(lambda match: f"{match[1]}{makers[match[2]](rows)}{match[3]}", page.read_text())
-        write_atomic(page, text)
+    fill(PAGES, MARKED, makers, rows)
 
 
 if __name__ == "__main__":

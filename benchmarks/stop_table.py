@@ -10,15 +10,13 @@ and README.md.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from markdown_tables import line, runs_to_take_in
+from markdown_tables import Row, fill, line, take_in
 
-from gensim2.core.files import write_atomic, write_json
 from gensim2.rollout.tally import interval
 
 FIGURES = Path(__file__).with_name("stops.json")
@@ -26,8 +24,6 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "docs/results/generalization.md", ROOT / "README.md")
 MARKED = re.compile(r"(<!-- stops: (\w+) -->\n).*?(<!-- /stops -->)", re.DOTALL)
 STOPS = ("goal", "controller")
-
-Row = dict[str, Any]
 
 
 def rows_of(found: Mapping[str, Any], commit: str) -> list[Row]:
@@ -105,18 +101,8 @@ def _share(row: Row) -> str:
 
 def main() -> None:
     """Store the results of evaluations, and write the tables."""
-    given = runs_to_take_in(__doc__)
-    stored = json.loads(FIGURES.read_text())["rows"] if FIGURES.exists() else []
-    known = {(row["name"], row["stop"]): row for row in stored}
-    for file in given.files:
-        for row in rows_of(json.loads(file.read_text()), given.commit):
-            known[row["name"], row["stop"]] = row
-    rows = [known[key] for key in sorted(known)]
-    write_json(FIGURES, {"schema_version": 1, "rows": rows})
-    makers = {"table": table, "short": short}
-    for page in PAGES:
-        text = MARKED.sub(lambda match: f"{match[1]}{makers[match[2]](rows)}{match[3]}", page.read_text())
-        write_atomic(page, text)
+    rows = take_in(__doc__, FIGURES, rows_of, ("name", "stop"))
+    fill(PAGES, MARKED, {"table": table, "short": short}, rows)
 
 
 if __name__ == "__main__":

@@ -545,7 +545,7 @@ def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture
     env = worker.simulator(config.scene)
     env.reset(seed)
     steps = plan_steps(config.task, env.profile, strategies, env.scene_state())
-    return draw_plan(step_to_draw(steps), config.task.name, env.profile, picture) is not None
+    return draw_plan(step_to_draw(steps), config.task, strategies, env.profile, picture) is not None
 
 
 def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:

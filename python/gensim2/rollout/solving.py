@@ -36,14 +36,12 @@ class SolvedStep:
         name, strategy: names of the step and of the planned strategy.
         scene: scene at the start of the step.
         found: plan of the step.
-        targets: (3,) targets of the strategy's point constraints, m, in the robot base frame.
     """
 
     name: str
     strategy: str
     scene: Scene
     found: StepPlan
-    targets: Sequence[npt.NDArray[np.float64]] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the step as plain data.
@@ -160,7 +158,7 @@ def solve(
     shown = step_to_draw(steps)
     if out is not None or not shown.found.is_solved:
         where = cache_dir() / "plans" / f"{given.spec.name}_{seed}.png" if out is None else Path(out) / "plan.png"
-        result = replace(result, picture=draw_plan(shown, given.spec.name, env.profile, where))
+        result = replace(result, picture=draw_plan(shown, given.spec, given.strategies, env.profile, where))
     if out is not None:
         write_json(Path(out) / "plan.json", result.to_dict())
     if view is not None and steps[0].found.plan is not None:
@@ -181,7 +179,6 @@ def plan_steps(task: TaskSpec, profile: RobotProfile, given: Strategies, scene: 
         One entry for each planned step, in order. If a step has no plan, the list ends with the failed step.
     """
     from gensim2.planning.steps import StepPlanner
-    from gensim2.planning.strategies import KeypointStrategy
     from gensim2.rollout.worker import parsed
 
     planner, strategies = StepPlanner(profile), parsed(given)
@@ -195,9 +192,6 @@ def plan_steps(task: TaskSpec, profile: RobotProfile, given: Strategies, scene: 
             if found.rank == 0:
                 break
         best = min(tried, key=lambda solved: solved.found.rank)
-        chosen = strategies[best.strategy]
-        if isinstance(chosen, KeypointStrategy) and best.found.plan is not None:
-            best = replace(best, targets=planner.problem(scene, step, chosen).point_targets)
         steps.append(best)
         if best.found.status not in FOUND or best.found.after is None:
             break
@@ -210,28 +204,45 @@ def step_to_draw(steps: Sequence[SolvedStep]) -> SolvedStep:
     return next((step for step in steps if not step.found.is_solved), steps[-1])
 
 
-def draw_plan(solved: SolvedStep, task: str, profile: RobotProfile, file: Path) -> Path | None:
+def draw_plan(solved: SolvedStep, task: TaskSpec, given: Strategies, profile: RobotProfile, file: Path) -> Path | None:
     """Write a picture of a planned step as PNG.
 
     Args:
         solved: planned step.
-        task: name of the task.
+        task: task of the step.
+        given: strategies of the task by name, as plain data.
         profile: robot profile.
         file: file to write, atomically.
 
     Returns:
         Path of the file; None if Embree, which renders the picture, is not installed.
     """
+    targets = _targets(solved, task, given, profile)
     try:
         from gensim2.planning.picture import plan_picture
 
         found = solved.found
-        title = f"{task}, step {solved.name}, strategy {solved.strategy}: {found.status}"
+        title = f"{task.name}, step {solved.name}, strategy {solved.strategy}: {found.status}"
         plan = found.whole or found.plan
-        picture = plan_picture(solved.scene, plan, profile, title=title, reason=found.reason, targets=solved.targets)
+        picture = plan_picture(solved.scene, plan, profile, title=title, reason=found.reason, targets=targets)
     except (ImportError, MissingExtraError):
         return None
     file.parent.mkdir(parents=True, exist_ok=True)
     with replacing(file) as path:
         picture.save(path, "PNG")
     return file
+
+
+def _targets(
+    solved: SolvedStep, task: TaskSpec, given: Strategies, profile: RobotProfile
+) -> Sequence[npt.NDArray[np.float64]]:
+    """Return the targets (3,) of the strategy's point constraints, m, in the base frame; none without a plan."""
+    from gensim2.planning.steps import StepPlanner
+    from gensim2.planning.strategies import KeypointStrategy
+    from gensim2.rollout.worker import parsed
+
+    strategy = parsed(given)[solved.strategy]
+    if solved.found.plan is None or not isinstance(strategy, KeypointStrategy):
+        return ()
+    step = next(step for step in task.steps if step.name == solved.name)
+    return StepPlanner(profile).problem(solved.scene, step, strategy).point_targets
