@@ -73,19 +73,19 @@ def view(
     """Serve a page that shows an episode in the browser, and return immediately.
 
     Args:
-        what: name or folder of a task, which is then planned and run; or folder of a data set; or an episode file of a
-            data set.
+        what: one of three things: the name or folder of a task, the folder of a data set, or an episode file of a data
+            set. A task is planned and run first.
         task: name of a task in the data set; None: the first task.
         episode: index of an episode in the data set; None: the first successful episode.
         seed: seed of the scene, if a task is run.
         spec: observation spec of the point cloud; None: the default of policies.
         host: address to listen on.
-        port: port of the page; if the port is in use, the next free port.
-        scene: options of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; for a data set, ``assets`` is
-            the folder in which its objects are now.
+        port: port of the page; if the port is in use, the next free port is used.
+        scene: options for running a task, see :class:`~gensim2.rollout.config.RolloutArguments`. For a data set only
+            ``assets`` is used: the folder in which the data set's objects are now.
 
     Returns:
-        The ``viser.ViserServer``; its ``stop()`` ends the page.
+        The ``viser.ViserServer``; its method ``stop()`` ends the page.
 
     Raises:
         InputError: the task or episode does not exist, or an argument is invalid.
@@ -105,12 +105,12 @@ def view(
 
 
 def _location(assets: object) -> Path | str | None:
-    """Return the location of an object library; return any other value unchanged."""
+    """Return the path of an object library. The argument is the library object, or already its path or None."""
     return cast(Path | str | None, getattr(assets, "location", assets))
 
 
 def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
-    """Plan a task in the scene of a seed and run the episode.
+    """Plan a task in the scene that the seed generates, and run the episode.
 
     Raises:
         InputError: the task does not exist, or an argument is invalid.

@@ -27,7 +27,8 @@ Observed = npt.NDArray[np.float32] | dict[str, npt.NDArray[Any]]
 
 
 class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
-    """A robot at a table with the objects of a task, simulated by :class:`~gensim2.sim.headless.HeadlessEnv`.
+    """Gymnasium environment with NumPy arrays: a robot at a table with the objects of a task. The class
+    :class:`~gensim2.sim.headless.HeadlessEnv` simulates the scene.
 
     Example:
         ```python
@@ -38,14 +39,14 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
         ```
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, its fields, or a
-            :class:`~gensim2.scenes.config.SceneConfig`.
-        obs_mode: ``"state"`` for a vector (D,) float32, or ``"raycast"`` for the arrays of an
-            :class:`~gensim2.perception.Observation` by name.
-        observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
+        task: name of a library task, a :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`.
+        obs_mode: ``"state"`` for a vector (D,) float32, or ``"raycast"`` for a dictionary with the arrays of an
+            :class:`~gensim2.perception.Observation`.
+        observation: an :class:`~gensim2.perception.ObservationSpec` or its fields. It applies to the mode ``"raycast"``
+            only.
         reward_mode: ``"sparse"`` (1 if the goal is reached, else 0) or ``"normalized_dense"`` (0 to 1).
-        render_mode: ``"rgb_array"`` or None. The engine's renderer draws the pictures, or the ray caster if the
-            engine's renderer does not work; ``info["renderer"]`` of a reset states which renderer is used, and why.
+        render_mode: ``"rgb_array"`` or None. Pictures come from the engine's renderer. If that renderer does not work,
+            they come from the ray caster. ``reset`` reports the renderer and the reason in ``info["renderer"]``.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Raises:

@@ -42,15 +42,15 @@ def load_object(
     name: str = "object",
     physics: Physics = DEFAULT,
 ) -> tuple[Articulation, tuple[str, ...]]:
-    """Build an articulated object with its root fixed at ``pose`` (in the world), without friction and damping of its
-    joint.
+    """Build an articulated object and fix its root at ``pose`` (world frame). The joint gets neither friction nor
+    damping.
 
     Returns:
-        The articulation, and a warning for each hull that PhysX has made smaller while it prepared the hull
-        ("cooking").
+        The articulation, and warnings. There is one warning for each hull that PhysX shrank when it preprocessed the
+        hull ("cooking").
 
     Raises:
-        InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's.
+        InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's joint.
     """
     loader = URDFLoader() if scene.can_render() else _PhysicsOnlyLoader()
     loader.set_scene(scene)
@@ -118,7 +118,9 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
 
 
 def _joint_name(joint: physx.PhysxArticulationJoint) -> str:
-    """Return a joint's name in its URDF; joints have the same prefix as links."""
+    """Return the name that a joint has in its URDF file. ManiSkill puts the same prefix before the names of joints and
+    links, and this function removes the prefix.
+    """
     prefix = joint.child_link.name.removesuffix(link_name(joint.child_link))
     return str(joint.name.removeprefix(prefix))
 
@@ -145,7 +147,11 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
 
 
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
-    """Return whether a collision shape still represents its hull (N, 3), given that the shape's bounding box is smaller
-    by ``lost`` (m) and larger by ``grown`` (m).
+    """Return whether a collision shape is close enough to the hull (N, 3) from which the physics engine made it.
+
+    Args:
+        hull: (N, 3) corners of the hull, m.
+        lost: largest distance (m) by which the shape's bounding box falls short of the hull's bounding box.
+        grown: largest distance (m) by which the shape's bounding box extends beyond the hull's bounding box.
     """
     return grown <= HULL_TOLERANCE and lost <= HULL_LOSS * float(np.ptp(hull, axis=0).max())

@@ -23,8 +23,8 @@ RAYCAST = "raycast"
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
-    """Mixin that adds ``obs_mode="raycast"`` to ManiSkill's modes. The attribute ``_seen`` has the observation spec in
-    this mode, and is None in all other modes.
+    """Mixin that adds ``obs_mode="raycast"`` to ManiSkill's observation modes. In this mode the attribute ``_seen``
+    holds the observation spec. In all other modes ``_seen`` is None.
     """
 
     profile: RobotProfile

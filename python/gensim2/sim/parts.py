@@ -27,11 +27,12 @@ Value = TypeVar("Value")
 
 
 class LazyMapping(Mapping[str, Value], Generic[Value]):
-    """Mapping from names to values. All values are computed when the first value is read, because most mappings are
-    never read.
+    """Mapping from names to values that computes its values late. The first access computes all values, and a mapping
+    that is never read costs nothing.
 
     Args:
-        work_out: function that computes all values from stored ones, without reading the simulator.
+        work_out: function that computes all values. It must use stored data, because the simulator may have moved on
+            when the function is called.
     """
 
     def __init__(self, work_out: Callable[[], Mapping[str, Value]]) -> None:
@@ -225,12 +226,16 @@ class RigidPart(ABC):
         """Return the pose of the body at this instant."""
 
     def measured_frame(self) -> Frame:
-        """Return the pose of the body, which has all keypoints."""
+        """Return the pose of the frame to which the object's keypoints belong. A rigid object has only one body, so
+        this is the body's pose.
+        """
         return self.frame()
 
     @abstractmethod
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-        """Return the velocity (3,) of the centre of mass, m/s, and the angular velocity (3,), rad/s; world frame."""
+        """Return the velocity (3,) of the centre of mass, m/s, and the angular velocity (3,), rad/s, both in the world
+        frame.
+        """
 
     @property
     @abstractmethod
@@ -249,7 +254,7 @@ class RigidPart(ABC):
 
     @property
     def speeds(self) -> Array:
-        """Speed of the centre of mass, m/s, and angular speed, rad/s, as (2,)."""
+        """Array (2,) with the speed of the centre of mass (m/s) and the angular speed (rad/s)."""
         return np.array([np.linalg.norm(np.asarray(velocity, dtype=np.float64)) for velocity in self.velocities()])
 
     @property

@@ -1,7 +1,7 @@
-"""Apply physics settings, each either the default or as in the original GenSim2.
+"""Apply the physics settings of a scene. Each setting has a default value and the value of the original GenSim2.
 
-The settings are PhysX parameters, joint resistance, masses, contact materials and finger drives. Both environments use
-the same :class:`Physics`, so their states are equal.
+The settings are PhysX parameters, joint resistance, masses, contact materials and finger drives. The ManiSkill
+environment and the headless environment use the same :class:`Physics`, so both compute the same states.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ CREEP_SPEED = 5e-5
 
 
 class JointResistance(Protocol):
-    """Interface of the resistance of an object's joint."""
+    """Interface for a model of joint resistance (friction and damping)."""
 
     def update(self) -> None:
         """Update the resistance; call it before each physics step."""
 
 
 class Physics:
-    """Physics settings of a scene; :func:`named_physics` returns the settings with a given name.
+    """Physics settings of a scene. :func:`named_physics` returns the settings for a given name.
 
     Args:
         name: name of the settings (:mod:`gensim2.scenes.physics`).
 
     Attributes:
         name: name of the settings.
-        switches: individual settings.
+        switches: for each setting, whether it has the default value or the value of the original GenSim2.
         scene_config: PhysX settings in ManiSkill's format.
         material: default contact material.
 
@@ -152,8 +152,8 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # The damping must not exceed the damping in the profile, which is zero for the finger drives of the
-            # original GenSim2.
+            # The profile's damping is an upper limit. The robot panda_long has the finger drives of the original GenSim2,
+            # whose damping is zero.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":
             _drive_fingers(robot, profile, **self._constants.fingers)
@@ -201,18 +201,21 @@ class Physics:
 
 
 class CoulombFriction:
-    """Coulomb friction of ``joint.friction`` N m (or N), plus viscous damping.
+    """Coulomb friction and viscous damping of a joint. The friction is ``joint.friction`` N m, or N for a sliding
+    joint.
 
-    PhysX's own joint friction is a coefficient on the joint's load. It has no threshold in N m, so the joint creeps: a
-    0.3 kg lid with a gravity torque of 0.26 N m moves 0.23 rad in 5 s at coefficient 1. SAPIEN's default coefficient of
-    0.05 doubles the resistance of a moving lid; this class sets the coefficient to 0.
+    PhysX's own joint friction is not used, because it is a coefficient that is multiplied by the load on the joint. It
+    has no threshold in N m, so a joint at rest creeps: at coefficient 1, a 0.3 kg lid with a gravity torque of 0.26 N m
+    moves 0.23 rad in 5 s. SAPIEN's default coefficient of 0.05 doubles the resistance of a moving lid, so this class
+    sets the coefficient to 0.
 
-    A velocity drive with target zero and a force limit acts as Coulomb friction that is regularized below
-    ``CREEP_SPEED``. With a limit of 0.5 N m the same lid creeps less than 0.0002 rad in 5 s. The lid stays at rest at a
-    torque of 0.98 of the limit; at 1.1 of the limit its speed after 0.1 s agrees with the excess torque to 1 %.
+    Instead, a velocity drive brakes the joint. Its target velocity is zero and its force limit is the friction. Such a
+    drive acts as Coulomb friction, except below ``CREEP_SPEED``, where its force grows with the speed. With a limit of
+    0.5 N m the same lid creeps less than 0.0002 rad in 5 s. The lid stays at rest at a torque of 0.98 of the limit. At
+    1.1 of the limit, its speed after 0.1 s agrees with the excess torque to 1 %.
 
-    The damping at the joint's current speed is added to the force limit, so that damping never reverses the motion of a
-    light link.
+    The damping torque at the joint's current speed is added to the force limit of the drive. A drive can only brake, so
+    damping never reverses the motion of a light link.
     """
 
     def __init__(self, articulation: physx.PhysxArticulation, joint: MovingJoint) -> None:
@@ -238,8 +241,8 @@ class CoulombFriction:
 
 
 class CoefficientFriction:
-    """PhysX's articulation friction, a coefficient that is multiplied by the load on the joint, without drive and
-    damping.
+    """PhysX's own joint friction: a coefficient that is multiplied by the load on the joint. This class sets the
+    joint's drive and damping to zero.
     """
 
     def __init__(self, articulation: physx.PhysxArticulation, coefficient: float) -> None:

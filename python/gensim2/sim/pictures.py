@@ -35,8 +35,8 @@ class StatePictures:
         """Build the scene with the given objects, unless it is already built.
 
         Args:
-            instances: id of each object's instance.
-            seed, options: arguments of a reset with these objects.
+            instances: id of the instance that stands for each object of the task.
+            seed, options: arguments for the environment's ``reset``; they must select these instances.
         """
         if self._shown != instances:
             self._env.reset(seed=seed, options=dict(options))
@@ -58,7 +58,12 @@ class StatePictures:
         }
 
     def colors(self, states: Mapping[str, Any], row: int) -> dict[str, npt.NDArray[np.uint8]]:
-        """Return colour images (H, W, 3) by camera."""
+        """Return a colour image (H, W, 3) for each camera, by camera name.
+
+        Args:
+            states: ManiSkill's ``env_states``.
+            row: index of the state in ``states``.
+        """
         return {camera: images["rgb"] for camera, images in self.at(states, row).items()}
 
     def close(self) -> None:

@@ -60,13 +60,13 @@ def make_env(
 
     Args:
         task: name of a library task, a spec, or its fields.
-        engine: ``"sapien"`` creates a ManiSkill environment, ``"mujoco"`` a plain environment of NumPy arrays without a
-            batch axis. Default: ``"sapien"`` if it is installed, else ``"mujoco"``.
+        engine: ``"sapien"`` creates a ManiSkill environment, and ``"mujoco"`` creates a plain environment with NumPy
+            arrays that have no batch axis. Default: ``"sapien"`` if it is installed, else ``"mujoco"``.
         numpy: whether a ManiSkill environment returns NumPy arrays, floats and bools without a batch axis, instead of
-            tensors. Environments of MuJoCo always do.
+            tensors. MuJoCo environments never return tensors.
         kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env` or
-            :class:`~gensim2.sim.numpy_env.NumpyEnv`: ``assets``, ``instances``, ``physics``, ``robot``,
-            ``randomization``, ``obs_mode``, ``reward_mode``, ....
+            :class:`~gensim2.sim.numpy_env.NumpyEnv`, for example ``assets``, ``instances``, ``physics``, ``robot``,
+            ``randomization``, ``obs_mode`` and ``reward_mode``.
 
     Returns:
         The environment; ``env.unwrapped`` is a :class:`~gensim2.sim.env.GenSim2Env` or a
@@ -141,7 +141,8 @@ def make_vec_env(
     )
     spec = envs.unwrapped.spec
     assert spec is not None, "gymnasium describes what it makes"
-    # gymnasium applies these arguments to the single environments only; the vector environment's spec needs them, too.
+    # gymnasium passes these arguments to the individual environments, but does not store them in the spec of the vector
+    # environment, so they are copied into the spec here.
     for name in ("max_episode_steps", "disable_env_checker"):
         if kwargs.get(name) is not None:
             setattr(spec, name, kwargs[name])

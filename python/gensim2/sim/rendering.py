@@ -40,11 +40,11 @@ def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
 
 
 def observation_cameras(profile: RobotProfile, links: Mapping[str, Any]) -> list[CameraConfig]:
-    """Return the cameras of :mod:`gensim2.perception.camera` for SAPIEN's renderer.
+    """Return the configs with which SAPIEN renders the cameras that :mod:`gensim2.perception.camera` defines.
 
     Args:
-        profile: the robot, which may have cameras.
-        links: links of the agent by name.
+        profile: profile of the robot; it may define cameras that are mounted on links.
+        links: links of the robot by name.
     """
     fixed = [
         CameraConfig(name, sapien_utils.look_at(place, TARGET), PIXELS, PIXELS, fov=FIELD_OF_VIEW, near=NEAR, far=FAR)

@@ -70,7 +70,7 @@ def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics
     if density is not None:
         return  # without explicit inertia PhysX computes mass and inertia from the hulls
     values, axes = np.linalg.eigh(rigid.inertia)
-    # The factor of 1 or -1 makes the axes right-handed.
+    # eigh may return left-handed axes. Their determinant is then -1, and multiplying by it makes them right-handed.
     turn = Rotation.from_matrix(axes * np.linalg.det(axes)).as_quat(scalar_first=True)
     builder.set_mass_and_inertia(rigid.mass, sapien.Pose(rigid.center_of_mass, turn), values)
 

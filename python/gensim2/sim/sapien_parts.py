@@ -1,4 +1,4 @@
-"""Access the robot and the objects of a SAPIEN scene. ManiSkill or the headless environment has built the scene."""
+"""Give access to the robot and the objects of a SAPIEN scene that ManiSkill or the headless environment has built."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Simulate a scene of the headless environment in SAPIEN, with bodies in the order of the ManiSkill environment."""
+"""Simulate a scene of the headless environment in SAPIEN. The bodies are added in the same order as in the ManiSkill
+environment, because their order affects PhysX's contact solver.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +96,12 @@ class SapienScene:
         return articulation_state(self._arm.articulation)
 
     def snapshot(self) -> tuple[Array, str]:
-        """Raise an error, because PhysX keeps contacts and impulses between steps, which SAPIEN cannot read."""
+        """Raise an error. PhysX keeps contacts and impulses from step to step, and SAPIEN cannot read them, so a
+        snapshot would be incomplete.
+
+        Raises:
+            InputError: always.
+        """
         raise InputError("sapien cannot resume exactly from a stored state", field="engine", remedy="use mujoco")
 
     def restore(self, state: Array, scene: str) -> None:

@@ -106,8 +106,9 @@ def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
 
 
 def read_scene(robot: RobotReader, parts: Parts) -> Scene:
-    """Return the planner's scene in the robot's base frame. The scene does not contain the name of the grasped object;
-    the caller adds the name.
+    """Return the planner's scene in the robot's base frame.
+
+    The simulator does not know which object is grasped, so the caller must add the name of the grasped object.
     """
     # The profile's pose is used, because the simulator rounds the base pose to float32.
     T_world_base = robot.profile.T_world_base

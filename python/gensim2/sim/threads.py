@@ -67,8 +67,10 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(made), super().reset)
 
     def _with(self, results: list[Any], function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a method of the base class with placeholders that return the given results instead of the real
-        environments.
+        """Call a method of the base class with precomputed results.
+
+        During the call, placeholders take the place of the environments. Each placeholder returns one of ``results``,
+        so the base class combines the results without running the environments again.
         """
         envs = self.envs
         self.envs = [_Done(env, result) for env, result in zip(envs, results, strict=True)]

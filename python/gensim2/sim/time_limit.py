@@ -1,5 +1,5 @@
-"""Truncate episodes after a number of control steps. The returned values have the batch axis that ManiSkill's tools
-need.
+"""End episodes (``truncated``) after a number of control steps, and return ``truncated`` with the batch axis that
+ManiSkill's tools need.
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from gymnasium.utils import RecordConstructorArgs
 
 
 class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Replacement for gymnasium's ``TimeLimit``. Gymnasium's wrapper returns a plain bool as ``truncated``, but
+    """Wrapper that replaces gymnasium's ``TimeLimit``. Gymnasium's wrapper returns a plain bool as ``truncated``, but
     ManiSkill requires a tensor.
 
     Args:
-        env: environment from ``gymnasium.make``; this wrapper replaces gymnasium's ``TimeLimit`` wrapper and takes its
-            limit.
-        registered: step limit in gymnasium's registry; the environment converts it to its robot's control rate.
+        env: environment from ``gymnasium.make``. If it is wrapped in gymnasium's ``TimeLimit``, this wrapper removes
+            that wrapper and uses its step limit.
+        registered: step limit in gymnasium's registry. If ``env`` has this limit, the environment's own limit is used
+            instead, because the number of steps depends on the robot's control rate.
     """
 
     def __init__(self, env: gym.Env[Any, Any], registered: int | None = None) -> None:
@@ -39,7 +40,7 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return spec
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Execute one control step; ``truncated`` (1,) bool is True from the limit on."""
+        """Execute one control step. ``truncated``, a bool tensor (1,), is True once the step limit is reached."""
         obs, reward, terminated, _, info = self.env.step(action)
         truncated: Any = self.unwrapped.elapsed_steps >= self._max_episode_steps  # type: ignore[attr-defined]
         return obs, reward, terminated, truncated, info

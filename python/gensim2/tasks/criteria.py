@@ -1,14 +1,16 @@
-"""Define the success criteria of steps and tasks, each a pure function of a :class:`Measurement`.
+"""Define the success criteria of steps and tasks. Each criterion is a pure function of a :class:`Measurement`.
 
 Five criteria come from the paper. In the original GenSim2 they use only horizontal distances between measured keypoints
-(an object's last keypoint), so an object in the air above a box counts as inside. Here they also check heights and the
-interiors of containers; ``holds_in_paper`` is the original definition, for the verdict ``paper``. The other criteria
-describe a joint that is partly open, and the position of a rigid object, which is the origin of its frame, near the
-object's middle.
+(the measured keypoint of an object is its last keypoint), so an object in the air above a box counts as inside the box.
+In this package these criteria also check heights and the interiors of containers. Their method ``holds_in_paper``
+applies the original definition, which the verdict ``paper`` needs.
+
+The other criteria check whether a joint is partly open, or where a rigid object is. The position of a rigid object is
+the origin of its frame, which lies near the object's middle.
 
 Each criterion has the property ``objects`` with the names of the objects that it measures. ``holds`` returns whether
-the criterion is met; with NaN it is never met. ``progress`` returns a value from 0 to 1, where 1 means that the
-criterion is met.
+the criterion is met; a criterion with a NaN measurement is never met. ``progress`` returns a value from 0 to 1, where 1
+means that the criterion is met.
 """
 
 from __future__ import annotations
@@ -155,9 +157,11 @@ class RigidMoved(_Criterion):
 
 
 class RigidOnRigid(_Criterion):
-    """A rigid object is on or in a support: their origins are within ``threshold`` (m) horizontally, the object's
-    origin is at most ``height`` (m) above the support's, and the object's lowest point is above the support's lowest
-    point and at most 1 cm above the support's highest point.
+    """A rigid object is on or in another object, its support.
+
+    The origins of the object and the support are within ``threshold`` (m) horizontally, and the object's origin is at
+    most ``height`` (m) above the support's origin. The object's lowest point is above the lowest point of the support,
+    and at most 1 cm above the highest point of the support.
     """
 
     type: Literal["rigidbody_on_rigidbody"] = "rigidbody_on_rigidbody"
@@ -173,7 +177,7 @@ class RigidOnRigid(_Criterion):
         return nearness(self._excess(measured))
 
     def _excess(self, measured: Measurement) -> float:
-        """Return the largest distance (m) by which a condition is missed; negative if all conditions are met."""
+        """Return the largest distance (m) by which a limit is exceeded; the value is negative if all limits are kept."""
         x, y, z = map(float, (measured.poses[self.rigid] - measured.poses[self.support])[:3])
         found = [math.hypot(x, y) - self.threshold, z - self.height]
         if self.rigid in measured.bounds and self.support in measured.bounds:
@@ -206,9 +210,12 @@ class _Distance(_Criterion):
 
 
 class DistanceArticulatedRigid(_Distance):
-    """The horizontal distance between the measured keypoints of an articulated and a rigid object is less than
-    ``threshold`` (m). If the articulated object is a container, the middle of the rigid object must also be inside;
-    otherwise the rigid object's lowest point must not be above the articulated object's keypoint.
+    """A rigid object is near or inside an articulated object.
+
+    The measured keypoint of an object is its last keypoint. The horizontal distance between the measured keypoints of
+    the two objects is less than ``threshold`` (m). In addition, there is a condition on the height. If the articulated
+    object is a container, the middle of the rigid object must be inside the container. If it is not a container, the
+    rigid object's lowest point must not be above the articulated object's measured keypoint.
     """
 
     type: Literal["distance_articulated_rigidbody"] = "distance_articulated_rigidbody"
@@ -245,8 +252,11 @@ class DistanceGripperRigid(_Distance):
 
 
 class DistanceGripperArticulated(_Distance):
-    """A keypoint of the gripper is within ``threshold`` (m) of the articulated object's measured keypoint
-    horizontally, and not more than ``threshold`` above or below the link with this keypoint.
+    """The gripper is near an articulated object.
+
+    At least one keypoint of the gripper has a horizontal distance of less than ``threshold`` (m) from the articulated
+    object's measured keypoint (its last keypoint). This keypoint of the gripper is also at most ``threshold`` above or
+    below the link that has the measured keypoint.
     """
 
     type: Literal["distance_gripper_articulated"] = "distance_gripper_articulated"
@@ -292,7 +302,9 @@ def all_hold_in_paper(criteria: tuple[Criterion, ...], measured: Measurement) ->
 
 
 def nearness(distance: float) -> float:
-    """Map a distance (m) to a reward: 1 if the distance is zero or negative, 0.24 at ``SCALE``, and nearly 0 at 1 m."""
+    """Map a distance (m) to a reward from 0 to 1. The reward is 1 for a distance of zero or for a negative value, which
+    means that a limit is kept. The reward is 0.24 if the distance equals ``SCALE``, and nearly 0 at 1 m.
+    """
     return _share(1.0 - math.tanh(max(distance, 0.0) / SCALE))
 
 
@@ -302,8 +314,11 @@ def _share(value: float) -> float:
 
 
 def _beyond_height(measured: Measurement, name: str, threshold: float) -> float:
-    """Return the smallest height (m) by which a gripper keypoint near an object exceeds the permitted distance
-    ``threshold`` above or below the object; 0 if no keypoint is near, or if the shapes are unknown.
+    """Return by how much the gripper is too high above or too low below an object, m.
+
+    Only gripper keypoints that are horizontally within ``threshold`` (m) of the object's measured keypoint are
+    considered. Each may be up to ``threshold`` above or below the object. The result is the excess of the best of these
+    keypoints; 0 if the limit is kept or the object's shape is unknown.
     """
     if name not in measured.bounds:
         return 0.0

@@ -1,7 +1,8 @@
-"""Read the measured success rates of the library's tasks, from which all tables in the documentation are made.
+"""Read the measured success rates of the library's tasks. All tables of success rates in the documentation are made
+from these measurements.
 
-Only ``benchmarks/figures.py`` writes ``figures.json``, from the JSON output of ``gensim2 benchmark``. A row has the
-results of one task in one such JSON file.
+Only ``benchmarks/figures.py`` writes the data file ``figures.json``, from the JSON output of ``gensim2 benchmark``.
+Each row of the data file holds the results of one task in one benchmark.
 """
 
 from __future__ import annotations
@@ -36,15 +37,17 @@ OWNERS = {"default": "default physics", "original": "the original's physics"}
 
 
 class Condition(_Value):
-    """Conditions of a measurement.
+    """Conditions under which success rates were measured.
 
     Attributes:
         objects: ``"generated"`` for the built-in objects, or ``"real"`` for objects from a folder.
-        physics: ``"default"`` (``"ours"`` in earlier files), ``"original"``, or a combination of parts of both.
+        physics: ``"default"``, ``"original"``, or a preset with changed settings such as ``"default+solver=original"``.
+            Earlier files write ``"ours"`` for ``"default"``.
         engine: simulation engine.
         robot: name of the robot.
-        instances: instances used, as in ``--instances``.
-        randomization: preset for the random ranges of scenes: ``"paper"``, ``"paper-half"`` or ``"wide"``.
+        instances: instances of the objects that were used; values as in ``--instances``.
+        randomization: preset for the ranges from which initial scenes are sampled: ``"paper"``, ``"paper-half"`` or
+            ``"wide"``.
         attempts: maximum number of attempts in an episode, each from the same initial scene.
         open_loop: whether all motions were planned at the start of each episode.
         disturbance: ``"push"``, ``"drop"`` or None.
@@ -64,8 +67,8 @@ class Condition(_Value):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the conditions equal the paper's protocol: the paper's ranges of scenes, all instances, closed loop,
-        one attempt, no disturbance.
+        """Whether the conditions equal the paper's protocol: initial scenes from the paper's ranges, all instances,
+        planning during the episode (closed loop), one attempt, and no disturbance.
         """
         return not self.deviations
 
@@ -116,7 +119,10 @@ class Source(_Value):
 
 
 class Figure(_Value):
-    """Results of one task under one condition; counts are numbers of episodes.
+    """Results of one task under one set of conditions. Results are counts of episodes, except ``deviation``.
+
+    The verdicts ``paper``, ``held`` and ``strict`` are three definitions of success, from lenient to strict
+    (docs/reference/episodes.md).
 
     Attributes:
         task: name of the task.
@@ -124,14 +130,16 @@ class Figure(_Value):
         seed: seed of the scenes.
         runs: number of runs, all with the same number of episodes.
         episodes: number of episodes in all runs.
-        paper, held, strict: number of episodes that pass the verdict of this name (docs/reference/episodes.md).
-        deviation: standard deviation between runs of the ``paper`` success rate.
+        paper, held, strict: number of successful episodes according to each verdict.
+        deviation: standard deviation of the ``paper`` success rate between runs.
         partial: number of episodes in which only part of a motion was executed.
-        causes: number of episodes that fail ``held``, by cause, most frequent first.
-        strict_misses: number of episodes that fail ``strict``, by the failed condition, most frequent first.
+        causes: number of episodes that are failures according to ``held``, by cause, most frequent cause first.
+        strict_misses: number of episodes that are failures according to ``strict``, by the condition that was not met,
+            most frequent condition first.
         objects: number of different objects by class.
-        instances: verdicts by object, as ``class/id``, joined with ``" + "`` for several objects; empty in old rows.
-        source: commit, date and command of the measurement; None in old rows.
+        instances: verdicts by object. The key is ``class/id``; keys of several objects are joined with ``" + "``. Empty
+            in rows from before this field existed.
+        source: commit, date and command of the measurement. None in rows from before this field existed.
     """
 
     task: str
@@ -184,8 +192,8 @@ class Figures(_Value):
 
 
 def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
-    """Return the sort key of a row. Rows are sorted by task. Among the rows of a task, the row under the paper's
-    protocol comes first.
+    """Return the sort key of a row. Rows are sorted by task, then by condition. For each task, the row that was
+    measured under the paper's protocol comes first.
     """
     return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
 

@@ -1,10 +1,13 @@
-"""Read the task library, which has one folder for each task, in three locations.
+"""Read the task library. The library has one folder for each task, and the folders are in three locations.
 
-``library/`` in this package contains the paper's suite, ``designed/`` contains tasks that designers made with generated
-objects, and the user's folder (:func:`user_library`) contains tasks that the user's runs have added. In each location,
-``<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, and ``<Name>/strategies/<name>.yaml`` is a strategy for
-one of its steps. A folder of schema version 1 has a ``solver.yaml`` instead. If the task's folder has no file for a
-strategy, the file is read from the folder ``strategies/`` beside the tasks of the package, which several tasks share.
+- ``library/`` in this package contains the tasks of the paper.
+- ``designed/`` in this package contains tasks that language models (designers) made with generated objects.
+- The user's folder (:func:`user_library`) contains tasks that the user's runs have added.
+
+A task's folder is named after the task. Its file ``task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, and each
+file ``strategies/<name>.yaml`` is a strategy for one of the steps. If a strategy has no file in the task's folder, its
+file is read from a shared folder ``strategies/``, which lies beside the task folders of the package. Folders in the
+older schema version 1 have a single file ``solver.yaml`` instead of strategies.
 """
 
 from __future__ import annotations
@@ -48,8 +51,10 @@ _chosen: ContextVar[str | None] = ContextVar("library", default=None)
 
 @contextlib.contextmanager
 def using_library(folder: str) -> Iterator[None]:
-    """Use the given user library within a block, instead of the default one: a folder, an archive, or ``none`` for no
-    library.
+    """Use the given user library, instead of the default user library, within a ``with`` block.
+
+    Args:
+        folder: path of the library, a folder or a ``.zip`` file, or ``none`` for no user library.
 
     Raises:
         InputError: the path is neither a folder nor a ``.zip`` file.

@@ -1,8 +1,8 @@
-"""Detect tasks with the same meaning, even if their names, numbers or wording differ.
+"""Detect tasks that are the same although their names, numbers or wording differ.
 
-Two tasks have the same structure if their goals, their object classes and their sequences of steps are the same. They
-have the same meaning if their goals and object classes are the same and their sentences similar, or if their sentences
-are the same.
+Two tasks have the same structure if they have the same goal, the same object classes and the same sequence of steps.
+Two tasks have the same meaning in two cases: their instructions are the same, or their goals and object classes are the
+same and their instructions are similar.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 ALIKE = 85.0
 """Similarity of two sentences, 0 to 100, above which tasks with the same goal and object classes count as the same."""
 
-#: Synonyms in instructions. Before sentences are compared, each word in a value is replaced by its key.
+#: Synonyms. Before instructions are compared, the words on the right are replaced by the word on the left.
 SAYINGS = {
     "close": ("shut", "closed"),
     "open": ("opened",),
@@ -53,13 +53,13 @@ Fact = tuple[str, ...]
 
 @dataclass(frozen=True)
 class NormalForm:
-    """Form of a task for comparisons, without names and numbers.
+    """Task without names and numbers, so that it can be compared with other tasks.
 
     Attributes:
-        classes: classes of the objects that steps or goal use, sorted.
-        goal: criteria that must hold at the end.
-        chain: criteria of each step, in the order of the steps.
-        words: words of the sentence, with synonyms replaced.
+        classes: classes of the objects that the steps or the goal use, sorted.
+        goal: criteria of the goal, without their numbers.
+        chain: criteria of each step, in the order of the steps, without their numbers.
+        words: words of the instruction, with synonyms replaced.
     """
 
     classes: Classes
@@ -110,10 +110,10 @@ def normal_words(sentence: str) -> tuple[str, ...]:
 
 
 def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
-    """Return the similarity of two sets of words, 0 to 100, regardless of order and repetition.
+    """Return the similarity of two instructions, 0 to 100. The order and the repetition of words do not matter.
 
-    The words are sorted and joined. The similarity is 100 times the ratio 2 M / T, where M is the length of the longest
-    common subsequence of letters and T the total length.
+    The different words of each instruction are sorted and joined to a string. The similarity is 100 times 2 M / T,
+    where M is the length of the longest common subsequence of the two strings, and T is the sum of their lengths.
     """
     first, second = " ".join(sorted(set(one))), " ".join(sorted(set(other)))
     lengths = [0] * (len(second) + 1)
@@ -150,7 +150,9 @@ def _link(step: Step, called: dict[str, str]) -> tuple[Fact, ...]:
 
 
 def _fact(criterion: Criterion, called: dict[str, str]) -> Fact:
-    """Return the text fields of a criterion without its numbers. Objects are replaced by the names in ``called``."""
+    """Return the fields of a criterion that are texts; numbers are left out. Object names are replaced by the neutral
+    names in ``called``, so that criteria of different tasks can be compared.
+    """
     fields = criterion.model_dump()
     words = [f"{name}={called.get(value, value)}" for name, value in sorted(fields.items()) if isinstance(value, str)]
     return tuple(words)

@@ -1,4 +1,4 @@
-"""Define the state of a scene at one instant, from which criteria and verdicts are computed, for any simulator."""
+"""Define the state of a scene at one instant, independent of the simulator. Criteria and verdicts are computed from it."""
 
 from __future__ import annotations
 
@@ -16,17 +16,20 @@ class Measurement:
     """State of a scene at one instant, in the world frame.
 
     Attributes:
-        openness: (q - lower) / (upper - lower) of each articulated object; may lie slightly outside 0..1.
-        joint_speed: openness per second of each articulated object, as the simulator reports it; for a part pressed
-            against a stop it may differ from the real motion.
-        keypoints: position (3,) of each keypoint, m, by object and keypoint, in the order of the object's definition.
+        openness: how far the joint of each articulated object is open: (q - lower) / (upper - lower), where q is the
+            joint position and lower and upper are the joint limits. The value may lie slightly outside 0..1.
+        joint_speed: change of ``openness`` per second, as the simulator reports it. The value may be wrong while a part
+            is pressed against its joint limit.
+        keypoints: position (3,) of each keypoint, m, by object name and keypoint name. Keypoints have the order of the
+            object's definition.
         poses: (7,) pose of each rigid object: x, y, z (m), qw, qx, qy, qz.
         speeds: (2,) linear (m/s) and angular (rad/s) speed of each rigid object, as the simulator reports them.
-        gripper: tool keypoints of the robot, (3,) m.
+        gripper: position (3,) of each keypoint of the robot's tool, m.
         finger_opening: distance between the finger pads, m.
-        start_positions: (3,) position (m) of each rigid object at the reset.
-        bounds: lowest and highest corner (2, 3), m, of each rigid object, and of the link with the measured keypoint of
-            each articulated object; empty if the shapes are unknown, so that criteria check distances only.
+        start_positions: position (3,) of each rigid object at the start of the episode, m.
+        bounds: lowest and highest corner (2, 3) of each object's bounding box, m. For an articulated object the box
+            contains only the link with the measured keypoint. Empty if the shapes are unknown; criteria then check
+            distances only.
         contents: names of the rigid objects inside each container; empty if the shapes are unknown.
     """
 

@@ -152,10 +152,12 @@ class Memory:
         return self.folder / task.name
 
     def check_new(self, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> None:
-        """Check that a task can be added once it is verified; a task identical to a stored task passes.
+        """Check that the library would accept a task after its verification. A task that is already stored with the
+        same content passes, because adding it again changes nothing.
 
         Raises:
-            KnownTaskError: the library or the package has a task of the same name or meaning.
+            KnownTaskError: the library or the package has a different task of the same name, or a task of the same
+                meaning.
         """
         if not self._has(task, {name: dict(strategies[name]) for name in strategies_of(task)}):
             self._check_new(task)

@@ -85,7 +85,9 @@ def _kinds(kind: Any) -> list[Any]:
 
 
 def _inside(kind: Any, part: int | str) -> Any:
-    """Return the type of the value at a field, key or index of ``kind``."""
+    """Return the type of a part of a value whose type is ``kind``. The part is a field name, a mapping key or a list
+    index.
+    """
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         fields = kind.model_fields
         return next((field.annotation for name, field in fields.items() if part in (name, field.alias)), None)

@@ -16,13 +16,14 @@ DEFAULT_PRESET: PresetName = "paper"
 
 @dataclass(frozen=True)
 class Preset:
-    """Preset of ``--randomization``: a scale for the task's ranges, and further randomization.
+    """Preset of ``--randomization``. A preset scales the ranges of the task, and can switch on more randomization.
 
     Attributes:
         name: value of ``--randomization``.
-        scale: factor on the ranges of offsets, yaw and openness.
-        turns_either_way: whether the yaw gets a random sign. If not, its sign depends on the sign of the y offset.
-        varies: whether the objects' physics and the robot's start are also randomized.
+        scale: factor by which the ranges of offsets, yaw and openness are multiplied.
+        turns_either_way: whether the sign of an object's yaw is random. If False, the sign depends on the sign of the
+            object's y offset.
+        varies: whether the physics of the objects and the robot's initial joint positions are also randomized.
     """
 
     name: PresetName

@@ -1,4 +1,6 @@
-"""List success rates for comparisons: published in the paper (Table 4), and measured with the paper's code."""
+"""List success rates for comparisons. Some were published in the paper (Table 4), and some were measured with the code
+that the paper's authors released.
+"""
 
 from __future__ import annotations
 
@@ -93,8 +95,8 @@ def paper_of(task: TaskSpec) -> tuple[float, float] | None:
 
 
 def released_of(task: TaskSpec) -> tuple[int, int] | None:
-    """Return successes and episodes of a task, measured with the released code. None if the task is not from the
-    paper.
+    """Return how many episodes of a task succeeded with the code that the paper's authors released, and how many were
+    run; None if the task is not from the paper.
     """
     return MEASURED.get(task.name) if _is_published(task) else None
 

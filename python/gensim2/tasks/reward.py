@@ -37,11 +37,12 @@ class Stage:
 
 
 def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
-    """Return a task's stages: one for each step with criteria, and one for the goal, unless the goal equals the
-    criteria of the last step.
+    """Return the stages of a task. There is one stage for each step with criteria, and one stage for the goal, unless
+    the goal equals the criteria of the last step.
 
-    A step without the field ``done`` belongs to the stage of the next step that has this field. In such a stage, the
-    reward for reaching refers to the object of the first step.
+    A step without criteria (field ``done``) is part of the next stage, which ends with the next step that has criteria.
+    Part of a stage's reward is for moving the gripper to an object. If a stage has several steps, that object is the
+    object of the first step.
     """
     found: list[Stage] = []
     first: str | None = None

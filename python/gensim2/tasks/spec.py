@@ -91,18 +91,18 @@ class Place(_Value):
 
 
 class Randomization(_Value):
-    """Ranges of the initial scene; lengths in metres (the table ends at 0.65), angles in radians.
+    """Ranges from which the initial pose and the openness of an object are sampled. Lengths are in metres, angles in
+    radians. The table ends 0.65 m from the origin of the world frame.
 
-    The sampled yaw lies between 0 and ``yaw`` if the sampled y offset is positive, and between 0 and ``-yaw``
-    otherwise. With a positive ``yaw``, an object to the left or right of the middle is turned such that it faces the
-    robot; with a negative ``yaw`` it is turned away.
+    The size of the sampled yaw is random, and its sign depends on the side of the middle on which the object is placed.
+    With a positive ``yaw`` the object is turned towards the robot, with a negative ``yaw`` away from the robot.
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
-        yaw: maximum rotation about the vertical, rad. The sign of the sampled yaw is the sign of y times the sign of
-            ``yaw``.
+        yaw: limit of the rotation about the vertical axis, rad. The sign of the sampled yaw is the sign of the sampled
+            y offset times the sign of ``yaw``.
         openness_mean: mean openness at the start; None: default of the instance.
-        openness_spread: maximum deviation from the mean openness; the sampled openness is clipped to 0..1.
+        openness_spread: maximum deviation from the mean openness. The sampled openness is clipped to 0..1.
     """
 
     x: Offset = (-0.1, 0.1)
@@ -143,10 +143,12 @@ class Step(_Value):
     Attributes:
         name: name, unique in the task.
         object: object to move, to grasp, or to approach with the tool.
-        tool: ``"hand"``, or the grasped object, whose keypoints then replace the keypoints of the hand.
-        strategies: names of the step's strategies in order of preference; designers call their strategy ``designed``.
+        tool: ``"hand"``, or the name of the grasped object. If an object is the tool, its keypoints take the place of
+            the hand's keypoints.
+        strategies: names of the step's strategies in order of preference. In tasks made by a language model, the
+            strategy is named ``designed``.
         done: criteria that must all hold at some time during the step for the verdict ``paper``. A step without
-            criteria counts as done as soon as it starts, as in the paper's grasp and release steps.
+            criteria counts as done as soon as it starts. In the paper, grasps and releases are such steps.
     """
 
     name: Name
@@ -169,14 +171,16 @@ class Made(_Value):
 
 
 class Verified(_Value):
-    """Result of a verification: episodes of a task with its strategies on scenes that were not used in the design.
+    """Result of a verification. A verification runs episodes of a task with its strategies on scenes that were not used
+    to design the task.
 
     Attributes:
         episodes: number of episodes.
-        held: number of episodes that pass the verdict ``held``.
+        held: number of episodes that are successes according to the verdict ``held``.
         interval: 95 % confidence interval of the success rate.
         seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
-        instances: split of the objects; objects of ``"new"`` and ``"test"`` were not used in any search.
+        instances: split from which the objects were taken. Objects of the splits ``"new"`` and ``"test"`` were never
+            used to search for strategies.
         objects: number of different objects by class.
     """
 
@@ -217,16 +221,16 @@ class Provenance(_Value):
 
 
 class TaskSpec(_Value):
-    """A task on one or several objects.
+    """A task with one or several objects.
 
     Attributes:
-        name: name in CamelCase; the environment is ``GenSim2-<name>-v1``.
-        description: everyday instruction, one phrase in lower case.
+        name: name in CamelCase; the name of the environment is ``GenSim2-<name>-v1``.
+        description: instruction in everyday words, as one phrase in lower case.
         objects: objects by name, in the order in which they are placed.
-        steps: steps in order.
-        goal: criteria that must all hold at the end; None: the ``done`` of the last step.
+        steps: steps in the order of execution.
+        goal: criteria that must all hold at the end. None: the criteria in ``done`` of the last step are the goal.
         max_episode_steps: maximum duration of an episode, in steps of 1 / ``STEPS_A_SECOND`` s.
-        provenance: origin and verification; None if unknown.
+        provenance: origin and verification of the task; None if unknown.
     """
 
     schema_version: Literal[2] = 2
@@ -285,8 +289,10 @@ class TaskSpec(_Value):
 
     @property
     def transient(self) -> frozenset[str]:
-        """Names of the steps that move a joint only for a while: a later step moves the joint elsewhere, and nothing is
-        put into or taken out of its object in between. The goal cannot show that these steps were done.
+        """Names of the steps whose result a later step undoes, so that the goal cannot show whether the step was done.
+
+        In such a step a joint moves, for example a drawer is opened, and a later step moves the same joint elsewhere.
+        In between, no step puts an object into the articulated object or takes an object out of it.
         """
         return frozenset(
             step.name
@@ -300,8 +306,8 @@ class TaskSpec(_Value):
         )
 
     def motion_of(self, step: Step) -> JointCriterion | None:
-        """Return the criterion that a step's object must meet with its joint; None if the step has no such
-        criterion.
+        """Return the criterion on the joint of the step's object, for example that a drawer is open; None if the step
+        has no such criterion.
         """
         criteria = step.done or (self.success if step is self.steps[-1] else ())
         return next((c for c in criteria if isinstance(c, JOINT) and c.object == step.object), None)

@@ -1,4 +1,6 @@
-"""Define types for the strategies of a task as JSON data, by name and by step."""
+"""Define the types in which a task's strategies are passed on as JSON data: a mapping by strategy name, and a mapping
+by step name.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,12 @@ StepStrategies = Mapping[str, Strategies]
 
 
 def with_strategies(task: TaskSpec, ways: StepStrategies) -> TaskSpec:
-    """Return a copy of the task whose steps name the strategies ``ways``, and whose provenance has only entries of
-    these strategies.
+    """Return a copy of a task with other strategies.
+
+    Args:
+        task: task to copy.
+        ways: strategies for each step. The copy's steps list the names of these strategies, and the copy's provenance
+            keeps only the entries for these strategies.
     """
     steps = tuple(step.model_copy(update={"strategies": tuple(ways[step.name])}) for step in task.steps)
     provenance = task.provenance

@@ -113,8 +113,8 @@ class _Builder:
         option.impratio = IMPRATIO
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         spec.compiler.degree = False
-        # The inertias of the Fetch's fingers violate the triangle inequality; MuJoCo refuses them unless it may correct
-        # them.
+        # The stored inertias of the Fetch's fingers violate the triangle inequality, and MuJoCo rejects such a model.
+        # With this option, MuJoCo adjusts the inertias instead.
         spec.compiler.balanceinertia = True
         self._shapes: list[Shape] = []
         self._meshes = 0
@@ -272,7 +272,8 @@ class _Builder:
             name2=leader,
             solref=SOLREF,
         )
-        # The follower's position is offset + multiplier * driven position; these are the offset and the multiplier.
+        # The constraint is: position of the joint ``follower`` = offset + multiplier * position of the joint
+        # ``leader``. The offset is 0 and the multiplier is 1.
         equality.data[:2] = 0.0, 1.0
 
     def _add_pairs(self) -> None:
@@ -293,13 +294,15 @@ class _Builder:
         if one.is_static and other.is_static:
             return False
         if one.owner == other.owner:
-            # Links of the same object do not collide; for the robot, the SRDF decides.
+            # Links of the same object never collide with each other. For the robot, the SRDF file lists the pairs of
+            # links that must not collide.
             if one.owner != self._profile.agent:
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart
-        # A sliding link is guided by its rail, so its contact with the table is left out. In MuJoCo such a contact
-        # would turn every push into a normal force (the friction cone is convex), and a drawer on the table would jam.
+        # A drawer slides on its rail, not on the table, so contacts between a sliding link and the table are left out.
+        # MuJoCo's friction model would also press the drawer away from the table when the drawer is pushed along it,
+        # and the drawer would jam.
         table = {one.owner, other.owner} & {"table"}
         return not (table and (one.slides or other.slides))
 

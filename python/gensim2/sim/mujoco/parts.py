@@ -77,12 +77,14 @@ class MujocoFrame:
 
 
 class MujocoArticulatedPart(ArticulatedPart):
-    """An articulated object in a MuJoCo scene, whose root is a mocap body.
+    """Give access to an articulated object in a MuJoCo scene.
+
+    The object's root link is a mocap body: a body that does not move by physics, but can be placed anywhere.
 
     Args:
         name, thing: as for :class:`ArticulatedPart`.
         simulation: simulation that contains the object.
-        parents: parent of each link.
+        parents: name of the parent link by link name; None for the root link.
     """
 
     def __init__(self, name: str, thing: PlacedObject, simulation: Simulation, parents: dict[str, str | None]) -> None:
@@ -151,7 +153,8 @@ class MujocoRigidPart(RigidPart):
         return self._simulation.frame(self._body)
 
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-        found = np.zeros(6)  # The array gets the angular velocity, then the linear velocity of the centre of mass.
+        # mj_objectVelocity fills this array with the angular velocity (3,) and the velocity (3,) of the centre of mass.
+        found = np.zeros(6)
         simulation = self._simulation
         mujoco.mj_objectVelocity(simulation.model, simulation.data, mujoco.mjtObj.mjOBJ_BODY, self._body, found, 0)
         return found[3:], found[:3]

@@ -51,7 +51,7 @@ class MujocoScene:
         never_touching(profile.srdf)
 
     def _take_drives(self) -> None:
-        """Find the model's drives of the arm joints, of the gripper's motors, and of the follower joints."""
+        """Find the actuators for the arm joints, for the gripper's motors, and for the joints that follow a motor."""
         profile, model = self._profile, self.simulation.model
 
         def drive(joint: str) -> int:
@@ -66,7 +66,9 @@ class MujocoScene:
         ]
 
     def _geom_owners(self) -> npt.NDArray[np.int64]:
-        """Return the index (G,) of the object that owns each geom; -1 for the robot, -2 for the table."""
+        """Return the owner of each of the model's G geoms as an array (G,): the object's index in ``parts``, -1 for the
+        robot, or -2 for the table.
+        """
         model, numbers = self.simulation.model, {name: number for number, name in enumerate(self.parts)}
         numbers[self._profile.agent], numbers["table"] = -1, -2
         names = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, int(body)) for body in model.geom_bodyid)
@@ -150,7 +152,11 @@ class MujocoScene:
         return self._state(), self._digest
 
     def restore(self, state: Array, scene: str) -> None:
-        """Set a state that :meth:`snapshot` returned, with the hash of its scene.
+        """Set the simulation to a state that :meth:`snapshot` returned.
+
+        Args:
+            state: simulation state from :meth:`snapshot`.
+            scene: hash of the scene from the same call.
 
         Raises:
             InputError: the state has the wrong shape, or belongs to another scene.

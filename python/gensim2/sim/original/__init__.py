@@ -1,6 +1,6 @@
-"""Provide the physics constants of the original GenSim2 by object class.
+"""Provide the physics constants of the original GenSim2. Some of the constants differ between object classes.
 
-The constants are in ``constants.yaml`` in this folder, a package resource that wheels include.
+The constants are stored in ``constants.yaml`` in this folder. The file is part of the installed package.
 """
 
 from __future__ import annotations
@@ -17,15 +17,20 @@ from gensim2.core.yaml_files import parse_yaml
 
 @dataclass(frozen=True)
 class Constants:
-    """Constants of all scenes and of object classes.
+    """Physics constants for all scenes and for single object classes.
+
+    The "soft" finger drives are weaker than the default drives: the solver settings of the original GenSim2 can hold an
+    object only with soft drives.
 
     Attributes:
         scene: PhysX settings, named as in ManiSkill's ``SceneConfig``.
-        material: static and dynamic friction and restitution of every surface except the table's.
+        material: static friction, dynamic friction and restitution of every surface except the table's.
         rigid_density: density of rigid objects' hulls, kg/m3.
         fingers: stiffness (N/m) and damping (N s/m) of the original GenSim2's finger drives.
-        fingers_for: stiffness and damping of finger drives in scenes with a rigid object of the given class.
-        finger_damping: damping of the soft drives in scenes without rigid objects, N s/m.
+        fingers_for: by object class, the original GenSim2's stiffness and damping for scenes with a rigid object of
+            this class. These values replace ``fingers``.
+        finger_damping: damping (N s/m) of the soft drives in scenes without rigid objects. Their stiffness is the robot
+            profile's.
         picking_fingers: stiffness and damping of the soft drives in scenes with rigid objects.
     """
 
