@@ -152,7 +152,7 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # The profile's damping is an upper limit. The robot panda_long has the finger drives of the original GenSim2,
+            # The profile's damping is an upper limit. The robot panda_long has the original GenSim2's finger drives,
             # whose damping is zero.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":

@@ -177,7 +177,7 @@ class RigidOnRigid(_Criterion):
         return nearness(self._excess(measured))
 
     def _excess(self, measured: Measurement) -> float:
-        """Return the largest distance (m) by which a limit is exceeded; the value is negative if all limits are kept."""
+        """Return the largest distance (m) by which a limit is exceeded; negative if all limits are kept."""
         x, y, z = map(float, (measured.poses[self.rigid] - measured.poses[self.support])[:3])
         found = [math.hypot(x, y) - self.threshold, z - self.height]
         if self.rigid in measured.bounds and self.support in measured.bounds:

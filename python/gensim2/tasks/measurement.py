@@ -1,4 +1,4 @@
-"""Define the state of a scene at one instant, independent of the simulator. Criteria and verdicts are computed from it."""
+"""Define the state of a scene at one instant, for any simulator. Criteria and verdicts are computed from this state."""
 
 from __future__ import annotations
 
