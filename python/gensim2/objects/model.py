@@ -21,9 +21,10 @@ class LinkGeometry:
     """Geometry of a link, in metres in the link frame.
 
     Attributes:
-        hulls: convex parts, each (N, 3), from which mass and stability are computed.
+        hulls: convex parts, each (N, 3), from which mass and stability are computed. They also serve as collision parts
+            if ``solid`` is None.
         meshes: visual meshes.
-        solid: convex parts for collision; None: use ``hulls``.
+        solid: convex parts for collision, if these differ from ``hulls``; otherwise None.
     """
 
     hulls: list[Array]

@@ -57,7 +57,8 @@ def select(
 
 
 def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
-    """Return (class, id) of the object ``CLASS/WHICH``, or of the first object of ``CLASS``.
+    """Return the class and id of the first object that ``word`` selects. ``word`` is a class such as ``"drawer"``, or a
+    class with an id or set such as ``"drawer/3"`` or ``"drawer/test"``.
 
     Raises:
         InputError: as for :func:`select`.
@@ -68,10 +69,11 @@ def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
 def words_of_objects(
     instances: Callable[[str], Sequence[str]], classes: Mapping[str, str], words: Sequence[str]
 ) -> dict[str, Sequence[str]]:
-    """Resolve ``--instances`` for each object of a task.
+    """Return, for each object of a task by name, the values of the option ``--instances`` that apply to the object.
 
-    Sets (``all``, ``train``, ``test``, ``new``) apply to every object. Ids apply to one object (:func:`object_of_ids`);
-    for the other objects all instances are allowed.
+    If all values are sets (``all``, ``train``, ``test``, ``new``), they apply to every object of the task. If any
+    value is an id, the values apply only to the object that :func:`object_of_ids` names, because an id belongs to one
+    class. All instances of the task's other objects are then allowed.
 
     Args:
         instances: function that lists the ids of a class.
@@ -85,8 +87,9 @@ def words_of_objects(
 
 
 def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[str, str]) -> str:
-    """Return the name of the object to which ids refer: the first object whose class has several instances. If there is
-    no such object, return the first object.
+    """Return the name of the object to which ids in ``--instances`` refer. This is the task's first object whose class
+    has several instances, because a class with a single instance needs no selection. If every class has a single
+    instance, the task's first object is returned.
     """
     return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 
@@ -94,12 +97,12 @@ def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[st
 def taken_instances(
     choose: Callable[[str, str], Sequence[str]], asset_class: str, asked: Sequence[str], own: Sequence[str] | None
 ) -> tuple[str, ...]:
-    """Return the ids that are selected by the user's values and accepted by the task.
+    """Return the ids that both the user's option ``--instances`` and the task's spec allow.
 
     Args:
         choose: function that returns the ids for a class and one value.
         asset_class: name of the class.
-        asked: values given by the user.
+        asked: values that the user gave to ``--instances``.
         own: values in the task's spec; None: the task accepts all ids.
 
     Raises:

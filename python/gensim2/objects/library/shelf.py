@@ -56,14 +56,16 @@ class Shelf(ABC):
         return instance_id in self.instances(asset_class)
 
     def remedy(self, asset_class: str, instance_id: str) -> str:
-        """Return the remedy for an error message about an unknown instance."""
+        """Return advice on how to correct an unknown instance id, for the end of an error message. The advice names
+        similar ids.
+        """
         return near(instance_id, self.instances(asset_class))
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Return the ids of a fixed number of objects that ``instances`` does not list.
+        """Return the ids of new generated objects: a fixed number of objects that ``instances`` does not list.
 
         Raises:
-            InputError: the class has no further objects.
+            InputError: the class cannot generate new objects, because it consists of the listed objects only.
         """
         raise InputError(
             f"{asset_class} is {self.source}: the class has only the listed instances",

@@ -1,5 +1,5 @@
-"""Read the URDF files of objects, and the links of robots for display, with ``gensim2_kpam.read_urdf``. Lengths are not
-scaled.
+"""Read the URDF files of objects with ``gensim2_kpam.read_urdf``. The module also reads the links of robots, which are
+only displayed. Lengths keep the unit of the file: an object's scale is applied later.
 
 Files are refused if their links do not form a tree or their numbers are implausible.
 """
@@ -84,8 +84,9 @@ class ShapeElement:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint. ``T`` (4, 4) is its unscaled pose. ``axis`` (3,) may be zero. ``limits`` are in rad, or in the file's
-    unit of length.
+    """A joint of a URDF file, before the object's scale is applied. ``T`` (4, 4) is the pose of the joint frame in the
+    parent link's frame. ``axis`` (3,) is the axis as written in the file, which may be zero. ``limits`` are in rad, or
+    in the file's unit of length for a prismatic joint.
     """
 
     name: str

@@ -31,11 +31,12 @@ class UrdfWriter:
         self._meshes = 0
 
     def name(self, written: str, kind: str) -> str:
-        """Return an unused name that is valid in a URDF.
+        """Return a name that is valid in a URDF and that no other element of this URDF has.
 
         Args:
-            written: name in the other format; the part before the last slash is ignored.
-            kind: name to use if ``written`` has no valid character.
+            written: name of the element in the source file. If it is a path such as ``"/World/door"``, only the part
+                after the last slash is used.
+            kind: kind of the element, such as ``"link"``. It serves as the name if ``written`` has no valid character.
         """
         plain = re.sub(r"[^\w.-]", "_", written.rpartition("/")[2])[: LONGEST_LINK_NAME - 8].strip(".") or kind
         name = next(

@@ -1,17 +1,20 @@
 """Convert a USD file to a URDF file with meshes, which :mod:`gensim2.objects.library.importer` reads.
 
-The reader of ``usd-core`` runs in a subprocess with limited memory and time. The reader sees only copies of the USD
-files in the source's folder, which this module reads with the limits for untrusted objects. These rules apply:
+The USD library (``usd-core``) runs in a subprocess with limited memory and time. This module first copies the USD files
+of the source's folder, with the same size limits as for other untrusted objects, and the library opens only the copies.
+The conversion follows these rules:
 
-- Links are the prims with ``PhysicsRigidBodyAPI``. A joint whose body is another prim attaches to the static part of
-  the scene, which then is the root link. The object is the only group of links with a revolute or prismatic joint.
-- Prims with ``PhysicsCollisionAPI``, and prims below such a prim in the same link, are collision shapes. Visible prims
-  with the purpose ``default`` or ``render`` are visual shapes. If a link has only one kind of shapes, they serve both
-  purposes.
-- Lengths are converted from ``metersPerUnit``, masses from ``kilogramsPerUnit``, and ``upAxis`` to z. A model with y up
-  is rotated as with the option ``--up y``, so its front must face z.
-- Colours come from ``UsdPreviewSurface`` or ``displayColor``. Textures, drives, contact materials and animation are
-  ignored.
+- Each prim with ``PhysicsRigidBodyAPI`` becomes a link. A joint may also name a prim that is not part of any rigid
+  body; such a prim belongs to the static part of the scene, which then becomes the root link. The scene must have
+  exactly one group of connected links with a revolute or prismatic joint. This group becomes the object.
+- Prims with ``PhysicsCollisionAPI`` become collision shapes, and so do the prims below them in the same link. Visible
+  prims with the purpose ``default`` or ``render`` become visual shapes. A link that has only collision shapes shows
+  these shapes; a link that has only visual shapes collides with them.
+- Lengths are converted to metres with ``metersPerUnit``, and masses to kilograms with ``kilogramsPerUnit``. A model
+  whose ``upAxis`` is y is rotated so that z points up, as with the option ``--up y``. The front of such a model must
+  face z in the file.
+- Colours come from ``UsdPreviewSurface`` or ``displayColor``. The conversion ignores textures, drives, contact
+  materials and animation.
 """
 
 from __future__ import annotations
@@ -72,7 +75,7 @@ def convert(source: Path, scratch: Path) -> tuple[Path, bool]:
 def _convert(source: Path, scratch: Path, progress: Progress) -> tuple[Path, bool]:
     """Convert a file in the subprocess."""
     for name in [name for name in os.environ if name.startswith("PXR_")]:
-        del os.environ[name]  # these variables can name plugins and folders in which files are searched
+        del os.environ[name]  # the PXR_ variables can name plugins to load and folders in which USD searches for files
     copies = scratch / "usd"
     copies.mkdir()
     stage = _Copier(source, copies).open()
@@ -80,7 +83,9 @@ def _convert(source: Path, scratch: Path, progress: Progress) -> tuple[Path, boo
 
 
 class _Copier:
-    """Copies a USD file and the files that it refers to, after a check that they lie in its folder."""
+    """Copies a USD file and all files to which it refers. Before a file is copied, the copier checks that the file lies
+    in the folder of the USD file.
+    """
 
     def __init__(self, source: Path, copies: Path) -> None:
         self._file, self._copies = source, copies
@@ -157,7 +162,9 @@ class _Copier:
 
 
 def _plain(name: str, file: Path) -> str:
-    """Return a reference that is a relative path; refuse URLs, expressions, packages and arguments of formats."""
+    """Return a file reference from a USD file unchanged if it is a relative path. Raise an error for a reference of any
+    other form: a URL, an absolute path, an expression, a path inside a package, or a path with format arguments.
+    """
     if not name or name.startswith("/") or any(sign in name for sign in ":`[]\\\0") or not name.isprintable():
         remedy = "refer to a file by a relative path, and copy the file into the folder"
         raise AssetError("is not a relative path", file=file, field=repr(name[:80]), remedy=remedy)
@@ -174,8 +181,10 @@ class _Joint:
         name: name of the prim.
         kind: ``revolute``, ``continuous``, ``prismatic`` or ``fixed``.
         bodies: paths of the two links; ``""`` is the static part of the scene.
-        frames: pose (4, 4) of the joint on each of the two links, at the authored poses of the links.
-        axis: (3,) axis in the joint frame, about which the second link turns in the positive direction.
+        frames: pose (4, 4) of the joint frame in the frame of each of the two links, with the links at the poses that
+            the file gives them.
+        axis: (3,) joint axis in the joint frame. At positive joint values the second link has moved along this axis, or
+            turned about it, relative to the first.
         limits: rad or m; None for a continuous or fixed joint.
     """
 
@@ -282,7 +291,9 @@ class _Converter:
         anchors = [str(each.GetPath()) for each, body in zip(targets, (one, other), strict=True) if body == STATIC]
         kind, axis, limits = self._motion(prim)
         if kind == "fixed" and "/" in anchors:
-            return None  # the joint only fixes the root link in the world, as is the case for every object
+            # this joint only fixes the object's root link in the world, and gensim2 fixes the root link of every object
+            # anyway
+            return None
         self._anchors |= set(anchors) - {"/"}
         frames = (
             self._joint_frame(prim, targets[0], joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
@@ -291,7 +302,9 @@ class _Converter:
         return _Joint(str(prim.GetPath()), kind, (one, other), frames, axis, limits)
 
     def _joint_frame(self, joint: Any, target: Any, position: Any, rotation: Any) -> Array:
-        """Return the pose (4, 4) in the world of a joint frame that is given in the frame of a prim."""
+        """Return the pose (4, 4) of a joint frame in the world. The file gives the position and rotation of this frame
+        relative to the prim ``target``.
+        """
         matrix = self._matrix(target)
         T = _unscaled(matrix)
         T[:3, 3] = (matrix @ [*position.Get(), 1.0])[:3]
@@ -458,8 +471,8 @@ class _Converter:
         return [points] if solid else []
 
     def _primitive(self, prim: Any, matrix: Array) -> tuple[Array, str, Array] | None:
-        """Return pose, kind and size of a shape that URDF has; None for other shapes, and for sheared or stretched
-        shapes.
+        """Return the pose, the kind and the size of a USD shape that can be written as a URDF primitive (box, sphere,
+        cylinder or capsule). Return None for every other shape, and for a shape that is sheared or stretched.
         """
         kind = str(prim.GetTypeName())
         if kind not in ("Cube", "Sphere", "Cylinder", "Capsule"):
@@ -560,8 +573,8 @@ class _Converter:
         return points.astype(float), found
 
     def _inertial(self, link: _Link, T_from_world: Array, hulls: list[Array]) -> Inertial | None:
-        """Return the inertia that the link states, in its frame. Values that the link does not state are computed from
-        the collision hulls.
+        """Return the inertia of a link in the link's frame. Values that the USD file does not give are computed from
+        the link's collision hulls. Return None if the file gives neither mass nor density.
         """
         from pxr import UsdPhysics
 
@@ -584,7 +597,8 @@ class _Converter:
         center, inertia = even.center, even.inertia * mass / even.mass
         T = T_from_world @ self._pose(prim)
         authored = np.array(mass_of.GetCenterOfMassAttr().Get(), float)
-        if np.isfinite(authored).all():  # USD's default is not finite and means the centre of mass of the shapes
+        # by default this attribute is not finite, which means that the centre of mass is computed from the shapes
+        if np.isfinite(authored).all():
             center = (T_from_world @ self._matrix(prim) @ [*authored, 1.0])[:3]
         diagonal = np.array(mass_of.GetDiagonalInertiaAttr().Get(), float) * self._kilograms * self._metres**2
         if diagonal.any():
@@ -626,7 +640,9 @@ class _Converter:
         return value
 
     def _rotation(self, quaternion: Any, prim: Any) -> Array:
-        """Return the matrix (3, 3) of a USD quaternion; zero, the default of principal axes, stands for no rotation."""
+        """Return the rotation matrix (3, 3) of a USD quaternion. A zero quaternion, which is the USD default for the
+        principal axes of inertia, gives the identity.
+        """
         from scipy.spatial.transform import Rotation
 
         found = np.array([*quaternion.GetImaginary(), quaternion.GetReal()], float)

@@ -1,9 +1,10 @@
 """Decompose the two links of an object into convex hulls that do not collide with each other.
 
-A convex hull may fill some space that its mesh leaves free. If the other link moves through that space, the two links
-would collide. Therefore hulls that fill such space are penalized while pieces are decomposed and merged. Afterwards,
-parts of hulls that still reach into the other link are cut off by planes, if the cut removes almost none of the mesh's
-surface. Nothing is cut where the meshes themselves overlap.
+A convex hull covers hollows of its mesh. If the other link moves through such a hollow, the hulls of the two links
+would collide although the meshes do not. The decomposition avoids such collisions in two stages. First, when hulls are
+chosen and merged, a hull that covers space needed by the other link gets a penalty. Afterwards, planes cut off the
+parts of hulls that still reach into the other link. A cut is made only if it removes almost none of the mesh's surface.
+Nothing is cut where the meshes themselves overlap.
 """
 
 from __future__ import annotations
@@ -33,14 +34,17 @@ Pieces = Sequence[tuple[Array, Faces]]
 
 # number of joint values at which overlapping parts of hulls are cut off; at every second value the overlap is checked
 POSES = 9
-FINE = 0.0012  # m, cell size of the grid of one link's free space, into which the other link may move
+FINE = 0.0012  # m, cell size of the grid that tests which points of a link's surroundings are free for the other link
 SPACING = 0.004  # m, distance between neighbouring sample points on a link's own surface
 RESIDUE = 0.0007  # m, depth of overlap that may remain after a cut
-LOSS = 0.0012  # m, depth to which a cut may remove mesh surface from a hull
+# m. A cut may remove mesh surface from a hull only if this surface reaches at most this far beyond the cutting plane.
+LOSS = 0.0012
 NOTICED = 0.0009  # m, minimum depth of overlap for which a cut is tried
 # m. If a cut would remove mesh surface deeper than this, the meshes themselves overlap and nothing is cut.
 HOPELESS = 0.004
-COVERED = 0.0002  # m. Mesh surface that a cut removes is still covered if it lies this deep inside another hull.
+# m. A cut may remove mesh surface from one hull if another hull of the link contains the surface at least this deep
+# inside.
+COVERED = 0.0002
 PROGRESS = 0.0003  # m, depth of overlap that a cut must remove
 ROUNDS = 3
 MAX_POINTS = 400  # maximum number of points on each side of a separating plane
@@ -114,8 +118,13 @@ def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 
 
 def _needed(space: VoidSpace, points: Array) -> Array:
-    """Return those ``points`` (N, 3) that lie in the free space ``space`` of a link, at most one in each grid cell. The
-    points are on the other link, which needs this space.
+    """Return the points at which the other link moves through the free space of this link. The hulls of this link must
+    leave these points free.
+
+    Args:
+        space: free space around the meshes of this link.
+        points: (N, 3) points of the other link at several joint positions, in this link's frame. At most one point in
+            each cell of a grid is returned.
     """
     points = points[in_box(points, space.low, space.high)]
     points = points[_first_in_cells(points, SPACING)]
@@ -212,19 +221,20 @@ def _intruders(
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """Return surface points (N, 3) in the overlap of one hull of this link with the hulls of the other link.
+    """Return sample points (N, 3) on the surfaces of both links' hulls, where one hull of this link overlaps hulls of
+    the other link.
 
     Args:
         hull: (K, 3) vertices of the hull.
         block: the same hull, for depth queries.
-        placed: surface samples of each hull of the other link, for each of ``poses``.
+        placed: sample points on each hull of the other link, in this link's frame, for each of ``poses``.
         shapes: hulls of the other link, in its frame.
-        poses: (4, 4) poses of the other link.
+        poses: (4, 4) poses of the other link in this link's frame.
         counts: see :meth:`_Parts.cut_free`.
 
     Returns:
-        The points at all poses. All coordinates without another note are in this link's frame. The result is empty if
-        the overlap is nowhere deeper than ``NOTICED``.
+        The points of all poses together, in this link's frame. The array is empty if the overlap is nowhere deeper than
+        ``NOTICED``. ``hull`` and ``block`` are in this link's frame, too.
     """
     own = surface_samples(hull)
     found = []
@@ -262,13 +272,13 @@ def _thin_out(points: Array) -> Array:
 
 
 def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Cut off the parts of ``hull`` that contain intruders, by planes. Return None if nothing is left, and ``hull``
-    itself if no plane separates intruders and surface.
+    """Cut a plane through ``hull`` to remove the points that overlap the other link. Return the remaining part, or None
+    if nothing remains. Return ``hull`` unchanged if no plane separates these points from the mesh surface.
 
     Args:
         hull: (M, 3) vertices.
-        own: (K, 3) surface samples that only this hull covers.
-        intruders: (N, 3) points to exclude.
+        own: (K, 3) samples of this link's mesh surface that no other hull of this link covers.
+        intruders: (N, 3) points of the overlap with the other link, which the plane should cut off.
     """
     if not len(own):
         return None  # The hull is not needed: other hulls cover its whole mesh surface.
@@ -282,14 +292,16 @@ def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Return the unit normal (3,) of a plane that separates the hull's surface samples from the intruders.
+    """Return the unit normal (3,) of a plane between the samples of the mesh surface (``own``) and the points that the
+    other link occupies (``intruders``).
 
-    Return None if every such plane would remove surface more than ``HOPELESS`` (m) deep.
+    A plane may cut off surface samples, but no sample deeper than ``HOPELESS`` (m) beyond the plane. Return None if
+    every plane would cut deeper.
     """
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
     ours, theirs = own @ table.T, intruders @ table.T
-    # Evaluate both signs of each axis at once: the maximum along an axis is the negative minimum along its opposite.
+    # The first half of the losses belongs to the normals in ``table``, the second half to their opposites.
     losses = np.concatenate([ours.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - ours.min(axis=0)]) - RESIDUE
     table = np.concatenate([table, -table])
     best = float(losses.min())
@@ -311,8 +323,8 @@ def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
     programming; None if there is no gap.
     """
     inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
-    # Maximize the margin m such that n·p - d >= m for all p in ``outer``, n·s - d <= -m for all s in ``inner``, and
-    # each component of n lies in -1..1.
+    # Find the plane n·x = d with the largest margin m: n·p - d >= m for the points p of ``outer``, and n·s - d <= -m
+    # for the points s of ``inner``. Each component of n is limited to -1..1.
     rows = [
         np.column_stack([-outer, np.ones(len(outer)), np.ones(len(outer))]),
         np.column_stack([inner, -np.ones(len(inner)), np.ones(len(inner))]),
@@ -330,10 +342,11 @@ def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def cut_by_plane(hull: Array, normal: Array, offset: float) -> Array | None:
-    """Return the vertices (M, 3) of the part of a hull with normal·x <= offset.
+    """Cut a hull by a plane, and return the vertices (M, 3) of the part below the plane: the points p with normal·p <=
+    offset. Return None if no part of the hull is below the plane.
 
-    Physics engines need parts with a thickness of at least ``THINNEST``, so a thinner part is extended on the side
-    opposite to the cut. Return None if nothing is left.
+    Physics engines need parts that are at least ``THINNEST`` thick. If the remaining part is thinner along ``normal``,
+    the function thickens it downwards, away from the plane.
     """
     height = hull @ normal - offset
     if (height <= 0).all():

@@ -22,10 +22,11 @@ def planes_of(hull: Array) -> Array:
 
 
 def heights(points: Array, planes: Array) -> Array:
-    """Return the largest signed distance (K,) of points (K, 3) from outward planes (M, 4); negative inside the hull.
+    """Return the largest signed distance (K,) of each of the points (K, 3) from the planes (M, 4) of a hull. The
+    distance is negative inside the hull, because the planes' normals point outwards.
 
-    The distances are computed as an (M, K) array, because the maximum over the rows of a (K, M) array with few planes
-    takes six times as long.
+    The array of distances has one row for each plane, (M, K). With one row for each point, (K, M), the maximum would
+    take six times as long, because a hull has few planes.
     """
     above = planes[:, :3] @ points.T
     above += planes[:, 3, None]

@@ -1,9 +1,9 @@
 """Decompose a triangle mesh into a few convex hulls that leave its cavities open.
 
-The released meshes are not watertight, overlap, and consist of hundreds of pieces. A connected piece becomes its convex
-hull if the hull fills no cavity. Any other piece is split into thin convex plates along its surface. Neighbouring
-plates are then merged, first the pair whose common hull fills the least free space, so that walls become solid again
-while cavities stay open.
+The meshes of the released GenSim2 objects are not watertight. They overlap, and consist of hundreds of connected
+pieces. If the convex hull of a piece fills no cavity, the piece is replaced by this hull. Any other piece is split into
+thin convex plates along its surface. Then neighbouring plates are merged, starting with the pair whose common hull
+fills the least free space. Walls thus become solid again, while cavities stay open.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ MAX_VERTICES = 64
 MAX_HULLS = 40  # maximum number of hulls for each link
 MAX_HULLS_FOR_CLEARANCE = 60  # maximum number of hulls of a link if, with fewer hulls, the other link would be blocked
 FREE_SHARE = 0.01  # fraction of a hull's volume that may be free space of the mesh
-FREE_VOLUME = 1e-6  # m³, maximum free space that a hull may fill; this limit is ignored if the link has too many hulls
+# m³, maximum free space that a hull may fill. Hulls are merged beyond this limit while a link has too many hulls.
+FREE_VOLUME = 1e-6
 PATCH_ANGLE = np.cos(np.radians(15))
 PATCH_OFFSET = 0.002  # m, maximum distance of a patch's vertices from the plane of its first face
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
-# Maximum number of patches of a piece. A piece with more patches is simplified by merging vertices that are closer than
-# one cell of the grid, or closer than two or three cells if too many patches remain.
+# A mesh piece with more patches than this is simplified first: vertices closer than one cell of the link's
+# ``VoidSpace`` are merged. If too many patches remain, the distance is increased to two cells, then to three.
 MANY_PATCHES = 100
 
 
@@ -220,11 +221,13 @@ def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]
 
 
 class _Merger:
-    """Merges hulls pair by pair: first the pair that fills the least free space, then the smallest pair.
+    """Merges hulls in pairs. The next pair is always the one whose common hull fills the least free space; among equal
+    pairs, the pair with the smallest common hull.
 
-    Computing the common hull of a pair is expensive. Therefore a pair is first queued with lower bounds of its cost (no
-    filled space, volume of the bigger hull), and its common hull is computed only when the pair comes first in the
-    queue. Most pairs are dropped before that, because one of their hulls has been merged with another hull.
+    Computing the common hull of a pair is expensive. Therefore a priority queue first orders the pairs by estimates
+    that are never too high: no filled space, and the volume of the bigger hull. The common hull is computed only when
+    its pair reaches the front of the queue. Most pairs never reach the front, because one of their hulls has already
+    been merged with another hull.
     """
 
     def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:
@@ -301,7 +304,9 @@ class _Merger:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Convex hulls of a link, each (N, 3), and the numbers of dropped small pieces and of pieces with cavities."""
+    """Convex hulls of a link, each (N, 3). ``dropped`` is the number of pieces that were too small to keep, and
+    ``opened`` is the number of pieces that were split because their hull would fill a cavity.
+    """
 
     hulls: list[Array]
     dropped: int
@@ -350,16 +355,17 @@ FLAT = 1e-5
 
 
 def piece_hulls(meshes: Sequence[tuple[Array, Faces]]) -> tuple[list[Array], int]:
-    """Return the convex hulls of the connected pieces of one link's files.
+    """Return one convex hull for each connected piece of a link's meshes.
 
-    Thin pieces that are not flat are thickened as in the default method, because physics engines disagree on such
-    pieces.
+    Thin pieces that have a volume are thickened, as in :func:`decompose`, because each physics engine treats thin hulls
+    differently.
 
     Args:
-        meshes: vertices (N, 3) in metres and faces (M, 3) of each file.
+        meshes: vertices (N, 3) in metres and faces (M, 3) of each mesh of the link.
 
     Returns:
-        The hulls, each (N, 3), and the number of omitted pieces, which are flat or smaller than a millimetre.
+        The hulls, each (N, 3), and the number of omitted pieces. A piece is omitted if it is flat or smaller than a
+        millimetre.
     """
     found: list[Array] = []
     dropped = 0

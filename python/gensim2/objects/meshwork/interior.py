@@ -1,11 +1,14 @@
-"""Find the free space inside a container from its convex collision hulls, to decide whether an object is inside.
+"""Find the free space inside a container from the convex collision hulls of the container. Success criteria use this
+space to decide whether an object is inside.
 
-The container's measured point (its last keypoint) lies in the free space, or above it if objects are dropped into the
-container. The point belongs to the link that contains objects: the moving link of a drawer, the body of a box or
-refrigerator. A grid covers the hulls of this link. A cell is free if it overlaps no hull, has a floor below it,
-and has walls on at least three of four sides; a refrigerator is open in front, and a drawer may lack a back. The
-connected free space at or below the measured point is approximated by a box along the link's axes that reaches to the
-walls.
+A container's last keypoint, here called the measured point, marks the free space: it lies in the space, or above the
+space if objects are dropped into the container. The measured point belongs to the link that contains objects. This is
+the moving link of a drawer, but the body of a box or refrigerator.
+
+A grid covers the hulls of this link. A cell of the grid is free if it overlaps no hull, has a floor below it, and has
+walls on at least three of its four sides. Three walls are enough, because a refrigerator is open in front and a drawer
+may lack a back. The result is a box along the link's axes. It approximates the connected group of free cells nearest
+to the measured point, and reaches to the walls.
 """
 
 from __future__ import annotations
@@ -59,13 +62,13 @@ class InnerBox:
 
 
 def inner_box(hulls: tuple[Array, ...], measured_point: Array, up: Array) -> InnerBox | None:
-    """Return the free space inside a link; None if there is no free space at the measured point.
+    """Return the free space inside a link as a box. Return None if there is no free space near the measured point.
 
     Args:
-        hulls: vertices (N, 3) of the link's convex hulls in the link frame, m. The result is cached for this tuple
-            object.
-        measured_point: (3,) measured point in the link frame, m.
-        up: (3,) vertical direction in the link frame; the nearest axis is used.
+        hulls: vertices (N, 3) of the link's convex hulls in the link frame, m. Results are cached for each tuple
+            object, so pass the same tuple again to avoid a new computation.
+        measured_point: (3,) point in the link frame, m, that marks the free space: the last keypoint of the container.
+        up: (3,) vertical direction in the link frame. It is rounded to the nearest axis of the frame.
     """
     axis = int(np.argmax(np.abs(up)))
     return _inner_box(HullsKey(hulls), tuple(map(float, measured_point)), axis, bool(up[axis] > 0))
@@ -112,10 +115,12 @@ def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray
 
 
 def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> InnerBox:
-    """Extend each side of a box of cells to the wall behind the side, so that flat objects on the floor are inside.
+    """Move each side of the free box outwards to the nearest wall, so that a flat object on the floor of the container
+    counts as inside.
 
-    The function searches for a wall up to two cells away: cells near a hull do not count as free, and uneven outer
-    layers were removed, so the box ends before the wall. A side without a wall is not moved.
+    The box consists of grid cells and ends before the walls, for two reasons: cells near a hull do not count as free,
+    and outer layers with few free cells were removed. Walls are searched up to two cells beyond each side. A side
+    without a wall in this range is not moved.
     """
     corners = [box.low.copy(), box.high.copy()]
     spread = np.linspace(0.1, 0.9, 9)

@@ -31,11 +31,13 @@ FINEST = 0.003  # m, edge length of a cell
 CELLS = 96  # number of cells along the longest side of a large link
 MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # number of sample points processed at a time
-# m³ of free space that each point inside a hull counts for if the other link needs the point; more than any hull may
-# fill
+# m³, penalty for each point in a hull through which the other link moves. The penalty is added to the free space that
+# the hull fills, and exceeds the free space that any hull may fill.
 NEEDED_VOLUME = 1.1e-6
-NEEDED_DEPTH = 0.0008  # m. A point in space that the other link needs may be inside a hull up to this depth.
-MAX_PROBES = 5000  # approximate number of cells tested for a hull; a bigger hull is tested more coarsely
+# m. A point through which the other link moves is penalized only if it lies deeper than this in a hull.
+NEEDED_DEPTH = 0.0008
+# approximate maximum number of cells tested in a hull; in a bigger hull only every n-th cell along each axis is tested
+MAX_PROBES = 5000
 
 
 class VoidSpace:
@@ -82,13 +84,14 @@ class VoidSpace:
         return found
 
     def is_free_finely(self, points: Array, finest: float) -> npt.NDArray[np.bool_]:
-        """Return a mask of the points (N, 3) that can be reached from outside, more exactly than ``is_free``.
+        """Return a mask of the points (N, 3) that can be reached from outside the link. The result is more accurate
+        than the result of ``is_free``.
 
-        Points in cells that are not free are tested again on a finer grid around them.
+        Points in grid cells that are not free are tested again on a finer grid around these points.
 
         Args:
             points: (N, 3) points in the link's frame, m.
-            finest: cell size of the finer grid, m. The cells are larger if the grid would need too much memory.
+            finest: cell size of the finer grid, m. Larger cells are used if this grid would need too much memory.
         """
         found = self.is_free(points)
         doubtful = points[~found]
@@ -172,7 +175,14 @@ class VoidSpace:
         return float((heights(centers, planes) < -0.5 * self.cell).sum()) * (stride * self.cell) ** 3
 
     def _void_in_plate(self, points: Array, planes: Array, normal: Array, width: float) -> float:
-        """Return the free volume in a hull thinner than a grid cell, sampled on the hull's middle plane."""
+        """Return the free volume (m³) inside a plate: a hull that is thinner than two grid cells. Points on the plate's
+        middle plane are tested, and the free area is multiplied by the plate's thickness.
+
+        Args:
+            points, planes: vertices (N, 3) and outward planes (M, 4) of the hull.
+            normal: (3,) unit normal of the plate.
+            width: thickness of the plate, m.
+        """
         u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
         u /= np.linalg.norm(u)
         v = np.cross(normal, u)
@@ -194,7 +204,8 @@ class VoidSpace:
 OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
 MESH_SPACING = 0.002  # m, distance between neighbouring sample points on a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
-SKIN = 0.0032  # m, distance from a mesh that its convex parts may fill, because parts of thin sheets are thickened
+# m, maximum distance between a mesh and the surface of its convex parts, because parts of thin sheets are thickened
+SKIN = 0.0032
 NEAREST = 8  # number of candidate triangles that are compared to find the triangle closest to a point
 
 
@@ -214,10 +225,10 @@ class Overlap:
     Each depth is the maximum over the joint positions ``OPENNESS``. The region around the hinge is not examined.
 
     Attributes:
-        parts: penetration depth of the convex parts.
-        filled: penetration depth of the convex parts, counting only points that at least one link's mesh leaves free
-            (farther than ``SKIN`` from the mesh). This overlap is caused by the convex decomposition.
-        meshes: penetration depth of one link's mesh into the space that the other link's mesh encloses.
+        parts: penetration depth of the two links' convex parts.
+        filled: penetration depth of the convex parts at points that are farther than ``SKIN`` from the mesh of at least
+            one link. The convex decomposition causes this overlap, because the meshes do not meet there.
+        meshes: depth to which the mesh of one link enters the space enclosed by the mesh of the other link.
     """
 
     parts: float
@@ -231,11 +242,12 @@ def hull_overlap(instance: ArticulatedObject) -> float:
 
 
 def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
-    """Measure the overlap of both links, and whether the model's meshes or its convex parts cause the overlap.
+    """Measure how deeply the two links of an object overlap, and distinguish overlap of the model's meshes from overlap
+    that the convex decomposition adds.
 
-    Meshes are examined only if convex parts overlap by more than ``threshold`` metres. Meshes of real models are seldom
-    watertight: space that cannot be reached from outside through gaps wider than ``GAP`` counts as enclosed. The depth
-    of an enclosed point is its distance from the mesh.
+    The meshes are examined only if the convex parts overlap by more than ``threshold`` metres. Meshes of real models
+    are seldom watertight. Therefore space counts as enclosed if every gap that leads into it is narrower than ``GAP``.
+    The depth of a point in enclosed space is its distance from the mesh.
     """
     common = _common_points(instance, threshold)
     if not common:
