@@ -20,13 +20,16 @@ class ClassRule:
     """Physical parameters shared by all instances of a class.
 
     Attributes:
-        density: kg per cubic metre of collision hull. The value is low because a collision hull is solid, but the real
-            part is a thin shell.
-        default_openness: mean of the randomized openness.
-        stance: ``"upright"``, or ``"flat"`` for an object that lies on its back (its front faces up).
-        turn: side that faces the robot. ``"front"``: the model's front, or its back if the contact keypoint lies there.
-            ``"swing"``: the side towards which the keypoint moves as the joint opens. ``"bar"``: the model is rotated
-            by 90 degrees, so that the fingers of the resting hand are on both sides of a bar along the model's x axis.
+        density: mass in kg for each cubic metre of collision hull. The value is low, because a collision hull is solid
+            while the real part is a thin shell.
+        default_openness: mean openness (0 to 1) of the joint when scenes are randomized.
+        stance: pose on the table: ``"upright"``, or ``"flat"`` for an object that lies on its back with its front
+            facing up.
+        turn: rule that selects the side of the object that faces the robot. With ``"front"`` this is the model's front,
+            or its back if the contact keypoint lies on the back. With ``"swing"`` it is the side towards which the
+            contact keypoint moves as the joint opens. ``"bar"`` is for objects with a bar to grasp along the model's x
+            axis, such as the handle of a bucket: the model is rotated by 90 degrees, so that the hand in its rest pose
+            has one finger on each side of the bar.
     """
 
     density: float
@@ -89,11 +92,13 @@ class Inertial:
 
 
 def hull_moments(points: Array) -> tuple[float, Array, Array]:
-    """Return volume, centroid (3,) and second moments (3, 3) about the origin of the hull of (N, 3) points.
+    """Return the volume, the centroid (3,) and the second moments (3, 3) of the convex hull of points (N, 3). The
+    second moments are about the origin.
 
-    The hull is divided into tetrahedra with a common corner inside the hull, and the moments of the tetrahedra are
-    added. The unit tetrahedron has the second moments 1/60 on the diagonal and 1/120 elsewhere; the edges of a
-    tetrahedron map the unit tetrahedron to it.
+    The hull is divided into tetrahedra that share a corner inside the hull, and the moments of all tetrahedra are
+    added. The second moments of the unit tetrahedron are known: 1/60 on the diagonal and 1/120 elsewhere. Each
+    tetrahedron is the image of the unit tetrahedron under the matrix of its three edge vectors, which also transforms
+    the second moments.
     """
     hull = convex_hull(points)
     a = points[hull.vertices].mean(axis=0)
@@ -123,10 +128,13 @@ def inertial(hulls: Sequence[Array], density: float) -> Inertial:
 def joint_resistance(
     joint_type: str, axis: Array, origin: Array, moving: Inertial, lower: float, upper: float, gravity: Array
 ) -> tuple[float, float]:
-    """Return joint friction and damping that hold the joint against gravity but let a push move it.
+    """Return the friction and damping of a joint. The friction holds the joint against gravity, but lets a push move
+    the joint. The damping slows the motion.
 
-    Friction is slightly more than 1.3 times the largest gravity load on the joint over its range. At 1 rad/s or 1 m/s,
-    the damping force is a tenth of the friction.
+    The friction is 1.3 times the largest gravity load over the joint's range, plus a small amount that also keeps a
+    joint
+    without gravity load in place. The damping has a small constant and a part proportional to the friction: 0.1 of the
+    friction for a revolute joint, 0.5 for a prismatic joint.
 
     Args:
         joint_type: ``"revolute"`` or ``"prismatic"``.

@@ -17,21 +17,21 @@ from gensim2.objects.types import Keypoint, Placement
 
 @dataclass(frozen=True)
 class PlacementRegion:
-    """Region in front of a robot for placing objects; values are horizontal distances in metres unless noted.
+    """Region in front of a robot for placing objects. All values are in metres, and horizontal unless noted.
 
     Attributes:
         base_x: world x of the reference point, which lies under the arm's base. Its world y is 0.
         comfortable: desired distance from the reference point to the contact keypoint, averaged over the joint's range.
-        farthest: maximum distance from the reference point to the contact keypoint over the joint's range; takes
-            precedence over the clearance from the hand.
+        farthest: maximum distance from the reference point to the contact keypoint over the joint's range. An object is
+            moved closer to the hand than ``hand_clearance`` if this limit requires it.
         sideways: maximum lateral offset of the contact keypoint.
         nearest_x: minimum world x of a low object.
         hand_at_rest: world x and y of the hand at the start of an episode.
-        hand_low_point: height above the table below which an object passes under the hand at rest.
-        hand_clearance: distance that tall objects keep in front of the hand at rest: thickness of the hand plus
-            randomization.
-        hand_half_width: lateral range on each side in which ``hand_clearance`` applies: half the hand's width plus
-            randomization.
+        hand_low_point: height above the table of the lowest point of the resting hand. Objects lower than this fit
+            under the hand.
+        hand_clearance: distance of tall objects from the resting hand: thickness of the hand plus randomization.
+        hand_half_width: lateral distance from the resting hand within which tall objects keep ``hand_clearance``: half
+            the hand's width plus randomization.
     """
 
     base_x: float = -0.615

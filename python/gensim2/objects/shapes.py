@@ -198,8 +198,8 @@ def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> 
 
 
 def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Array]:
-    """Round the corners of a polyline by parabolas. A parabola starts and ends at a distance of at most three times
-    ``radius`` from its corner.
+    """Replace each corner of a polyline by an arc of a parabola. The arc starts and ends on the two edges that meet at
+    the corner, three times ``radius`` away from the corner, or at the middle of an edge that is too short.
     """
     line = [points[0]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
@@ -231,11 +231,11 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
 
 
 def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
-    """Return the surface through successive rings of (N, 3) points. The points of a ring are in counterclockwise order,
-    seen from the side of the last ring.
+    """Return the surface that connects successive rings of points, each (N, 3). Seen from the last ring, the points of
+    each ring run counterclockwise.
 
-    ``closed`` closes the surface by a flat face at both ends; otherwise the last ring joins the first, as in a torus or
-    a hollow wall.
+    If ``closed``, a flat face covers the first ring and another covers the last ring. Otherwise the surface continues
+    from the last ring to the first ring, as in a torus or a hollow wall.
     """
     n, k = len(rings[0]), len(rings)
     vertices = [*rings]
@@ -258,8 +258,8 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
 
     Args:
         a, b: (3,) ends of the axis, m.
-        profile: points of the closed profile: radius (m), and position along the axis (0 at ``a``, 1 at ``b``). The
-            points are counterclockwise in a drawing with the radius to the right and the axis up.
+        profile: corners of the profile polygon. Each corner has a radius (m) and a position along the axis (0 at ``a``,
+            1 at ``b``). The corners run counterclockwise if the radius is drawn to the right and the axis upwards.
         look: material.
         sides: number of sides.
     """
@@ -269,8 +269,8 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
 
 
 def arc(center: Vec3, u: Vec3, v: Vec3, radius: float, start: float, stop: float, legs: int) -> list[Array]:
-    """Return ``legs`` + 1 points on the circle ``center + radius (cos t u + sin t v)``, t from ``start`` to ``stop``
-    rad.
+    """Return ``legs`` + 1 evenly spaced points on an arc: ``center + radius (cos t u + sin t v)`` for angles t from
+    ``start`` to ``stop`` (rad). ``legs`` is the number of straight segments of the arc.
     """
     c, u, v = np.asarray(center, float), np.asarray(u, float), np.asarray(v, float)
     return [c + radius * (np.cos(t) * u + np.sin(t) * v) for t in np.linspace(start, stop, legs + 1)]
@@ -325,9 +325,10 @@ def tube(
     segments: int = 12,
     bottom: float | None = None,
 ) -> list[Solid]:
-    """Return a hollow frustum from ``a`` to ``b``, with convex staves for collision and a round visual mesh.
+    """Return a tube from ``a`` to ``b`` whose radius changes from ``radius_a`` to ``radius_b``. Its wall consists of
+    ``segments`` convex parts for collision and a round mesh for display.
 
-    ``bottom`` is the thickness of the disc that closes the frustum at ``a``; None leaves both ends open.
+    ``bottom`` is the thickness of a disc that closes the tube at ``a``. If it is None, both ends are open.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     d = b - a
@@ -340,7 +341,8 @@ def tube(
         j = (i + 1) % segments
         stave = np.array([r[k] for r in rings for k in (i, j)])
         parts.append(Solid(stave[convex_hull(stave).vertices], None))
-    lip = 0.25 * wall / float(np.linalg.norm(d))  # width of the bevel on each side of the rim, relative to the height
+    # width of the bevel on each edge of the rim, as a fraction of the tube's height
+    lip = 0.25 * wall / float(np.linalg.norm(d))
     profile = [
         (radius_a, 0.0),
         (radius_b, 1 - lip),

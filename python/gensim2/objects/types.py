@@ -22,7 +22,7 @@ class MissingFileError(AssetError):
     """A file that an object names does not exist."""
 
 
-#: An array of numbers, which is written to JSON as nested lists.
+#: An array of float64 numbers. In JSON it is written as nested lists.
 Array = Annotated[
     npt.NDArray[np.float64],
     PlainValidator(lambda values: np.array(values, dtype=np.float64)),
@@ -31,13 +31,14 @@ Array = Annotated[
 
 
 def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | None = None) -> Array:
-    """Return the rigid motion from joint value zero, in the frame of ``axis`` and ``origin``.
+    """Return the motion of a joint as a rigid transform from joint value zero to the given value. The transform is in
+    the frame in which ``axis`` and ``origin`` are given.
 
     Args:
         kind: ``"prismatic"``, ``"revolute"`` or ``"continuous"``.
         axis: (3,) unit axis.
         value: joint values in rad or m, an array of any shape.
-        origin: (3,) m, a point on the axis; None: the frame's own origin.
+        origin: (3,) point on the axis, m; None: the origin of the frame.
 
     Returns:
         Transforms (..., 4, 4), one for each value.
@@ -117,10 +118,10 @@ class Placement:
     """Pose of an object before randomization.
 
     Attributes:
-        position: (3,) root position in the world frame. The lowest point of the object rests on the table at z = 0. A
-            rigid object stands above the world's origin.
-        quaternion: (4,) (w, x, y, z), root to world. The contact side of an articulated object faces the robot; a rigid
-            object is in its resting pose.
+        position: (3,) position of the object's root in the world frame. The lowest point of the object touches the
+            table, whose surface is z = 0. A rigid object is placed at x = y = 0, and randomization moves it from there.
+        quaternion: (4,) rotation (w, x, y, z) from the root frame to the world frame. The contact side of an
+            articulated object faces the robot. A rigid object is in its resting pose.
     """
 
     position: Array
@@ -186,8 +187,9 @@ class ObjectModel(Protocol):
 class ArticulatedObject:
     """An articulated object ready for simulation and planning.
 
-    ``urdf`` is scaled, has inertials, limits and joint dynamics, and one convex mesh for each collision element. SAPIEN
-    and urdf-rs load it directly. ``hulls`` holds the same convex collision parts for planning.
+    ``urdf`` is scaled and complete: it has inertials, limits and joint dynamics, and one convex mesh for each collision
+    element. SAPIEN and urdf-rs load the file directly. ``hulls`` contains the same convex collision parts as arrays for
+    the planner.
 
     Attributes:
         asset_class: name of the class, such as ``"box_rotate"``.
@@ -196,15 +198,17 @@ class ArticulatedObject:
         urdf: file in the cache folder; its meshes are in the same folder.
         joint: movable joint.
         keypoints: keypoints by name.
-        T_link_object: (4, 4) object frame in the moving link's frame (see docs/architecture.md).
-        object_axis: ``"x"``, ``"y"`` or ``"z"``: axis of the object frame about which motions named "rotate" turn.
+        T_link_object: (4, 4) pose of the object frame in the moving link's frame. docs/architecture.md defines the
+            object frame.
+        object_axis: axis of the object frame, ``"x"``, ``"y"`` or ``"z"``, about which the hand turns in the planner's
+            rotate motions.
         hulls: convex vertex sets by link name, each (N, 3) metres in the link frame.
         placement: default placement, computed from the geometry.
         default_openness: mean of the randomized openness.
         mass: total mass of all links, kg.
         license: licence terms of the data.
         content_hash: hex digest of all inputs of the instance.
-        warnings: irregularities in the object's files, and how they were repaired.
+        warnings: problems in the object's files, each with its repair.
     """
 
     asset_class: str

@@ -20,8 +20,8 @@ Goal = Literal["articulated_open", "articulated_closed", "half_open", "half_clos
 UNKNOWN = 0.6
 """Usefulness of a task that no table lists, between common tasks (1) and rare tasks (0.1)."""
 
-#: Task names and instructions for moving a joint to its upper and to its lower limit, by the suffix of the class name.
-#: ``{}`` stands for the object.
+#: For each suffix of a class name, the task name and the instruction for moving the joint to its upper limit, then the
+#: task name and the instruction for its lower limit. ``{}`` stands for the object.
 MOTIONS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "cap": (("Unscrew{}Cap", "unscrew the cap of the {}"), ("Tighten{}Cap", "tighten the cap of the {}")),
     "lift": (("Lift{}", "lift the {}"), ("Lower{}", "set the {} down")),
@@ -42,9 +42,10 @@ class Phrase:
         name: name in CamelCase, such as ``"PressStapler"``.
         sentence: instruction in lower case, such as ``"press the stapler"``.
         noun: name of the object, such as ``"stapler"``.
-        usefulness: how likely people are to ask for the task. The value 1 means every day (open, close, switch, press,
-            lift). 0.5 means sometimes, or as part of a chore. 0.1 means hardly ever, because the joint moves by itself
-            or because the task only reverses another task.
+        usefulness: how likely people are to ask for the task, from 0.1 to 1. A task with 1 is an everyday request
+            (open, close, switch, press, lift). A task with 0.5 is requested sometimes, or as part of a chore. A task
+            with 0.1 is hardly ever requested, for example because the joint returns by itself, or because the task only
+            reverses another task.
     """
 
     name: str
@@ -59,10 +60,11 @@ class Purpose:
 
     Attributes:
         say: sentence with ``{}`` in place of the actions, such as ``"{} to tidy the desk"``.
-        goals: joint goals that serve the purpose, each a class and the end (limit) to which its joint is moved.
-        errands: pairs of a joint goal and an action that puts an object on or into another object. The joint goal has
-            the same form as in ``goals``. The action has the class of the supporting object and the class of the moved
-            object.
+        goals: joint goals that serve the purpose. Each goal has a class of objects and the limit to which their joint
+            is moved.
+        errands: pairs of a joint goal and an action. The joint goal has the same form as in ``goals``. The action puts
+            a moved object on or into a supporting object; it is given as the class of the supporting object, then the
+            class of the moved object.
     """
 
     say: str
@@ -88,11 +90,12 @@ class ToAndFro:
 
 
 def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
-    """Return the instruction for moving the joint of a class to one end.
+    """Return the instruction for moving the joint of a class of objects to one of its limits.
 
     Args:
-        asset_class: articulated class; an unknown class gets a plain phrase from its name.
-        goal: end to which the joint is moved, for example ``"articulated_open"``.
+        asset_class: class of articulated objects. For a class that no table lists, the instruction is composed from the
+            class's name.
+        goal: ``"articulated_open"`` for the upper limit of the joint, ``"articulated_closed"`` for the lower limit.
         joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not say how its joint moves.
     """
     entry = _table()["articulated"].get(asset_class)
@@ -138,7 +141,9 @@ def to_and_fro() -> tuple[ToAndFro, ...]:
 
 
 def handled(how: str) -> tuple[str, ...]:
-    """Return the rigid classes that people want ``"lifted"`` or ``"handed over"``, the most likely first."""
+    """Return the rigid classes whose objects people often ask a robot to handle, the most likely class first. ``how``
+    is the kind of request: ``"lifted"`` or ``"handed over"``.
+    """
     return tuple(_table()["handled"].get(how, ()))
 
 
@@ -167,7 +172,7 @@ def in_ascii(phrase: str) -> str:
     computed from the phrase, so that different phrases give different names.
     """
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # The name may lose the accents of the phrase, but no letters.
+    # The ASCII name drops accents, but it is used only if every letter of the phrase has an ASCII form.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

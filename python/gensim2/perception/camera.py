@@ -159,7 +159,9 @@ def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
 
 
 def mounted(camera: MountedCamera, T_base_link: npt.NDArray[np.float64]) -> Camera:
-    """Return a camera on a link with its pose in the base frame; ``T_base_link`` (4, 4) is the link's pose."""
+    """Return a robot-mounted camera with its pose in the base frame. The pose is computed from ``T_base_link`` (4, 4),
+    the pose in the base frame of the link that carries the camera.
+    """
     pose = T_base_link @ np.asarray(camera.T_link_camera, dtype=np.float64)
     intrinsic = pinhole(camera.width, camera.height, camera.field_of_view)
     return Camera(camera.name, camera.width, camera.height, intrinsic, pose, FAR, camera.link)
@@ -206,7 +208,9 @@ class View(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Depth image from a real camera, or a simulated image with added noise. Implements :class:`View`."""
+    """A depth image with its camera, taken by a real camera or simulated with noise. Colours and segmentation ids are
+    optional. The class implements the interface :class:`View`.
+    """
 
     camera: Camera
     depth: npt.NDArray[np.float32]

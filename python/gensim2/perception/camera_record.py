@@ -53,6 +53,9 @@ class CameraRecord(BaseModel):
 
     @staticmethod
     def message(camera: Camera) -> dict[str, Any]:
-        """Return the fields with arrays. The default depth calibration is left out, for servers of version 0.2."""
+        """Return the camera's attributes as a dict in which matrices are arrays, for a request to a policy server. The
+        depth calibration is omitted if it has default values, because servers of version 0.2 do not know these
+        attributes.
+        """
         told = {name: getattr(camera, name) for name in CameraRecord.model_fields}
         return {name: value for name, value in told.items() if name not in _CALIBRATED or value != _CALIBRATED[name]}

@@ -88,8 +88,8 @@ class RobotSegments:
 
 
 def candidates_for(points: int) -> int:
-    """Return the default of ``candidates``: four pixels per point, at least 4,096; 0 (all pixels) if this exceeds
-    ``MAX_POINTS``.
+    """Return the default number of pixels from which ``points`` points of a cloud are sampled: four pixels for each
+    point, but at least 4,096. If this number exceeds ``MAX_POINTS``, return 0, which selects all pixels.
     """
     wanted = max(4 * points, 4096)
     return wanted if wanted <= MAX_POINTS else 0
@@ -105,13 +105,17 @@ class CloudSettings:
             in front of a Panda, but not the table's surface.
         robot: part of the robot that the cloud contains: ``"gripper"``, ``"all"`` or ``"none"``. This needs images with
             segmentation ids.
-        candidates: number of pixels sampled evenly from the images before farthest point sampling; 0: all pixels.
-        outliers: number of standard deviations above which :func:`inlier_mask` drops a candidate; None: drop none.
-        neighbors: number of nearest points to which :func:`inlier_mask` computes the mean distance.
+        candidates: number of pixels that are sampled evenly from the images, before farthest point sampling selects the
+            points; 0: all pixels.
+        outliers: number of standard deviations beyond the average neighbour distance at which :func:`inlier_mask` drops
+            a point as an outlier; None: no point is dropped.
+        neighbors: number of nearest points whose mean distance :func:`inlier_mask` computes for each point.
         noise: noise of the depth images; None: exact images.
-        source: ``"depth"``: depth images. ``"keypoints"``: true positions of keypoints and bounding box corners in a
-            fixed order (:mod:`gensim2.perception.raycast.observer`). Only a simulator knows these positions, so
-            policies that use them are privileged baselines. With ``"keypoints"`` only ``points`` can be set.
+        source: origin of the points. With ``"depth"`` they come from depth images. With ``"keypoints"`` they are the
+            true positions of keypoints and bounding box corners, in a fixed order
+            (:mod:`gensim2.perception.raycast.observer`). Only a simulator knows these positions, so a policy that uses
+            them serves as a baseline with privileged information. All settings other than ``points`` then have fixed
+            values.
     """
 
     points: int = 1024
@@ -145,7 +149,9 @@ class CloudSettings:
             raise InputError("must be positive", field="outliers")
 
     def _keep_points_alone(self) -> None:
-        """Set unused settings of a cloud of keypoints to fixed values, so that equal clouds have equal settings."""
+        """Set the settings that a cloud of keypoints does not use to fixed values. Two settings objects that describe
+        the same cloud are then equal.
+        """
         for name in ("noise", "outliers"):
             if getattr(self, name) is not None:
                 message = "is of depth pictures, and the cloud is made of keypoints"
@@ -181,7 +187,9 @@ class CloudSettings:
         return CloudSettings(**given)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the settings as plain data; the source ``depth`` is left out, as in older files."""
+        """Return the settings as plain data. The field ``source`` is omitted for its default ``"depth"``, because files
+        of earlier versions lack this field.
+        """
         told = {**asdict(self), "low": list(self.low), "high": list(self.high)}
         if self.source == "depth":
             del told["source"]
@@ -204,12 +212,13 @@ class PointCloud:
 
 
 def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegments | None = None) -> PointCloud:
-    """Fuse images into one cloud: crop, sample evenly, drop outliers, sample farthest points.
+    """Fuse several images into one point cloud.
 
-    The result is deterministic.
+    The function keeps the pixels in the workspace, samples them evenly, drops outliers, and selects the points by
+    farthest point sampling. Equal inputs give equal clouds.
 
     Args:
-        views: images of one instant, with their noise.
+        views: images taken at the same instant; their depth may contain noise.
         settings: settings of the cloud.
         robot: segmentation ids of the robot; None: the robot is not distinguished from objects.
 
@@ -240,7 +249,9 @@ def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegm
 
 
 def _inside(view: View, settings: CloudSettings, robot: RobotSegments | None) -> npt.NDArray[np.int64]:
-    """Return the indices of an image's pixels in the workspace, without excluded parts of the robot."""
+    """Return the indices of an image's pixels that show a point in the workspace. Pixels that show a part of the robot
+    are left out if ``settings.robot`` excludes this part.
+    """
     depth, camera = view.depth, view.camera
     inside = depth > 0
     for axis in range(3):

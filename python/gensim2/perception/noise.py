@@ -29,31 +29,38 @@ FIELD = 3.0
 class DepthNoise:
     """Parameters of depth noise.
 
-    The defaults are white noise with the parameters of a RealSense D435 at 848 x 480; :data:`D435` has all effects.
+    The defaults describe uncorrelated noise of a RealSense D435 camera at 848 x 480 pixels. :data:`D435` models all
+    effects of this camera. A depth camera measures the disparity between two images; a pixel is lost if it has no
+    measurement.
 
     Attributes:
         focal: focal length of the stereo pair, pixels.
-        baseline: distance of the cameras of the stereo pair, m.
+        baseline: distance between the two cameras of the stereo pair, m.
         disparity_sigma: standard deviation of a measured disparity, pixels.
         disparity_step: step to which disparities are rounded, pixels.
         edge: minimum depth difference between neighbouring pixels that counts as an edge, m.
-        edge_lost: fraction of the pixels at edges that have no measurement.
-        edge_mixed: fraction of the pixels at edges whose depth is between the depths of both sides.
-        lost: fraction of all other pixels that have no measurement.
-        correlation: standard deviation (pixels) of the Gaussian that correlates neighbouring errors; 0: white noise.
-        shadow: whether to drop the pixels beside a near object that the right camera does not see; the shadow is ``f B
-            (1/z_near - 1/z_far)`` pixels wide.
+        edge_lost: fraction of the pixels at edges that are lost.
+        edge_mixed: fraction of the pixels at edges that get a depth between the depths of the near and the far side.
+        lost: fraction of all other pixels that are lost.
+        correlation: standard deviation (pixels) of the Gaussian filter that makes the errors of neighbouring pixels
+            similar; 0: the errors are independent.
+        shadow: whether pixels are lost beside a near object, where it hides the background from the right camera. The
+            shadow is ``f B (1/z_near - 1/z_far)`` pixels wide.
         fattening: maximum growth of near objects at their edges, pixels.
-        dark, dark_lost: brightness (0 to 1) below which a fraction ``dark_lost`` of pixels has no measurement.
-        grazing, grazing_lost: angle of incidence (rad) above which a fraction ``grazing_lost`` of pixels has no
-            measurement.
-        specular, specular_lost: angle of incidence (rad) below which a fraction ``specular_lost`` of pixels has no
-            measurement, because of specular reflections.
-        spread: standard deviation of the logarithm of a factor that multiplies noise and losses, drawn for each
-            episode.
-        rotation, translation: standard deviations (rad, m) of the error of a camera's pose in each episode.
-        scale, bias: standard deviations of the depth errors in each episode: relative error, and offset (m).
-        time: standard deviation of the delay between an image and the joint readings in each episode, s.
+        dark, dark_lost: a fraction ``dark_lost`` of the pixels darker than ``dark`` (brightness from 0 to 1) is lost.
+        grazing, grazing_lost: a fraction ``grazing_lost`` of the pixels with an angle of incidence above ``grazing``
+            (rad) is lost.
+        specular, specular_lost: a fraction ``specular_lost`` of the pixels with an angle of incidence below
+            ``specular`` (rad) is lost, because of specular reflections.
+        spread: variation of the noise between episodes. In each episode, the amount of noise and the fractions of lost
+            pixels are multiplied by random factors. ``spread`` is the standard deviation of the logarithms of these
+            factors.
+        rotation, translation: standard deviations of the error of a camera's pose (rad and m). The error is drawn once
+            for each episode.
+        scale, bias: standard deviations of the relative depth error and of the depth offset (m). The errors are drawn
+            once for each episode.
+        time: standard deviation of the delay between an image and the joint readings, s. The delay is drawn once for
+            each episode.
     """
 
     focal: float = 425.0
@@ -133,8 +140,8 @@ class DepthNoise:
         return np.where(lost, 0.0, measured).astype(np.float32)
 
     def drawn(self, generator: np.random.Generator) -> DepthNoise:
-        """Return the noise of one episode: noise and losses are multiplied by random factors, whose spread is the
-        attribute ``spread``.
+        """Draw the noise parameters of one episode: the amount of noise and the fractions of lost pixels are multiplied
+        by random factors (see ``spread``).
         """
         if not self.spread:
             return self

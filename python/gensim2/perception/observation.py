@@ -35,7 +35,9 @@ IMAGE, DEPTH, SEGMENTATION = "image_", "depth_", "segmentation_"
 
 
 def cloud_column(xyz: npt.NDArray[Any], rgb: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.float32]:
-    """Return the cloud column: coordinates (m) and colours (0 to 1), (..., N, 6); without colours (..., N, 3)."""
+    """Return a point cloud as one array of an exported data set. Each point has its coordinates (m) and its colour (0
+    to 1), so the shape is (..., N, 6). Without colours the shape is (..., N, 3).
+    """
     points = xyz.astype(np.float32)
     return points if rgb is None else np.concatenate([points, rgb.astype(np.float32) / 255], axis=-1)
 
@@ -50,11 +52,12 @@ Row = npt.NDArray[np.float32]
 
 
 class Proprioception(Mapping[str, Row]):
-    """Proprioception at one instant: ``state``, ``velocity``, ``tool_pose`` and ``gripper``.
+    """State of the robot at one instant, as a mapping with the keys ``state`` (joint positions), ``velocity``,
+    ``tool_pose`` and ``gripper``.
 
-    ``tool_pose`` and ``gripper`` are computed on first access, because few controllers need them in every step, and the
-    forward kinematics of the tool pose takes a tenth of a control step. Pickling converts the object to a dict, so
-    other processes do not need the robot's profile.
+    ``tool_pose`` and ``gripper`` are computed on first access. Few controllers need them in every step, and the forward
+    kinematics for the tool pose takes a tenth of the duration of a control step. A pickled object becomes a plain dict,
+    so that a process that unpickles it does not need the robot's profile.
 
     Args:
         profile: profile of the robot.
@@ -120,15 +123,16 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """Modalities, cameras and cloud settings of an observation.
+    """Contents of an observation: the modalities, the cameras, and the settings of the point cloud.
 
-    Every observation also has the time, joint positions, tool pose, gripper state and instruction.
+    In addition to the modalities, every observation contains the time, the joint positions, the tool pose, the gripper
+    state and the instruction.
 
     Attributes:
-        modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer. An empty
-            tuple requests only the robot's state.
-        cameras: names of the cameras. Fixed cameras come first, in the order of the robot profile; then cameras on the
-            robot, in the given order.
+        modalities: any of ``pointcloud``, ``depth``, ``segmentation`` and ``rgb``. The first three are computed by ray
+            casting, and ``rgb`` images by the renderer. An empty tuple requests only the robot's state.
+        cameras: names of the cameras. They are sorted: fixed cameras come first, in the order of the robot profile, and
+            cameras on the robot follow in the given order.
         cloud: settings of point clouds; the noise in these settings also applies to depth images.
     """
 
@@ -209,12 +213,12 @@ class ObservationSpec:
         """Check that the spec ``other`` equals this spec.
 
         Args:
-            other: spec that must equal this spec.
-            what: name of the owner of ``other``, for the message.
-            of: name of the owner of this spec, for the message.
+            other: spec to compare.
+            what: name for the error message of the object that ``other`` belongs to, such as a data set or checkpoint.
+            of: name for the error message of the object that this spec belongs to.
 
         Raises:
-            InputError: the specs differ; the message names the first field that differs, and both values.
+            InputError: the specs differ. The message names the first differing field and its two values.
         """
         mine, theirs = _flat(self.to_dict()), _flat(other.to_dict())
         for name in mine:
@@ -236,7 +240,8 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Observation(Mapping[str, Array]):
-    """Observation of one instant. An observation is also a mapping from the names that exports use to arrays.
+    """Observation of one instant. It is also a mapping that contains the arrays under the names that exported data sets
+    use.
 
     Attributes:
         step: number of control steps since the reset.

@@ -1,4 +1,6 @@
-"""Control a robot by plans on estimated scenes, from point clouds and the robot's state only."""
+"""Control a robot with a planner that does not know the true scene: the scene is estimated from point clouds and the
+robot's state.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,7 @@ class _Chain(ChainController):
 
     @property
     def motions(self) -> int:
-        """Number of plans of which at least a part was executed."""
+        """Number of motions of which at least a part was executed."""
         return sum(plan.ran > 0 for turn in self._turns for plan in turn.plans)
 
     @property
@@ -76,10 +78,10 @@ class _Chain(ChainController):
         self.is_finished = False
 
     def resume(self, last: Action) -> None:
-        """Plan the last step again, although the controller has finished the task.
+        """Plan the task's last step again, after the controller had ended the episode as successful.
 
         Args:
-            last: last action, which is repeated until the arm moves again.
+            last: action that the controller returned last. It is repeated until the arm moves again.
         """
         self.is_finished, self._retreat, self._trigger, self._last = False, None, NOT_DONE, last
 
@@ -94,15 +96,16 @@ class _Chain(ChainController):
 class PerceivingChain:
     """Controller that plans each step of a task in an estimated scene, and estimates the scene again after each motion.
 
-    The estimate also determines whether a step is done. After the last step the hand retreats. The controller then
-    observes the scene again, and continues with the last step if the goal is not reached. If the first cloud does not
-    show an object of the task's class, the episode ends without an action. All objects of the task must be articulated,
-    and only one object is estimated.
+    A step counts as done when the estimate shows that its goal is reached. After the last step the hand retreats, and
+    the controller estimates the scene once more. If the goal is not reached, the controller repeats the last step. The
+    episode ends without an action if the first point cloud shows no object of the task's class. The task must have
+    exactly one object, and this object must be articulated.
 
     Args:
         task: the task, the name of a library task, or the fields of a task.
         estimator: folder of the estimator, as written by ``gensim2 perceive train``.
-        strategies: strategies by name, as plain data; None: the strategies of the library task with this name.
+        strategies: strategies by name, as plain data; None: the strategies that the task library has for a task of this
+            name.
         robot_name: name of the robot.
         noise: noise that is added to simulated depth images, as for :func:`~gensim2.perception.noise.read_noise`; None:
             exact images.
@@ -114,7 +117,9 @@ class PerceivingChain:
 
     @staticmethod
     def depends_on(estimator: str, noise: str | None = None, **_: object) -> list[Path]:
-        """Return the file that contains the SHA-256 of the weights, and the file of the noise if there is one."""
+        """Return the files on which the controller's behaviour depends: the estimator's file, which contains the
+        SHA-256 of the weights, and the file with the noise settings if ``noise`` names one.
+        """
         files = [Path(estimator) / ESTIMATOR_JSON]
         return files if noise is None or not Path(noise).is_file() else [*files, Path(noise)]
 
@@ -157,7 +162,7 @@ class PerceivingChain:
 
     @property
     def reference(self) -> Reference | None:
-        """State of joints and gripper that the plan intends at the last action; None before the first motion."""
+        """Planned state of the joints and the gripper after the latest action; None before the scene was estimated."""
         return self._chain.reference if self.looks else None
 
     @property
@@ -186,7 +191,8 @@ class PerceivingChain:
         self.looks, self._believed, self._seen_at_first, self._motions = [], None, 0, 0
         self._checks_goal, self._checked, self._last = False, 0, None
         self._seed = seed
-        # Without a cloud, the specification that the previous episode left was in force; the next observation has one.
+        # The first observation lacks a cloud if it was computed with the previous episode's observation spec. The first
+        # estimate is then made from the next observation.
         if observation.cloud is not None:
             self._begin(observation)
 
@@ -215,7 +221,9 @@ class PerceivingChain:
         return action
 
     def _is_done(self, observation: Observation) -> bool:
-        """Return whether the goal is reached by the last estimate, without a margin for its deviation."""
+        """Return whether the latest estimate of the scene meets the task's success criteria. The uncertainty of the
+        estimate is ignored.
+        """
         assert self._believed is not None
         q = observation.joint_positions.astype(np.float64)
         return all_hold(self._task.success, self._measurement(self._believed, q, distrust=0.0))
@@ -250,10 +258,11 @@ class PerceivingChain:
         return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
 
     def _measurement(self, found: ObjectEstimate, q: Array, distrust: float = DISTRUST) -> Measurement:
-        """Return the estimated scene as a measurement of a task's criteria.
+        """Return the estimated state of the scene in the form that the task's success criteria take.
 
-        The openness is shifted away from the goal by ``distrust`` standard deviations divided by the number of motions,
-        so that an uncertain estimate does not count as success.
+        The estimated openness is moved away from the goal by a safety margin, so that an uncertain estimate does not
+        count as success. The margin is ``distrust`` times the standard deviation of the estimate, divided by the number
+        of motions so far.
         """
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}

@@ -293,8 +293,8 @@ def squared_yaw(normals: Points, yaw: float) -> float:
     """Return the yaw (rad) of a box, computed from the normals of its vertical faces. If the normals do not fit a box,
     return ``yaw``.
 
-    The angles of these normals differ by multiples of 90 degrees. Four times the angle is therefore the same for all
-    faces, and its mean gives the yaw.
+    The horizontal directions of the faces' normals differ by multiples of 90 degrees. Multiplied by four, they differ
+    by multiples of 360 degrees, so they are equal. Their mean, divided by four, gives the yaw.
 
     Args:
         normals: (M, 3) unit normals with either sign, in a frame with a vertical z axis.

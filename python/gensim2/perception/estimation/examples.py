@@ -295,8 +295,8 @@ def training_instances(
 ) -> Mapping[str, tuple[str, ...]]:
     """Return the ids of training objects by class.
 
-    Generated training objects have ids outside the selections ``all`` and ``new``; for a folder of objects, the
-    training split is used.
+    For generated classes, the ids exclude all objects that the selections ``all`` and ``new`` contain, because these
+    objects serve for evaluation. For classes from a folder of objects, the ids are those of the training split.
     """
     found: dict[str, tuple[str, ...]] = {}
     for name in classes:

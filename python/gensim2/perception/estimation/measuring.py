@@ -96,7 +96,9 @@ def measured(estimator: SceneEstimator, arrays: Arrays, *, given: bool = False) 
 
 
 def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return medians and 90th percentiles of errors; a missed object counts with the errors in ``MISSED``."""
+    """Return the median and the 90th percentile of each kind of error. An object that the estimator did not find
+    contributes the errors in ``MISSED``.
+    """
 
     def of(name: str) -> list[float]:
         return [row[name] for row in rows if row.get(name) is not None]
@@ -189,10 +191,11 @@ def measure(
 
 
 def calibrated(estimator: SceneEstimator, arrays: Arrays) -> dict[str, Any]:
-    """Scale predicted standard deviations so that a fraction ``ONE_SIGMA`` of the errors lies within them.
+    """Calibrate the standard deviations that an estimator predicts. They are scaled such that the fraction
+    ``ONE_SIGMA`` of the errors is smaller than the predicted standard deviation.
 
     Args:
-        estimator: estimator to calibrate; its ``scales`` are set.
+        estimator: estimator to calibrate. The function sets the scale factors in its attribute ``scales``.
         arrays: labelled clouds of objects that were not used for training.
 
     Returns:

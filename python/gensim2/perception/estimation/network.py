@@ -1,4 +1,6 @@
-"""Network of the estimator: a transformer over patches computes point features, and points vote for keypoints."""
+"""Define the neural network of the estimator. A transformer over local patches of the cloud computes a feature for each
+point. Each point then predicts the positions of the keypoints, and a weighted mean combines the predictions.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +86,8 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         self.classify = nn.Linear(128, classes)
         self.of_class = nn.Embedding(classes, 32)
         self.told = _mlp(128 + 32, 128, 128)
-        # Outputs: direction, yaw, openness, both limits, size, log deviations of yaw and openness, and of the places.
+        # The outputs are the direction, the yaw, the openness, both limits and the size, then the log standard
+        # deviations of the yaw, the openness, the axis position and the keypoints.
         self.answer = nn.Linear(128, len(DIRECTIONS) + 2 + 1 + 2 + 3 + 2 + 1 + SLOTS)
         self.vote = nn.Sequential(_mlp(WIDTH + 128, WIDTH, WIDTH), nn.GELU(), nn.Linear(WIDTH, 1 + 4 * (1 + SLOTS)))
 
@@ -114,7 +117,9 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         return EncodedCloud(xyz, features, tokens[:, 0], self.groups(features), self.weight(features)[..., 0])
 
     def gather(self, seen: EncodedCloud, mask: torch.Tensor) -> torch.Tensor:
-        """Return features (B, 128) of objects; the mask (B, N) selects the points of each object, at least one."""
+        """Return a feature (B, 128) of one object in each cloud. ``mask`` (B, N) selects the points of the object, and
+        must select at least one point in each cloud.
+        """
         share = seen.weight.masked_fill(~mask, -torch.inf).softmax(1)
         mean = (share[..., None] * seen.features).sum(1)
         most = seen.features.masked_fill(~mask[..., None], -torch.inf).amax(1)
@@ -123,7 +128,7 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
     def estimate(
         self, seen: EncodedCloud, gathered: torch.Tensor, mask: torch.Tensor, classes: torch.Tensor
     ) -> dict[str, torch.Tensor]:
-        """Estimate an object of known class.
+        """Estimate the state and geometry of one object of known class in each cloud.
 
         Args:
             seen: encoded clouds.
@@ -132,10 +137,19 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
             classes: (B,) index of each object's class.
 
         Returns:
-            ``direction`` (B, 6) logits; ``yaw`` (B, 2) cosine and sine; ``openness`` (B,); ``limits`` (B, 2); ``size``
-            (B, 3), m; ``moving`` (B, N) logits; ``places`` (B, 1 + SLOTS, 3), m: a point on the axis, and the
-            keypoints; ``votes`` (B, N, 1 + SLOTS, 3), m: each point's prediction of the places; ``log_deviations`` (B,
-            3 + SLOTS) of yaw (rad), openness, axis and keypoints (m).
+            A dict with these tensors:
+
+            - ``direction`` (B, 6): logits of the direction of the joint axis.
+            - ``yaw`` (B, 2): cosine and sine of the object's yaw.
+            - ``openness`` (B,): openness of the joint.
+            - ``limits`` (B, 2): joint limits.
+            - ``size`` (B, 3): size of the object's bounding box, m.
+            - ``moving`` (B, N): logits of whether a point belongs to the moving part.
+            - ``votes`` (B, N, 1 + SLOTS, 3): positions of a point on the joint axis and of the keypoints, m, as each
+              cloud point predicts them.
+            - ``places`` (B, 1 + SLOTS, 3): weighted means of these predictions, m.
+            - ``log_deviations`` (B, 3 + SLOTS): logarithms of the predicted standard deviations of the yaw (rad), the
+              openness, the axis position (m) and the keypoints (m).
         """
         told = torch.nn.functional.gelu(self.told(torch.cat([gathered, self.of_class(classes)], -1)))
         answer = self.answer(told)
@@ -178,7 +192,7 @@ WEIGHTS: Mapping[str, float] = {
 
 
 def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Return the mean losses of a batch, by the names in ``WEIGHTS``.
+    """Return the losses of a batch, averaged over its clouds. The keys are the names of the losses in ``WEIGHTS``.
 
     Args:
         network: network to train.

@@ -100,12 +100,12 @@ def _circle(
 
 
 def _pixels(points: Array, at: Array, axes: list[int], middle: Array) -> Array:
-    """Project points to pixels of one view (from the robot or from above) of the picture.
+    """Project points to pixels of the picture, which shows the scene in two views: from the robot and from above.
 
     Args:
         points: (N, 3) points in the base frame, m.
         at: (2,) pixel of the view's upper left corner in the picture.
-        axes: indices of the two coordinates that point left and up in the view.
+        axes: indices of the two coordinates in the base frame that increase to the left and upwards in the view.
         middle: (3,) point in the base frame that is drawn at the centre of the view.
 
     Returns:

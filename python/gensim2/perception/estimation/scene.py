@@ -1,4 +1,6 @@
-"""Convert estimates to a scene of the planner, with boxes around the cloud's points and widened joint limits."""
+"""Convert estimated objects to a scene for the planner. Boxes around the points of the cloud represent other bodies,
+and the estimated joint limits are widened so that pushes do not stop short.
+"""
 
 from __future__ import annotations
 

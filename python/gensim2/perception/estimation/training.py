@@ -43,7 +43,7 @@ MOST_TURN, MOST_SHIFT = 0.4, 0.06
 
 
 class PerceiveSettings(RunSettings):
-    """Settings of a training run that determine the weights."""
+    """Settings of a training run. These settings determine the weights of the trained estimator."""
 
     FREE: ClassVar[frozenset[str]] = frozenset()
 
@@ -218,8 +218,8 @@ class Examples:
         turn = generator.uniform(-MOST_TURN, MOST_TURN, size)
         shift = np.concatenate([generator.uniform(-MOST_SHIFT, MOST_SHIFT, (size, 2)), np.zeros((size, 1))], axis=1)
         arrays = {name: values[rows] for name, values in self._arrays.items()}
-        # Points are selected in random order, with a preference for points of the object, so that some of them are
-        # always selected.
+        # Select the points in random order, but favour points of the object, so that every selection contains
+        # object points.
         order = generator.random(arrays["group"].shape) - 0.5 * (arrays["group"] == TARGET)
         chosen = torch.from_numpy(np.argsort(order, axis=1)[:, :VOTERS])
         return {**tensors(arrays, turn, shift), "rows": chosen}

@@ -84,7 +84,8 @@ class Caster:
         self._solids = tuple(solids)
         counts = [len(solid.surface.faces) for solid in solids]
         self._first = np.cumsum([0, *counts])
-        # The index -1 means "no hit" and refers to the last entry.
+        # A face index of -1 means that a ray hits nothing. It selects the last row of the following two arrays: id 0
+        # and black.
         self._ids = np.repeat([*(solid.id for solid in solids), 0], [*counts, 1]).astype(np.int16)
         self._colors = np.concatenate([*(solid.surface.colors for solid in solids), np.zeros((1, 3), dtype=np.uint8)])
         self._textures = [
@@ -109,8 +110,8 @@ class Caster:
         return hits
 
     def segmentation(self, face: npt.NDArray[np.int32]) -> npt.NDArray[np.int16]:
-        """Return the segmentation id of each ray's hit. ``face`` is an array of any shape of hit faces; the result has
-        the same shape, and 0 where a ray hits nothing.
+        """Return the segmentation id of each pixel. ``face`` is an array of any shape with the index of the face that
+        each ray hits. The result has the same shape; it is 0 for a ray without a hit.
         """
         return self._ids[face]
 
@@ -164,7 +165,8 @@ class Caster:
         rays = camera.rays[window].reshape(-1, 3) @ turn
         origins = np.empty_like(rays)
         origins[:] = (camera.position - pose[:3, 3]) @ turn
-        reach = depth.reshape(-1).copy()  # Embree overwrites this array with the new depths.
+        # Embree writes the depths of the new hits into its input array, so pass a copy of the depths found so far.
+        reach = depth.reshape(-1).copy()
         met = solid.surface.scene.run(origins, rays, reach, output=True)
         number = met["primID"].reshape(face.shape)
         new = number >= 0
@@ -198,8 +200,8 @@ def _paint(
     v: npt.NDArray[np.float32],
     texture: Texture,
 ) -> None:
-    """Set the colours of pixels that show a texture. ``face`` has, for each pixel, the index of a face of the textured
-    surface.
+    """Write the colours of a texture into ``colors``, for all pixels that show a face with this texture. ``face``
+    contains the index of the visible face for each pixel; ``u`` and ``v`` are the position on the face.
     """
     row = np.searchsorted(texture.faces, face)
     wears = row < len(texture.faces)

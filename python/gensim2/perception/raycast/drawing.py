@@ -33,7 +33,9 @@ AXES = ("#d33636", "#2f9e44", "#1c6fd4")
 
 
 def shaded(view: RaycastView) -> npt.NDArray[np.uint8]:
-    """Return an image (H, W, 3) of a view, in which surfaces are darker the more they face away from the lamps."""
+    """Return an image (H, W, 3) of a view. A surface is bright where it faces one of the ``LAMPS``, and darker the more
+    it is turned away from them.
+    """
     rays = view.camera.rays.reshape(-1, 3)
     seen = np.flatnonzero(view.face >= 0)
     normals = view.normals_at(seen)

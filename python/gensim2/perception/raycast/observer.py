@@ -32,12 +32,13 @@ Array = npt.NDArray[np.float64]
 
 
 class KnownPoints:
-    """Computes point clouds of true positions on a scene's objects. The points determine the complete state of the
-    objects.
+    """Computes point clouds from the true positions of points on a scene's objects. The points determine the complete
+    state of the objects. The points determine the complete state of the objects.
 
-    For each object, in the task's order, the points are: eight corners of the moving part's bounding box, in the frame
-    of the moving link; eight corners of the fixed part's bounding box, in the root frame; and the keypoints, sorted by
-    name. A rigid object has one box. The points are repeated until the cloud has ``count`` points.
+    The cloud lists the objects in the task's order. Each object contributes three groups of points: eight corners of a
+    box around its moving part, along the axes of the moving link; eight corners of a box around its fixed part, along
+    the axes of the root link; and its keypoints, sorted by name. A rigid object has only one box. The list is repeated
+    until the cloud has ``count`` points.
 
     Args:
         scene: ray-casting scene with the objects.
@@ -50,7 +51,8 @@ class KnownPoints:
 
     def __init__(self, scene: RaycastScene, objects: Mapping[str, ObjectModel], count: int) -> None:
         self._scene = scene
-        #: Object and link of each point, and its position (3,) in that link's frame.
+        #: For each point of the cloud: the object's name, the link that carries the point, and the point's position
+        #: (3,) in the link's frame.
         self._points: list[tuple[str, str, Array]] = []
         for name, model in objects.items():
             for link, points in _boxes(scene, name, model):
@@ -74,7 +76,8 @@ class KnownPoints:
         Raises:
             InputError: the states belong to a different scene.
         """
-        places = dict.fromkeys((name, link) for name, link, _ in self._points)  # without duplicates
+        # links that carry points; each link occurs once
+        places = dict.fromkeys((name, link) for name, link, _ in self._points)
         frames = {(name, link): self._scene.link_poses(states, name, link) for name, link in places}
         placed = [
             frames[name, link][:, :3, :3] @ point + frames[name, link][:, :3, 3] for name, link, point in self._points
@@ -85,8 +88,9 @@ class KnownPoints:
 
 
 def _boxes(scene: RaycastScene, name: str, model: ObjectModel) -> list[tuple[str, Array]]:
-    """Return two pairs, one for the moving and one for the fixed part of an object: the name of the part's link, and
-    the corners (8, 3) of the part's bounding box in the link's frame.
+    """Return the bounding boxes of an object's parts. There is one pair for the moving part and one for the fixed part.
+    A pair has the name of the link in whose frame the box is given, and the corners (8, 3) of the box in this frame. A
+    rigid object has a single pair.
     """
     if model.joint is None:
         return [(name, _corners(np.concatenate([hull for hulls in model.hulls.values() for hull in hulls])))]
@@ -119,13 +123,14 @@ _ROOT = 13
 
 
 class Observer:
-    """Computes the observations of one episode, which depend only on the state, the episode's seed and the step.
+    """Computes the observations of one episode. An observation depends only on the state, the seed of the episode, and
+    the number of the control step.
 
     Args:
         objects: objects by name, in the task's order.
         seed: seed of the episode's reset, which determines the noise.
         language: instruction of the task.
-        photograph: function that returns colour images, if the spec needs them.
+        photograph: function that renders colour images; needed if the spec requests ``rgb``.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -144,7 +149,8 @@ class Observer:
         require_cameras(spec.cameras, profile)
         fixed = {camera.name: camera for camera in observation_cameras(profile)}
         own = {camera.name: mounted(camera, np.eye(4)) for camera in profile.cameras}
-        #: Cameras on the robot have their pose in the link's frame.
+        #: The cameras of the spec. The pose of a fixed camera is in the base frame, and the pose of a camera on the
+        #: robot is in the frame of its link.
         self.cameras = tuple((fixed | own)[name] for name in spec.cameras)
         self._links = tuple(dict.fromkeys(camera.link for camera in self.cameras if camera.link is not None))
         self._scene = RaycastScene(profile, objects, self.cameras) if spec.casts else None
@@ -243,13 +249,14 @@ class Observer:
     def views(
         self, poses: Array, step: int, positions: npt.ArrayLike | None = None, read: npt.ArrayLike | None = None
     ) -> tuple[View, ...]:
-        """Return the images of the cameras, with the spec's noise.
+        """Return the images of all cameras, with the noise that the spec requests.
 
         Args:
             poses: (L, 4, 4) poses of the solids, one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
-            positions: (n,) positions of all active joints; needed for cameras on the robot.
-            read: (n,) joint positions that the robot reports with a delay; None: ``positions``.
+            positions: (n,) true positions of all active joints. They determine which image a camera on the robot takes.
+            read: (n,) joint positions that the robot reports with a delay. They determine the assumed poses of cameras
+                on the robot. None: ``positions``.
         """
         views = self.scene.see(poses, {} if positions is None else self._links_at(positions))
         if self._noise is None:

@@ -27,13 +27,13 @@ TABLE = "table"
 class RaycastScene:
     """Robot, table and objects of an episode, without a simulator.
 
-    Segmentation ids are equal to SAPIEN's: links and bodies, visible or not, are numbered from 1 in the order in which
-    the environment builds them.
+    The scene numbers links and bodies as SAPIEN does, so segmentation ids are the same in both. The numbers start at 1,
+    follow the order in which the environment builds the bodies, and include invisible links.
 
     Args:
         objects: objects by name, in the task's order.
-        cameras: cameras; the pose of a camera on the robot is in the link's frame. Without cameras no mesh is read, and
-            the scene has no solids.
+        cameras: cameras from which rays are cast. The pose of a camera on the robot is in the frame of its link. If the
+            tuple is empty, no mesh is read and no rays can be cast; link poses are still available.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -58,7 +58,8 @@ class RaycastScene:
                 self._add(name, name, read_mesh(model.visual) if seen else None, still=False)
             else:
                 raise TypeError(f"cannot cast rays into an object of type {type(model).__name__}")
-        # Cameras on a link have their own caster in the link's frame, in which these cameras do not move.
+        # Each link that carries cameras has its own caster, which works in the link's frame. The cameras do not move in
+        # this frame.
         self._casters: dict[str | None, Caster] = {
             link: Caster(self._solids, [camera for camera in self.cameras if camera.link == link])
             for link in dict.fromkeys(camera.link for camera in self.cameras)
@@ -75,7 +76,9 @@ class RaycastScene:
         return tuple(self._solids)
 
     def tree(self, name: str) -> Tree:
-        """Return the kinematic tree of an articulated object, or of the robot, which is named by its agent."""
+        """Return the kinematic tree of an articulated object, or of the robot. ``name`` is the object's name, or the
+        name of the robot's ManiSkill agent.
+        """
         return self._trees[name][0]
 
     def link_poses(self, states: Mapping[str, Any], name: str, link: str) -> Array:
@@ -186,8 +189,8 @@ class RaycastView:
         self._poses = poses
 
     def measured(self, camera: Camera, depth: npt.NDArray[np.float32]) -> RaycastView:
-        """Return a copy of this image in which the depth is replaced by ``depth`` (H, W), m, and the camera pose by the
-        pose of ``camera``. The replaced values simulate measurement errors.
+        """Return a copy of this image with simulated measurement errors: ``depth`` (H, W), m, replaces the true depth,
+        and the pose of ``camera`` replaces the true camera pose.
         """
         found = RaycastView(self._caster, self._hits, self._number, camera, self._poses)
         found.depth = depth

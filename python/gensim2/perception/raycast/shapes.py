@@ -44,11 +44,12 @@ class Texture:
     corners: npt.NDArray[np.float32]
 
     def at(self, rows: npt.NDArray[np.int64], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]) -> Color:
-        """Return the colours (k, 3) of the nearest texels at points on faces.
+        """Look up the texture's colours (k, 3) at points on the textured faces. The nearest pixel of the texture is
+        used.
 
         Args:
             rows: (k,) indices into ``faces``.
-            u, v: (k,) weights of the faces' second and third corners.
+            u, v: (k,) position of each point on its face: barycentric weights of the face's second and third corners.
         """
         weights = np.stack([1.0 - u - v, u, v], axis=-1)
         place = np.einsum("kc,kcx->kx", weights, self.corners[rows])

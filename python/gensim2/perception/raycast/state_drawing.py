@@ -1,4 +1,4 @@
-"""Draw pictures of recorded states from the camera position of videos."""
+"""Draw pictures of recorded states, seen from the camera that also records the videos of episodes."""
 
 from __future__ import annotations
 
