@@ -1,20 +1,20 @@
 """Turn articulated objects into verified manipulation tasks, demonstrations and policies.
 
-This module has the most common functions. Each is imported on first use, so ``import gensim2`` itself is fast.
+This module provides the most common functions. Each function is imported on first use, so ``import gensim2`` is fast.
 
-    library = gensim2.open_library("builtin")     # objects: gensim2.objects
-    task = gensim2.load_task("OpenDrawer")        # tasks and strategies: gensim2.tasks
-    env = gensim2.make_env(task)                  # simulation: gensim2.sim; make_vec_env for several
-    result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.design
-    result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
+    library = gensim2.open_library("builtin")     # open a library of objects (gensim2.objects)
+    task = gensim2.load_task("OpenDrawer")        # load a task with its strategies (gensim2.tasks)
+    env = gensim2.make_env(task)                  # simulate one scene (gensim2.sim); make_vec_env simulates several
+    result = gensim2.demo("OpenDrawer")           # verify the task and record demonstrations (gensim2.design)
+    result = gensim2.run_pipeline(num_tasks=1)    # propose a task, search strategies, verify and record the task
     found = gensim2.design_task("MyTask")         # search strategies for your own task
-    result = gensim2.solve("OpenDrawer")          # plan one scene
-    gensim2.collect(["OpenDrawer"], episodes=100, out="night")     # data sets: gensim2.data
-    gensim2.render("night")                                        # add camera observations to it
-    frames = gensim2.DataSet.open("night").frames()                # frames[i]; frames.torch() for PyTorch
-    result = gensim2.evaluate("mine.py:Policy", ["OpenDrawer"])    # your controller: docs/guides/controllers.md
-    result = gensim2.benchmark(["OpenDrawer"])                     # the planner, in the same scenes
-    panda = gensim2.robot("panda")                # robots: gensim2.robots
+    result = gensim2.solve("OpenDrawer")          # plan the motions in one scene
+    gensim2.collect(["OpenDrawer"], episodes=100, out="night")     # collect a data set (gensim2.data)
+    gensim2.render("night")                                        # add camera observations to the data set
+    frames = gensim2.DataSet.open("night").frames()                # read the data set; frames.torch() is for PyTorch
+    result = gensim2.evaluate("mine.py:Policy", ["OpenDrawer"])    # evaluate a controller: docs/guides/controllers.md
+    result = gensim2.benchmark(["OpenDrawer"])                     # evaluate the planner in the same scenes
+    panda = gensim2.robot("panda")                # load a robot (gensim2.robots)
 """
 
 from __future__ import annotations

@@ -36,12 +36,14 @@ def keypoint_problem(
         problem: recorded problem, with its keyframe times and keypoints.
         scene: scene with the obstacles of the problem.
         robot: model of the arm with hand and fingers.
-        frames: frame in which the config's translations after the actuation are given. ``"original"``: the frame that
-            the original GenSim2 solver uses, rotated by the object's yaw. ``"object"``: the frame of the hand.
-        options: solver options that override the options of the recording.
+        frames: frame of the hand's translations that the config lists for the time after the actuation keyframe. With
+            ``"original"``, the translations are in the frame of the original GenSim2 solver, which is rotated by the
+            object's yaw. With ``"object"``, the translations are in the hand frame.
+        options: solver options that replace the default options for recorded problems.
 
     Raises:
-        InputError: the solver rejects the config, or a number is out of range; the message names the problem.
+        InputError: the solver rejects the problem's config, or a number in the problem is out of range. The message
+            names the problem.
     """
     joint = scene.joint
     # The original GenSim2's solver has no margin and ignores collisions between the hand and the manipulated object.

@@ -135,12 +135,12 @@ def solve_motions(
 
     A record has these fields:
 
-    - ``id``, ``status``, ``reason``: id of the problem, result of the planner, and reason of a failure.
-    - ``cpu_ms``: CPU time of the planning call in ms. The time to build the scene is included.
+    - ``id``, ``status``, ``reason``: id of the problem, result of the planner, and reason for a failure.
+    - ``cpu_ms``: CPU time of the planning call in ms, including the time to build the scene.
     - ``duration``: duration of the motion, s.
     - ``length``: length of the path in joint space, rad.
-    - ``nearer``: pairs of bodies that are closer than ``margin`` at the start or at the goal, each with its distance in
-      m. For such a pair the planner requires only this smaller distance.
+    - ``nearer``: pairs of bodies that are already closer than ``margin`` at the start or at the goal, each with its
+      distance in m. Along the motion, the planner keeps this distance between the two bodies instead of ``margin``.
     - ``checks``: number of collision checks.
     - ``samples``: joint positions every 5 ms, rad.
 
@@ -153,7 +153,8 @@ def solve_motions(
         ```
     """
     model = robots.robot(robot).model
-    # Compute data that depend on the robot only (spheres around its links) before the timing.
+    # Check for one collision before the planning calls are timed, because the first check also computes the spheres
+    # around the robot's links.
     rest = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
     kpam.Scene(model).in_collision(rest)
     records: list[dict[str, Any]] = []

@@ -1,7 +1,8 @@
 """Read planning problems from JSON Lines files and validate them.
 
-Lengths are in m, angles in rad, poses are 4x4 row-major, quaternions (w, x, y, z), times in s from the
-start of the problem's motion. Fields that are not named here (such as ``reference``) are ignored.
+Lengths are in m, and angles are in rad. Poses are 4x4 matrices in row-major order, and quaternions are (w, x, y, z).
+Times are in s, counted from the start of the problem's motion. The reader ignores fields that are not named in this
+module, such as ``reference``.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ def _is_pose(rows: list[list[float]]) -> list[list[float]]:
         raise ValueError("a pose has 4 rows of 4 numbers")
     pose = np.asarray(rows)
     rotation = pose[:3, :3]
-    small = np.abs(rotation).max() <= 2.0  # larger entries could overflow in the product below
+    # a rotation has no entry above 1; a very large entry would overflow in ``rotation @ rotation.T`` below
+    small = np.abs(rotation).max() <= 2.0
     if (
         not small
         or np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE
@@ -110,9 +112,11 @@ class ObjectsRecord(_Record):
 
 
 class PlanProblem(_Record):
-    """One line of a problem file. The module's docstring documents units and frames.
+    """A planning problem, stored as one line of a problem file. The docstring of this module lists the units and
+    frames.
 
-    ``task`` and ``sub_task`` name the recorded episode's task and step; empty if they were not recorded.
+    ``task`` and ``sub_task`` are the names of the task and step in the recorded episode. A name is empty if it was not
+    recorded.
     """
 
     id: Annotated[str, Field(min_length=1)]
@@ -133,7 +137,9 @@ class PlanProblem(_Record):
     object_axis: Literal["x", "y", "z"] | None
 
     def pose(self, name: Literal["T_world_base", "T_base_object"]) -> Array:
-        """Return a pose (4, 4); orthonormalize its rotation, because poses are stored in single precision."""
+        """Return a pose (4, 4). The file stores poses in single precision, so this method makes the rotation
+        orthonormal again.
+        """
         pose = np.asarray(getattr(self, name), dtype=np.float64)
         left, _, right = np.linalg.svd(pose[:3, :3])
         pose[:3, :3] = left @ right
@@ -144,8 +150,9 @@ class PlanProblem(_Record):
         return [*self.pre_actuation_times, self.actuation_time, *self.post_actuation_times]
 
     def odd_frames(self) -> list[str]:
-        """Return the invalid names of axis frames in the config. The original solver of GenSim2 treats such a name as
-        the world frame.
+        """Return the invalid frame names in the config's constraints. A constraint gives the frame of its target axis
+        in ``target_axis_frame``, which must be one of ``AXIS_FRAMES``. The original solver of GenSim2 treats an invalid
+        name as the world frame.
         """
         return [str(entry["target_axis_frame"]) for entry in self._constraints() if _is_odd(entry)]
 
@@ -154,7 +161,9 @@ class PlanProblem(_Record):
         return entries if isinstance(entries, list) else []
 
     def timed_config(self) -> dict[str, Any]:
-        """Return the solver config with this problem's keyframe times; invalid axis frames become the world frame."""
+        """Return the solver config with the keyframe times of this problem. Each invalid ``target_axis_frame`` is
+        replaced by ``"world"``, as in the original solver of GenSim2.
+        """
         constraints = [
             {**entry, "target_axis_frame": "world"} if _is_odd(entry) else entry for entry in self._constraints()
         ]
@@ -167,7 +176,11 @@ class PlanProblem(_Record):
         }
 
     def check_times(self) -> None:
-        """Raise ValueError if the keyframe times do not increase, or if a motion has no time."""
+        """Check that the keyframe times increase and that the config has one time for each motion.
+
+        Raises:
+            ValueError: the times do not increase, or the numbers of times and motions differ.
+        """
         for kind, times in (("pre", self.pre_actuation_times), ("post", self.post_actuation_times)):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):

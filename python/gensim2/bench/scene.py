@@ -89,7 +89,8 @@ Role = Literal["table", "object_body", "moving_link", "rigid", "target", "attach
 TABLE_HALF_EXTENTS = np.array([0.65, 0.65, 0.025])
 TABLE_CENTER = np.array([0.0, 0.0, -0.025])
 
-#: Largest distance (m) between ``tool_head`` and a rigid object's origin at which it counts as grasped.
+#: Maximum distance (m) between the hand's keypoint ``tool_head`` and the origin of a rigid object that counts as
+#: grasped.
 GRASP_DISTANCE = 0.03
 
 
@@ -99,7 +100,9 @@ class SceneObstacle:
 
     Attributes:
         name: unique name in the scene.
-        role: ``"target"`` for a rigid object that constraints refer to, ``"attached"`` for a grasped object.
+        role: ``"table"``; ``"object_body"`` or ``"moving_link"``, which are the fixed and the movable part of an
+            articulated object; ``"target"`` for a rigid object to which the constraints of the motion refer;
+            ``"attached"`` for a grasped object; or ``"rigid"`` for any other rigid object.
         hulls: vertices (N, 3) of each hull in the body frame, m.
         pose: (4, 4) pose of the body in the robot base frame, or in the hand frame if ``role`` is ``"attached"``.
     """

@@ -120,13 +120,15 @@ def bench_solver(
     Args:
         problems: JSON Lines file of planning problems, see ``gensim2.bench.problems``.
         out: file to write.
-        assets: folder with the objects of the problems, which become obstacles. None: the table is the only obstacle.
+        assets: folder with the objects of the problems, which become obstacles. If it is None, the table is the only
+            obstacle.
         frames: how motion frames are interpreted (see :func:`~gensim2.bench.convert.keypoint_problem`).
         threads: number of solver threads, which does not affect results.
-        sample_dt: time step of the joint positions to write, s; None: write no joint positions.
+        sample_dt: time step of the joint positions in the results, s. If it is None, the results contain no joint
+            positions.
 
     Returns:
-        Counts of the problems by status.
+        Summary of all problems: the number of problems with each status, median CPU times and the peak memory.
 
     Raises:
         InputError: as for :func:`solve_problems`, or ``out`` cannot be written.

@@ -107,8 +107,8 @@ def show(
     """Describe an object.
 
     The command prints the object's joint or grasp, keypoints, mass, placement and files. WHICH selects objects of the
-    class: an id, train, test, new, all or random. The first selected object is described; without WHICH, the first
-    object of the class.
+    class CLASS: give an id, train, test, new, all or random. If WHICH selects several objects, the command describes
+    the first one. Without WHICH, the command describes the first object of the class.
     """
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import select_one

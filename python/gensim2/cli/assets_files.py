@@ -74,14 +74,16 @@ def export(
 ) -> dict[str, Any]:
     """Write objects as URDF or MJCF.
 
-    WHICH selects objects of the class: an id, train, test, new, all or random. The format urdf writes articulated
-    objects, in metres, in the layout of the GenSim2 release: mobility.urdf, textured_objs/ and info.json in the folder
-    LIBRARY/articulated_objs/CLASS/ID. The format mjcf writes articulated and rigid objects, placed on a table, as
-    LIBRARY/CLASS/ID.xml for python -m mujoco.viewer.
+    WHICH selects objects of the class CLASS: give an id, train, test, new, all or random.
+
+    With --to urdf, the command writes articulated objects in the layout of the GenSim2 release. The folder
+    LIBRARY/articulated_objs/CLASS/ID then contains mobility.urdf, textured_objs/ and info.json, with lengths in metres.
+    With --to mjcf, the command writes articulated and rigid objects to the files LIBRARY/CLASS/ID.xml. Each file
+    contains one object on a table, and python -m mujoco.viewer can show the file.
 
     Args:
         every: Export all articulated objects of the library.
-        to: Format; mjcf needs the extra gensim2[mujoco].
+        to: File format; mjcf needs the extra gensim2[mujoco].
         out: Output folder, usable as --assets; created if missing.
         force: Replace existing objects.
     """
@@ -137,22 +139,25 @@ def import_(
 ) -> dict[str, Any] | Ending:
     """Import an object from a URDF, MJCF or USD file, or from a PartNet-Mobility folder.
 
-    FILE is a .urdf, .xml, .mjcf, .usd, .usda, .usdc or .usdz file with boxes, cylinders, spheres, capsules or meshes;
-    MJCF needs the extra gensim2[mujoco], and USD the extra gensim2[usd]. DIR is a folder with mobility.urdf, or the
-    number of a model that ManiSkill has downloaded. The import fixes all joints but one, scales the model, proposes
-    keypoints from the geometry of the moving link, checks the result and draws its keypoints. To change the proposed
-    keypoints, give --keypoint, or edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets
-    LIBRARY`. The exit code is 1 if the object fails a check.
+    FILE is a .urdf, .xml, .mjcf, .usd, .usda, .usdc or .usdz file whose shapes are boxes, cylinders, spheres, capsules
+    or meshes. MJCF files need the extra gensim2[mujoco], and USD files need the extra gensim2[usd]. DIR is a folder
+    with mobility.urdf, or the number of a model that ManiSkill has downloaded.
+
+    The command keeps one joint movable and fixes the other joints. It scales the model, proposes keypoints from the
+    geometry of the moving link, checks the new object and draws the keypoints. To change the proposed keypoints, give
+    --keypoint, or edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`. The
+    exit code is 1 if the object fails a check.
 
     Args:
         asset_class: Class of the new object.
         name: Id of the new object.
         joint: Joint that stays movable.  [default: the only joint that has the class's joint type]
         scale: Length in metres of one unit of the model.
-        up: Axis of the model that points up. The model's front must face -x if z points up, and z if y points up. A USD
-            file states its axis.
-        keypoints: Position of a keypoint such as head or tail in the frame of the moving link, in units of the model,
-            or a YAML file of positions by name; can be repeated.  [default: proposed from the geometry]
+        up: Axis of the model that points up. With up axis z, the model's front must face -x. With up axis y, the front
+            must face z. A USD file states its own up axis.
+        keypoints: Position of a keypoint such as head or tail in the frame of the moving link, in units of the model;
+            can be repeated. FILE is a YAML file with the name and position of each keypoint.  [default: proposed from
+            the geometry]
         license: Licence of the model.
         out: Output folder, usable as --assets; created if missing.
         force: Replace existing objects.

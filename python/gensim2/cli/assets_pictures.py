@@ -34,10 +34,12 @@ def render(
 ) -> dict[str, Any]:
     """Render a picture of one or several objects.
 
-    A single articulated object is rendered at openness 0, 0.5 and 1, and a single rigid object from three sides, with
-    the names of its keypoints. Several objects appear on one sheet with one picture each. WHICH selects objects of the
-    class: an id, train, test, new, all or random. The first selected object is rendered; without WHICH, the first
-    object of the class.
+    WHICH selects objects of the class CLASS: give an id, train, test, new, all or random. If WHICH selects several
+    objects, the command renders the first one. Without WHICH, the command renders the first object of the class.
+
+    If you select one object, the picture shows the object with the names of its keypoints: an articulated object at
+    openness 0, 0.5 and 1, and a rigid object from three sides. If you select several objects, the picture shows each
+    object once.
 
     Args:
         out: Image file to write.

@@ -84,11 +84,11 @@ def prepare(
 ) -> dict[str, Any] | Ending:
     """Prepare objects in advance instead of on first use.
 
-    The command decomposes real objects into convex parts, creates generated objects, and stores both in the cache. The
-    exit code is 1 if an object cannot be used.
+    The command decomposes objects that come from files into convex parts, and it generates the built-in objects. It
+    stores the results in the cache. The exit code is 1 if an object cannot be used.
 
     Args:
-        every: Prepare all objects of the library; the default without CLASS.
+        every: Prepare all objects of the library. This is the default if no CLASS is given.
     """
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import select

@@ -153,18 +153,20 @@ def policy(
 ) -> dict[str, Any]:
     """Measure the latency of policies from observation to action.
 
-    Without --checkpoint, the command times decisions of every policy head on a live scene, including ray casting, with
-    random weights and batch size 1. The planner that executes keyposes is not included. With --checkpoint, it times a
-    trained policy including the planner.
+    Without --checkpoint, the command measures each type of policy with random weights and batch size 1 in a simulated
+    scene. The latency includes the ray casting that makes the observation. It does not include the planner that moves
+    the hand to the predicted poses. With --checkpoint, the command measures a trained policy, and the latency includes
+    this planner.
 
     Args:
-        checkpoint: Keypose policy to time in episodes of its tasks.
-        heads: Measure only this head; can be repeated.
-        encoders: Encoder to time; can be repeated.  [default: mlp]
+        checkpoint: Trained keypose policy (a policy that predicts hand poses) to measure in episodes of its tasks.
+        heads: Policy head to measure, which is the part of the network that outputs actions; can be repeated.
+            [default: all heads]
+        encoders: Point cloud encoder to measure; can be repeated.  [default: mlp]
         points: Number of points of a point cloud.
-        decisions: Number of decisions of each policy.
+        decisions: Number of decisions to measure for each policy.
         threads: Number of PyTorch threads.
-        device: Device, as PyTorch names it.
+        device: PyTorch device, such as cpu or cuda.
     """
     from gensim2.policy.config import HEADS
     from gensim2.policy.keypose.latency import measure_looks

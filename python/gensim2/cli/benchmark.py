@@ -80,7 +80,12 @@ def _show_one(result: dict[str, Any]) -> None:
 
 
 def interval_of(row: dict[str, Any], verdict: str) -> str:
-    """Format the 95 % confidence interval of the success rate by ``verdict``, such as ``"(0.42 to 0.61)"``."""
+    """Format the 95 % confidence interval of a success rate, such as ``"(0.42 to 0.61)"``.
+
+    Args:
+        row: result of a task.
+        verdict: name of the definition of success: ``"paper"``, ``"held"`` or ``"strict"``.
+    """
     low, high = row[f"{verdict}_interval"]
     return f"({low:.2f} to {high:.2f})"
 
@@ -104,22 +109,24 @@ def benchmark(
 ) -> dict[str, Any]:
     """Measure the success rates of tasks.
 
-    The command runs TASKS on random scenes by the paper's protocol. Without TASKS, it runs the tasks of the paper, or
-    all tasks of --origin. It reports success rates by three verdicts, with 95 % confidence intervals. The verdict paper
-    counts episodes as the paper does. The verdict held requires that the goal is true at the end, that the scene is at
-    rest, and that the goal is false if the robot does not move. The verdict strict adds further conditions. The JSON
-    output contains every episode. Tasks without suitable objects are reported and skipped.
+    The command runs TASKS on random scenes by the protocol of the GenSim2 paper. Without TASKS, it runs the tasks of
+    the paper, or all tasks of --origin. Tasks without suitable objects are reported and skipped.
+
+    For each task, the command reports three success rates with 95 % confidence intervals, because there are three
+    verdicts (definitions of success). The verdict paper counts successes as the paper does. The verdict held requires
+    that the goal is true at the end, that the scene is then at rest, and that the goal stays false in the same scene if
+    the robot does not move. The verdict strict adds further conditions. The JSON output contains every episode.
 
     Args:
         runs: Number of repetitions.
         episodes: Number of episodes of each task in each run.
-        attempts: Maximum number of attempts in an episode. Each attempt starts from the same state with another
-            strategy first and another solver seed, until one attempt succeeds.
+        attempts: Maximum number of attempts in an episode. All attempts start from the same state, but each attempt
+            tries another strategy first and uses another solver seed. The first successful attempt ends the episode.
         disturbance: At a random moment of each episode, push moves the object to be grasped 3 cm aside, and drop opens
             the gripper that holds the object. Tasks without an object to grasp are skipped.
         method: chain uses several strategies for each step and replans after a deviation. one-plan is the paper's
-            method with our solver: every step is planned once, at its start, with its first strategy.
-        engines: both runs the same scenes in the other physics engine, too, and compares the success rates.
+            method with our solver: it plans each step only once, at the start of the step, with the first strategy.
+        engines: both also runs the same scenes in the other physics engine, and compares the success rates.
     """
     from gensim2.evaluation import benchmark as one
     from gensim2.evaluation import benchmark_both as both

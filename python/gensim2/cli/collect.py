@@ -48,20 +48,20 @@ def collect(
 ) -> dict[str, Any]:
     """Collect a data set of demonstrations for many tasks.
 
-    The command runs --episodes episodes of each task in TASKS; without TASKS, of each task of the paper. It saves a
-    record of every episode, and the states and actions of successful episodes. The result depends only on the
-    arguments, not on interruptions. With --resume you may increase --episodes and add TASKS. Use `gensim2 render` to
-    add observations.
+    The command runs --episodes episodes of each task in TASKS. Without TASKS, it runs the tasks of the paper. The data
+    set contains a record of every episode, and the states and actions of successful episodes. Use `gensim2 render` to
+    add observations. A collection that was interrupted and resumed has the same result as an uninterrupted collection.
+    With --resume you may increase --episodes and add TASKS.
 
     Args:
         episodes: Number of episodes of each task.
         out: Folder of the data set.
         keep_failures: Also keep the states of failed episodes.
-        noise: Standard deviation of random angles that occasionally perturb the arm's commands. The unperturbed
-            commands are recorded, too, and used for training.
-        strategy: Name of a strategy. Every step that has a strategy of this name uses only this strategy. Can be
-            repeated.
-        objects: Use this number of new generated objects of each class.  [default: the objects of --instances]
+        noise: Standard deviation of the random angles that are occasionally added to the commands of the arm's joints.
+            The data set also contains the commands without this noise, and training uses those commands.
+        strategy: Name of a strategy. A step that has a strategy of this name uses no other strategy. Can be repeated.
+        objects: Number of new generated objects of each class to use instead of --instances.  [default: the objects of
+            --instances]
         resume: Continue the data set in --out, if there is one.
     """
     from gensim2.data import collect as function

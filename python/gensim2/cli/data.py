@@ -96,7 +96,8 @@ def import_(
 ) -> dict[str, Any]:
     """Restore a data set from an export.
 
-    The command restores the episodes of FOLDER, which `gensim2 data export` wrote, byte for byte.
+    FOLDER is a folder that `gensim2 data export` wrote. The restored episodes are byte for byte the same as before the
+    export.
 
     Args:
         of: Format of FOLDER.

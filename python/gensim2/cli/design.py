@@ -35,12 +35,14 @@ def design(
 ) -> dict[str, Any] | Ending:
     """Find strategies for your own task.
 
-    The folder DIR contains task.yaml. The offline designer, which needs no language model, searches for strategies for
-    each step, tests them in simulation and verifies the best strategies in new scenes. The task is kept if 80 % of
-    the episodes succeed (60 % if the task has several steps). The command then writes the strategies and a new
-    task.yaml to DIR, and saves the old task.yaml in the run folder as before.yaml. report.html shows the plan with
-    keypoints and residuals, films, and all candidates. After Ctrl-C, --resume continues. The exit code is 1 if the task
-    is not kept.
+    The folder DIR contains task.yaml. The command uses the offline designer, which needs no language model. The
+    designer searches for strategies for each step, tests them in simulation and verifies the best strategies in new
+    scenes. The task is kept if 80 % of the episodes succeed (60 % if the task has several steps). The exit code is 1 if
+    the task is not kept.
+
+    The command writes the strategies and a new task.yaml to DIR, and saves the old task.yaml in the run folder as
+    before.yaml. The run folder also contains report.html with pictures of the plan and its keypoints, the remaining
+    errors of the constraints, videos, and all candidate strategies. After Ctrl-C, --resume continues the search.
 
     Args:
         out: Run folder; with this option DIR is not changed.  [default: DIR/design]

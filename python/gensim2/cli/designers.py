@@ -24,21 +24,21 @@ class Designing:
     """Options that select and configure the designer.
 
     Attributes:
-        mode: explore designs single-step tasks; topdown decomposes long tasks into steps; bottomup combines verified
-            tasks into long tasks; free designs whole tasks, which may use several objects, grasped tools and all types
+        mode: explore designs single-step tasks. topdown decomposes long tasks into steps. bottomup combines verified
+            tasks into long tasks. free designs whole tasks, which may use several objects, grasped tools and all types
             of success criteria.  [default: explore; offline designer: all tasks]
         trials: Number of alternative configs to request at once for a step.  [default: 3]
-        max_rounds: Maximum number of answers to a request, and of rounds that improve configs after simulation.
-            [default: 3]
+        max_rounds: Maximum number of answers to one request, including corrected answers. It is also the maximum number
+            of rounds that improve configs after simulation.  [default: 3]
         visual: Send pictures of the object and of the actuation pose to the model.
-        code: Also request each task as Python code. The command reads its syntax tree and never runs the code.
+        code: Also request each task as Python code. The command parses this code but never runs it.
         review: Ask on the terminal whether to accept each proposed task.
-        prompts: Folder with your prompts; files replace built-in prompts of the same name.
-        replay: Use the answers of this run folder instead of a model.
+        prompts: Folder with your prompts. A file replaces the built-in prompt of the same name.
+        replay: Run folder whose recorded answers are used instead of a model.
         config: YAML file with settings of the model.
-        base_url: OpenAI-compatible endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]
+        base_url: URL of an OpenAI-compatible endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]
         temperature: Sampling temperature of the model.
-        budget: Maximum cost of the model's answers in USD; needs both prices.
+        budget: Maximum cost of the model's answers in USD; requires --price-in and --price-out.
         price_in: Price in USD of a million prompt tokens.
         price_out: Price in USD of a million answer tokens.
         concurrency: Maximum number of simultaneous requests.  [default: 4]
@@ -74,7 +74,9 @@ def designer_of_command(
     scene: SceneOptions,
     asked: dict[str, Any],
 ) -> tuple[Designer, str | None]:
-    """Return the designer that the options select, and the library task to redesign, if any.
+    """Return the designer that the options select, and the name of the library task to redesign.
+
+    The name is None if ``target_task`` is None, or if a language model designs ``target_task`` as a new task.
 
     Raises:
         InputError: an option is invalid or does not apply to this designer.

@@ -77,19 +77,20 @@ def evaluate(
 ) -> dict[str, Any]:
     """Measure the success rate of a controller or policy.
 
-    The command runs a controller on TASKS with the random scenes and verdicts of `gensim2 benchmark`. The fields of an
-    observation have the same names as in exported data; see docs/guides/controllers.md.
+    The command runs a controller on TASKS, in the random scenes and with the verdicts (definitions of success) of
+    `gensim2 benchmark`. The fields of an observation have the same names as in exported data; see
+    docs/guides/controllers.md.
 
     Args:
-        checkpoint: Policy made by gensim2 learn or train, or builtin for the packaged policy of the single-step tasks;
-            replaces --controller.
+        checkpoint: Policy to evaluate instead of --controller. Give a checkpoint made by gensim2 learn or train, or
+            builtin for the packaged policy of the single-step tasks.
         controller: Class of the controller with the methods reset(observation, seed) and act(observation).
         arguments: Keyword arguments of the controller.
-        data: Rendered data set that the controller was trained on; a controller with other observation settings is
+        data: Rendered data set on which the controller was trained. A controller with other observation settings is
             refused.
-        stop: goal ends an episode when the goal has been true for half a second and is still true with the scene at
-            rest, or at the time limit. controller ends an episode only when the controller returns None; at the time
-            limit the episode is truncated.
+        stop: With goal, an episode ends when the goal has been true for half a second and is still true after the scene
+            has come to rest, or at the time limit. With controller, an episode ends when the controller returns None,
+            and an episode that reaches the time limit is truncated.
         runs: Number of repetitions.
         episodes: Number of episodes of each task in each run.
         videos: Number of episodes of each task to record as video.

@@ -17,30 +17,31 @@ class Learning:
     """Options of training.
 
     Attributes:
-        policy: Type of policy. keypose predicts hand poses, between which the planner moves the hand; it learns from
-            plans. The other types predict chunks of actions and learn from episodes.
+        policy: Type of policy. keypose learns from plans and predicts hand poses, and the planner moves the hand from
+            pose to pose. The other types learn from episodes and predict chunks of actions.
         minutes: CPU minutes for data and training of each policy. If a GPU is used, training time is measured as
             wall-clock time. Evaluation is not limited.
         multi_task: Train one policy for all TASKS; an instruction selects the task.
         scenes: Maximum number of scenes of each task to plan; at most 600 for policies that learn from episodes.
         episodes: Number of evaluation episodes of each task.
         videos: Number of episodes of each task to record as video.
-        objects: Train on this many generated objects of each class. None of them is a listed object of the class.
-            [default: train on the objects of --instances. Without --instances: 200 generated objects, or the training
-            split of a folder's objects]
-        generated: Number of generated training objects of each class in addition to the objects of --assets. Planning
-            time is divided in proportion to the numbers of objects, and each part uses up to --scenes scenes.
-        verify: Simulate the plans for a keypose policy, and train only on successful plans; a scene then takes ten
-            times as long.
-        start: Multi-task keypose policy to start from: a policy of learn, or builtin. TASKS are added to its tasks, and
-            all tasks are evaluated.
-        demonstrations: Earlier run of learn for another policy type with the same TASKS, objects and seed. Its
-            demonstrations are reused, and more demonstrations are made if the share of --minutes for demonstrations is
-            not used up.
-        text: Text encoder of a multi-task policy: small is trained with the policy, clip is the text
-            encoder of CLIP, and sentence is a sentence encoder.  [default: the encoder of --from, else small]
-        text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP on the
-            Hugging Face hub]
+        objects: Number of generated objects of each class to train on. These objects are new, so the list of the class
+            does not contain them.  [default: train on the objects of --instances. Without --instances: 200 generated
+            objects, or the training split of a folder's objects]
+        generated: Number of generated objects of each class to train on, in addition to the objects of --assets. The
+            planning time is divided between generated objects and objects of --assets in proportion to their numbers.
+            The command plans up to --scenes scenes with generated objects and as many with objects of --assets.
+        verify: Simulate the plans for a keypose policy, and train only on successful plans. Simulation makes each scene
+            take ten times as long.
+        start: Multi-task keypose policy to start from: a policy of learn, or builtin. The new policy learns TASKS in
+            addition to the tasks of this policy, and all tasks are evaluated.
+        demonstrations: Earlier run of learn for another policy type with the same TASKS, objects and seed. The new run
+            reuses its demonstrations. If time for demonstrations remains, which is a part of --minutes, the new run
+            makes more demonstrations.
+        text: Text encoder of a multi-task policy: small is trained with the policy, clip is the text encoder of CLIP,
+            and sentence is a sentence encoder.  [default: the encoder of --from, else small]
+        text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP on the Hugging Face
+            hub]
         settings: YAML settings of network and training that differ from the defaults, such as encoder: pointnext.
         test_instances: Objects for the evaluation.  [default: test if the policy, or the policy of --from, was trained
             on listed objects and each class has a test split (ten or more objects); otherwise new]
@@ -101,13 +102,13 @@ def learn(
 ) -> dict[str, Any]:
     """Train a policy on tasks, and evaluate it.
 
-    The policy observes point clouds, the robot's state and an instruction. The command generates scenes of TASKS and
-    plans them (for action-chunk policies, it also simulates and renders them), trains the policy, and evaluates it with
-    baselines on objects and seeds that are not used in training. --out becomes a checkpoint, or a folder with one
-    checkpoint for each task.
+    The policy observes point clouds, the robot's state and an instruction. First the command generates scenes of TASKS
+    and plans the motions in the scenes. For action-chunk policies, it also simulates the plans and renders the
+    episodes. Then it trains the policy. Finally it evaluates the policy and the baselines with objects and seeds that
+    were not used in training. --out becomes a checkpoint, or a folder with one checkpoint for each task.
 
     Args:
-        instances: Training objects, instead of --objects.
+        instances: Objects to train on; replaces --objects.
     """
     from gensim2.data.runfolder import default_run_dir
     from gensim2.perception.noise import read_noise

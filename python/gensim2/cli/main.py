@@ -96,12 +96,12 @@ class LazyGroup(click.Group):
 def _start(*, robots: Annotated[tuple[str, ...], Option("--load-robot", "FILE.py")] = ()) -> None:
     """Turn articulated objects into verified manipulation tasks and demonstrations.
 
-    Exit codes: 0 success, 1 a check failed, 2 invalid input, 3 some jobs could not be run (--resume retries them), 130
-    interrupted by Ctrl-C (143 by SIGTERM, 129 by SIGHUP).
+    Exit codes: 0 is success, 1 a failed check, 2 invalid input, 3 jobs that could not be run (--resume runs them
+    again), and 130 an interruption by Ctrl-C (143 by SIGTERM, 129 by SIGHUP).
 
     Args:
-        robots: Load your own robot. Checkpoints, logs and data sets may then use its name; data files never load code
-            themselves. Can be repeated.
+        robots: Python file that registers your own robot; can be repeated. Checkpoints, logs and data sets can name
+            this robot but never load its code, so commands that read them need this option.
     """
     for place in robots:
         from gensim2.robots import load_robot
@@ -142,7 +142,9 @@ def _leave(code: int) -> NoReturn:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; ``arguments`` defaults to ``sys.argv``."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # A path can contain bytes that the terminal's encoding lacks.
+        # The terminal's encoding may lack characters of a path; Python would then raise an error, so print escape
+        # sequences.
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
         with stopping_signals():
@@ -169,7 +171,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
-        # Click raises Abort from a KeyboardInterrupt.
+        # Click replaces a KeyboardInterrupt by Abort, so the notes are on the cause of Abort.
         notes = getattr(error.__cause__ or error, "__notes__", ())
         return _fail("; ".join(("gensim2: interrupted; what was finished is kept", *notes)), exit_code(error))
     except SystemExit as error:  # Click raises no SystemExit here, so a library or the user's code has raised it.
@@ -190,7 +192,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _was_printing(error: OSError) -> bool:
-    """Return whether writing to standard output raised an error, judged by the innermost frame of its traceback."""
+    """Return whether this error comes from writing to standard output.
+
+    The innermost frame of the error's traceback decides: the frame must belong to a module that prints.
+    """
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next

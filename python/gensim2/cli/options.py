@@ -56,53 +56,57 @@ class Shared:
 
     Attributes:
         assets: Folder of objects, 'builtin' for generated objects, or 'ycb' for ManiSkill's download. If a folder lacks
-            a rigid object, the generated one is used.  [default: $GENSIM2_ASSETS, else builtin]
+            a rigid object, the command uses the generated object of the same class.  [default: $GENSIM2_ASSETS, else
+            builtin]
         control_episodes: Number of episodes of each task and baseline.
-        controls: Baselines to measure in addition to the policy: blind (no point cloud), shuffled (point clouds of
-            other scenes), no-op, expert (the planner).
-        depth_noise: Noise of the depth cameras with --scene DIR. deployed is the noise d435 with random
-            calibration and clock errors in each episode; FILE is a file written by gensim2 robot fit-noise.
-        device: Training device, as PyTorch names it; several devices share each batch. auto is the first GPU, else the
-            CPU.
+        controls: Baselines to measure in addition to the policy: blind sees no point cloud, shuffled sees point clouds
+            of other scenes, no-op does not move, and expert is the planner.
+        depth_noise: Noise of the depth cameras with --scene DIR. deployed is the noise d435 plus random calibration and
+            clock errors in each episode. FILE is a file written by gensim2 robot fit-noise.
+        device: PyTorch device for training, such as cpu or cuda. If several devices are given, each batch is split
+            between them. auto is the first GPU, or the CPU if there is no GPU.
         engine: Physics engine. sapien (extra gensim2[sim]) uses PhysX with ManiSkill's environments. mujoco (extra
             gensim2[mujoco]) needs neither ManiSkill nor PyTorch, and supports --physics default only.  [default: sapien
             if it is installed, else mujoco]
-        engines: both also runs each verification and each demonstration in the other physics engine, on the same
+        engines: both also runs each verification and each demonstration in the other physics engine, in the same
             scenes. A task is kept only if enough episodes succeed in both engines, and a demonstration only if it
             succeeds in both.
-        instances: Objects to use. train and test are 90 % and 10 % of the listed objects. train-K and test-K, with K
-            from 1 to 9, are other divisions into 90 % and 10 %. new are further generated objects that are not listed.
-            random is one random listed object.
+        instances: Objects to use. train is 90 % of the listed objects, and test is the remaining 10 %. train-K and
+            test-K, with K from 1 to 9, divide the listed objects in the same proportion but in another way. new stands
+            for generated objects that are not listed. random is one random listed object.
         jobs_per_worker: Number of jobs after which a simulator process is replaced.
         library: Folder of your own tasks, used in addition to the tasks of the package.  [default: $GENSIM2_LIBRARY,
             else a folder in your user data]
-        moved_assets: Folder to which the objects of the data set were moved without changes; not needed for built-in
-            objects.  [default: the folder that was used for recording]
-        noise: Noise of the depth cameras. deployed is the noise d435 with random calibration and clock errors in each
-            episode; FILE is a file written by gensim2 robot fit-noise.
-        open_loop: Plan all steps at the start of an episode, each with its first strategy that gives a complete plan,
-            without reacting to deviations.
+        moved_assets: Current folder of the data set's objects, if they were moved without changes after recording; not
+            needed for built-in objects.  [default: the folder that was used for recording]
+        noise: Noise of the depth cameras. deployed is the noise d435 plus random calibration and clock errors in each
+            episode. FILE is a file written by gensim2 robot fit-noise.
+        open_loop: Plan all steps at the start of an episode and do not react to deviations. Each step uses its first
+            strategy that gives a complete plan.
         origin: Use all library tasks proposed by NAME, which is paper or a designer.  [default: paper]
         out: Output folder.  [default: runs/<date>-<time>]
-        physics: Physics settings (joint friction, densities, materials, solver, default poses, finger drives and
-            redraws): default, or original, which has the settings of the GenSim2 release. Also a preset with changed
-            settings such as original+gripper=default, or a YAML or JSON file of settings.
-        randomization: Random ranges of scenes: paper uses the ranges of the task, paper-half half of them, and wide
-            wider ranges, which also vary friction and mass of the objects and the start pose of the robot.
-        ray: Run on Ray (extra gensim2[ray]), on this machine or on a cluster whose nodes all have --out at the same
-            path. --workers is then the maximum number of simultaneous environments.  [default of --workers: one for
-            each CPU]
-        redraw: placement samples the placements again if objects overlap; none uses the first placements.  [default:
-            placement; with --physics original: none]
+        physics: Physics settings: joint friction, densities, materials, solver, default poses, finger drives and
+            redraws. The preset default has gensim2's own settings, and the preset original has the settings of the
+            GenSim2 release. A preset can be changed, as in original+gripper=default. A YAML or JSON file of settings is
+            also accepted.
+        randomization: Random ranges of scenes. paper uses the ranges of the task, and paper-half uses ranges half as
+            wide. wide uses wider ranges, and also varies the friction and mass of the objects and the start pose of the
+            robot.
+        ray: Run on Ray (extra gensim2[ray]), on this machine or on a cluster. All nodes of a cluster must have --out at
+            the same path. With this option, --workers is the maximum number of simultaneous environments.  [default of
+            --workers: one for each CPU]
+        redraw: With placement, the placements are sampled again if objects overlap. With none, the first placements are
+            used.  [default: placement; with --physics original: none]
         resume: Continue the run in --out.
-        robot: Robot: panda, fr3, fetch, or a Python file that registers your own robot.
-        scene_source: Scene that the planner gets. true is the state of the simulator. DIR is an estimator made by
-            gensim2 perceive train: the planner gets estimates from point clouds, and decides itself when a task is
-            done. benchmark skips tasks with several objects or with a class that the estimator does not
-            know, and demo refuses them.
+        robot: Name of the robot (panda, fr3 or fetch), or a Python file that registers your own robot.
+        scene_source: Source of the scene that the planner gets. true is the state of the simulator. DIR is an estimator
+            made by gensim2 perceive train. With an estimator, the planner gets estimates from point clouds, and uses
+            them to decide when a task is done. benchmark skips tasks that have several objects or an object class
+            unknown to the estimator, and demo refuses such tasks.
         seed: Random seed.
-        time_limit: Time after which an episode counts as hung and is repeated in a new process.
-        videos: Number of episodes of each task to film: demonstrations, or failed episodes of a task that is not kept.
+        time_limit: Time after which an episode counts as hung. The episode is then repeated in a new process.
+        videos: Number of episodes of each task to record as video. The videos show demonstrations, or failed episodes
+            if the task is not kept.
         workers: Number of simulator processes; does not affect the result.
     """
 
@@ -247,7 +251,8 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     """Set the defaults that depend on other options, and select the task library of ``--library``.
 
     Raises:
-        UsageError: ``--resume`` is given without ``--out``; the new default folder contains no run to resume.
+        UsageError: ``--resume`` is given without ``--out``. Without ``--out`` the command would use a new folder, which
+            contains no run to resume.
     """
     # The command `design` has an argument `folder`, and the default of its --out is a subfolder of this folder.
     if given.get("resume") and given.get("out", "") is None and "folder" not in given:
@@ -265,5 +270,6 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     if (library := given.pop("library", None)) is not None:
         from gensim2.tasks.library import using_library
 
-        # Worker processes need no library, because jobs contain complete task definitions instead of task names.
+        # Only this process looks up tasks by name. The jobs of worker processes contain complete task definitions, so
+        # the workers do not need the library.
         context.with_resource(using_library(library))

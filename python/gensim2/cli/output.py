@@ -24,7 +24,11 @@ Show = Callable[[dict[str, Any]], None]
 
 
 def document(result: dict[str, Any]) -> str:
-    """Return a result as a JSON document; NaN raises an error because JSON has none."""
+    """Return a result as a JSON document.
+
+    Raises:
+        ValueError: the result contains NaN or an infinite number, which JSON cannot represent.
+    """
     return json.dumps(result, indent=2, allow_nan=False) + "\n"
 
 
@@ -102,7 +106,7 @@ def show_engines(name: str, episodes: int, result: dict[str, Any]) -> None:
 
 
 def number(value: float | None) -> str:
-    """Format a number with one decimal; empty for None."""
+    """Format a number with one decimal. Return an empty string for None."""
     return "" if value is None else f"{value:.1f}"
 
 

@@ -116,8 +116,8 @@ def measure(
 ) -> dict[str, Any]:
     """Measure the errors of an estimator.
 
-    The command compares the estimates of the estimator DIR with the true objects, on point clouds of single objects. If
-    the estimator does not find the object in a cloud, fixed large errors count for this cloud.
+    The command gives point clouds of single objects to the estimator DIR, and compares its estimates with the simulated
+    objects. A cloud in which the estimator does not find the object counts with fixed large errors.
 
     Args:
         out: Folder for worst.png, a picture of the ten clouds with the largest errors.  [default: no picture]
@@ -125,7 +125,8 @@ def measure(
         classes: Class to measure; can be repeated.  [default: all classes of the estimator]
         objects: Maximum number of objects of each class.
         looks: Number of point clouds of each object.
-        noisy: Add the noise of a deployed depth camera.
+        noisy: Add the noise deployed to the depth images, which is the noise d435 plus random calibration and clock
+            errors.
     """
     from gensim2.perception.estimation.measuring import measure as function
 

@@ -80,8 +80,9 @@ def export(folder: Checkpoint, *, to: Literal["onnx", "torch"] = "onnx", out: Fi
     """Export a policy's network as ONNX or a PyTorch graph.
 
     The command exports the network of the checkpoint DIR for batch size 1, and checks that the exported network gives
-    the same outputs. It also writes FILE.json with names and shapes of the inputs, the instructions and the observation
-    settings; for keypose policies also with the order of the points and the meaning of the classes.
+    the same outputs. It also writes FILE.json, which describes the names and shapes of the inputs, the instructions and
+    the observation settings. For a keypose policy (a policy that predicts hand poses), FILE.json also describes the
+    order of the points and the meaning of the predicted classes.
 
     Args:
         to: Format.
@@ -103,10 +104,12 @@ def serve(
 ) -> None:
     """Serve a policy or controller to a robot on another machine.
 
-    The command serves the checkpoint DIR, or your own class, by websocket; on the robot's machine use gensim2 robot run
-    --policy ws://HOST:PORT. Clients must send the token in GENSIM2_POLICY_TOKEN; without that variable, the server
-    generates a token and prints it. Connections are not encrypted: for access from other machines use a tunnel (ssh -L)
-    or a wss proxy.
+    The command starts a websocket server for the checkpoint DIR or for your own class module:Class. On the robot's
+    machine, run gensim2 robot run --policy ws://HOST:PORT.
+
+    Clients must send the token that the environment variable GENSIM2_POLICY_TOKEN contains. Without this variable, the
+    server generates a token and prints it. Connections are not encrypted. For access from other machines, use a tunnel
+    (ssh -L) or a proxy with encryption (wss).
 
     Args:
         host: Address to listen on.

@@ -92,11 +92,13 @@ def run_pipeline(
 ) -> dict[str, Any] | Ending:
     """Design, verify and demonstrate new tasks.
 
-    The pipeline proposes tasks, searches for strategies, verifies the tasks in simulation and records demonstrations.
+    The pipeline proposes tasks and searches for strategies that solve them. Then it verifies each task in new simulated
+    episodes with objects that the search never used. It keeps a task if enough of these episodes succeed. An episode
+    does not count as a success if the goal also becomes true while the robot stands still. Finally the pipeline records
+    demonstrations of the kept tasks and adds the tasks to your own library.
+
     The run folder contains the tasks, strategies, verifications, demonstrations, a video of each task and report.html.
-    A task is kept if it succeeds in enough new episodes, with objects that the search never used. An episode does not
-    count as a success if the goal is also reached without the robot. Kept tasks are added to your own library. With a
-    language model, the folder also contains every request with its answer and cost (docs/guides/pipeline.md).
+    With a language model, the folder also contains every request with its answer and cost (docs/guides/pipeline.md).
 
     Args:
         num_tasks: Number of tasks to design.
@@ -108,9 +110,9 @@ def run_pipeline(
         target_task: Redesign this library task without using its stored solution. A language model also accepts a new
             name, and then describes the task itself.
         target_object: Class of objects that the tasks must use.
-        stored_tasks: Also verify and demonstrate this library task with its stored strategies; can be repeated.
-        designer: Designer of tasks and strategies: offline is a search, MODEL is the name of a language model.
-            [default: offline]
+        stored_tasks: Library task to verify and demonstrate in addition, with its stored strategies; can be repeated.
+        designer: Designer of tasks and strategies. offline is a search without a language model, and MODEL is the name
+            of a language model.  [default: offline]
     """
     from gensim2.design import run_pipeline as function
     from gensim2.design.remembering import Remembered, remember
@@ -119,8 +121,8 @@ def run_pipeline(
 
     memory = Memory()
     if memory.is_there:
-        # A library that is an archive is read-only. Reading ``memory.folder`` raises the error for a read-only library
-        # before any work is done.
+        # The new tasks cannot be stored in a read-only library (an archive). Getting the folder raises an error for
+        # such a library before the work begins.
         _ = memory.folder
     asked = {name: given.pop(name) for name in NAMES}
     _check_kinds(designer, asked, single, long)

@@ -15,7 +15,8 @@ _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 #: Packages that catch BaseException, for example around imports. They would treat Ctrl-C as a missing module.
 SWALLOWING = ("networkx", "trimesh")
 
-#: Seconds after which a signal is handled again if a package of ``SWALLOWING`` was running when the signal arrived.
+#: Delay in seconds before a signal is handled again. A signal is handled again if a package of ``SWALLOWING`` was
+#: running when the signal arrived, because this package would catch the exception.
 AGAIN = 0.05
 
 
@@ -28,8 +29,10 @@ def exit_code(error: BaseException) -> int:
 def stopping_signals() -> Iterator[None]:
     """Raise :class:`Stopped` on the first SIGTERM or SIGHUP in the block, and KeyboardInterrupt on Ctrl-C.
 
-    Later signals do not disturb the cleanup. A signal ignored by the parent process (``nohup``) stays ignored. A signal
-    inside a package of ``SWALLOWING`` is raised after the package has returned.
+    After SIGTERM or SIGHUP, later signals are ignored, so that they do not interrupt the cleanup. If the parent process
+    ignores a signal (as ``nohup`` does), the signal stays ignored. If a signal arrives while a package of
+    ``SWALLOWING`` is running, the exception is raised after this package has returned, because the package would catch
+    the exception.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

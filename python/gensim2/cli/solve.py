@@ -71,11 +71,13 @@ def solve(
 ) -> dict[str, Any] | Ending:
     """Plan the motions of a task without executing them.
 
-    The command plans the steps of TASK in one random scene, in the same way as an episode. Each step starts from the
-    predicted result of the previous steps. If no complete motion is found, the plan contains the longest possible part
-    of the motion and has the status partial, because an episode executes this part. The exit code is 1 if a step has no
-    motion at all. If a step has no complete motion, its reason is printed, and a picture shows the scene, the
-    keypoints, the targets, the keyframes and the residuals.
+    The command plans the steps of TASK in one random scene, in the same way as an episode does. The plan of a step
+    starts from the predicted result of the previous steps.
+
+    If a step has no complete motion, the plan contains the longest possible part of the motion and has the status
+    partial, because an episode would execute this part. The command then prints why the motion is incomplete. A picture
+    of the step shows the scene, the keypoints, the targets, the keyframes and the remaining errors of the constraints.
+    The exit code is 1 if a step has no motion at all.
 
     Args:
         out: Folder to write the plan and its picture to.  [default: none; the picture of a step without a complete

@@ -243,9 +243,9 @@ def export(
 ) -> dict[str, Any]:
     """Write tasks to a folder or a .zip.
 
-    The command writes the tasks NAMES, or all tasks of --origin. The format library writes a library, which every
-    command accepts as --library; a folder OUT/<Task> can also be used as a task. The format mjcf writes a scene of each
-    task, with the robot, as OUT/<Task>.xml for python -m mujoco.viewer.
+    The command writes the tasks NAMES, or all tasks of --origin. With --to library, the output is a task library: every
+    command accepts it as --library, and accepts its subfolder OUT/<Task> as a task. With --to mjcf, the output is one
+    scene of each task with the robot, in the file OUT/<Task>.xml for python -m mujoco.viewer.
 
     Args:
         origin: Export all tasks proposed by NAME; replaces NAMES.

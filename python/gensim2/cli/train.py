@@ -61,8 +61,9 @@ def train(
 ) -> dict[str, Any]:
     """Train a policy on demonstrations.
 
-    The command reads rendered data sets and writes a checkpoint for `gensim2 evaluate`. Ctrl-C saves the state, and
-    --resume continues; on CPUs the result is bit-identical to an uninterrupted run.
+    The command reads rendered data sets and writes a checkpoint for `gensim2 evaluate`. After Ctrl-C, which saves the
+    state, --resume continues the training. On CPUs, the result of a resumed run is bit-identical to the result of an
+    uninterrupted run.
 
     Args:
         data: Rendered data set; can be repeated.
@@ -70,8 +71,9 @@ def train(
         config: YAML file with settings.
         start: Continue training from the weights of this policy.
         out: Folder of the checkpoint.
-        dagger: Number of DAgger rounds: run the policy, label the visited states with the planner's actions for the
-            episode's own strategy and pose, and continue training with these labels, too.
+        dagger: Number of DAgger rounds. Each round runs the policy, labels every visited state with the action that the
+            planner would choose, and continues training with these labels, too. For the labels, the planner uses the
+            strategy and the target pose that it chose at the start of the episode.
         dagger_episodes: Number of episodes of each task in each DAgger round.
     """
     from gensim2.policy.training import train as function

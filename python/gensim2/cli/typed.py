@@ -37,7 +37,7 @@ class Option:
 
 
 class Real(click.FloatRange):
-    """Parameter type: a number in a range; NaN, which lies in every range of click, is refused."""
+    """Parameter type for a number in a range. Click itself would accept NaN for every range; this type refuses NaN."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the number."""
@@ -71,13 +71,13 @@ def options_of_class(source: type) -> dict[str, click.Parameter]:
 
 
 def parameters(function: Callable[..., Any], shared: Mapping[str, click.Parameter]) -> list[click.Parameter]:
-    """Return the command-line parameters of a function: an argument for each positional parameter, an option for each
-    keyword-only one.
+    """Return the command-line parameters of a function. Positional parameters become arguments, and keyword-only
+    parameters become options.
 
     Args:
         function: the command's function; its parameter ``progress`` is not a command-line parameter.
-        shared: shared options by name. They apply to keyword-only parameters that the docstring does not describe, with
-            the function's default if it has one.
+        shared: shared options by name. A keyword-only parameter that the docstring does not describe becomes the shared
+            option of its name. If the parameter has a default, this default replaces the shared option's default.
     """
     hints, texts = get_type_hints(function, include_extras=True), _texts(function)
     found: list[click.Parameter] = []

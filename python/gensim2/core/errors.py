@@ -12,7 +12,7 @@ from pathlib import Path
 #: Maximum length of an error message, characters.
 LONGEST_LINE = 1500
 
-#: A word with more characters than this is shortened in messages. A path is one word.
+#: Messages shorten a word that has more characters than this. A path without spaces counts as one word.
 LONGEST_WORD = 300
 
 #: Number of valid words that a message lists if none of them resembles the user's word.
@@ -38,12 +38,14 @@ def printable(text: str) -> str:
 
 
 def brief(number: int) -> str:
-    """Return an integer as decimal digits; for a very long integer, return a phrase with its number of bits."""
+    """Return an integer as decimal digits. For a very long integer, return its number of bits as text instead."""
     return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
 
 
 def near(word: object, words: Iterable[str]) -> str:
-    """Return a hint for an unknown ``word``: the most similar ``words``, or the first of them if none is similar."""
+    """Return a hint for an unknown ``word``, such as ``"did you mean drawer?"``. The hint names the most similar
+    ``words``. If no word is similar, the hint lists the first ``words``.
+    """
     known = list(words)
     matches = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, n=3, cutoff=0.5)
     if matches:
@@ -97,15 +99,15 @@ class Stopped(BaseException):
 
 @contextlib.contextmanager
 def user_code(refused: Callable[[BaseException], InputError], *passed: type[BaseException]) -> Iterator[None]:
-    """Run the user's code in a block, and turn any exception from the block (also ``sys.exit``) into an InputError.
+    """Turn any exception that the block raises into an InputError. Use this context manager around code of the user.
 
     Args:
-        refused: function that turns the exception into the error to raise.
-        passed: types of exceptions that are not converted. KeyboardInterrupt, stop signals and MemoryError are never
-            converted.
+        refused: function that turns the exception into the InputError to raise.
+        passed: further types of exceptions that are not converted. KeyboardInterrupt, stop signals and MemoryError are
+            never converted. SystemExit is converted, because the user's code may call ``sys.exit``.
 
     Raises:
-        InputError: the code raised an exception; ``refused`` creates this error.
+        InputError: the block raised an exception; ``refused`` creates this error.
     """
     through: tuple[type[BaseException], ...] = (KeyboardInterrupt, Stopped, MemoryError, *passed)
     try:

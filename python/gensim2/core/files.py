@@ -54,12 +54,14 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; the file written there replaces ``path`` when the block ends.
 
-    The data is on disk before the file is renamed, and the new name is on disk before the ``with`` statement ends.
-    Therefore ``path`` is always either the old file or the new file, even after a crash or a power cut. If the block
-    fails, ``path`` is unchanged. The temporary path has the suffix of ``path``, because some libraries choose the file
-    format by the suffix.
+    ``path`` is always either the complete old file or the complete new file, even after a crash or a power cut. To
+    ensure this, the new data is written to disk before the file is renamed, and the renaming is written to disk before
+    the ``with`` statement ends. If the block fails, ``path`` is unchanged.
 
-    A symbolic link at ``path`` is replaced and never followed, because its target may lie outside an untrusted folder.
+    The temporary path has the suffix of ``path``, because some libraries choose the file format by the suffix.
+
+    If ``path`` is a symbolic link, the new file replaces the link itself. In an untrusted folder, a link could
+    otherwise redirect the write to a file outside the folder.
 
     Raises:
         WriteError: the folder cannot be written to, or the disk is full.
@@ -89,10 +91,11 @@ def not_written(error: OSError, path: Path) -> WriteError:
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder in the parent of ``path``, which is renamed to ``path`` when the block ends.
+    """Yield a temporary folder next to ``path``. When the block ends, the temporary folder is renamed to ``path``.
 
-    ``path`` must be missing or empty. If the block fails, nothing is left; folders left by killed processes are removed
-    by the next call. After a power cut files may be missing, so this function suits only data that can be made again.
+    ``path`` must not exist or must be an empty folder. If the block fails, the temporary folder is removed. If the
+    process is killed, the next call for the same path removes the temporary folder. After a power cut, the new folder
+    may lack files. Therefore use this function only for data that can be computed or downloaded again.
 
     Raises:
         InputError: ``path`` is not empty.
@@ -106,10 +109,11 @@ def new_folder(path: Path) -> Iterator[Path]:
     handle = -1
     try:
         try:
-            with contextlib.suppress(FileExistsError):  # If the path is a file, the next line raises the error.
+            # If the parent path is a file, ``_locked`` below raises the error that is reported.
+            with contextlib.suppress(FileExistsError):
                 path.parent.mkdir(parents=True, exist_ok=True)
-            # The parent folder stays locked until the new folder is locked: other processes remove unlocked temporary
-            # folders.
+            # Other processes remove temporary folders that are not locked. Therefore the parent folder stays locked
+            # until the new folder has its own lock.
             with _locked(path.parent) as alone:
                 if alone:
                     _remove_left(path)
@@ -117,8 +121,8 @@ def new_folder(path: Path) -> Iterator[Path]:
                 handle = _folder_handle(filled)
                 _lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield filled
-            # If another folder had taken this folder's place, it would be unlocked, and other processes could remove
-            # it.
+            # Check that the path still leads to the locked folder. A replacement folder would not be locked, and other
+            # processes could remove it.
             assert os.path.samestat(os.fstat(handle), filled.stat()), f"{filled} was replaced"
             try:
                 filled.replace(path)
@@ -218,7 +222,10 @@ def write_changed(path: Path, text: str) -> None:
 
 
 def write_output(path: Path, data: str | bytes) -> None:
-    """Write to a path that the user chose: atomically to a file or a link's target, directly to a pipe or device.
+    """Write data to a path that the user chose.
+
+    A file is replaced atomically. If the path is a link, the target of the link is replaced. The data is written
+    directly to a pipe or device.
 
     Raises:
         InputError: the path cannot be written to, or the disk is full.
@@ -233,7 +240,9 @@ def write_output(path: Path, data: str | bytes) -> None:
 
 
 def _encoded(data: str | bytes) -> bytes:
-    """Encode text as UTF-8, with escape sequences for bytes of file names that are not UTF-8."""
+    """Encode text as UTF-8. Text may contain a file name that is not valid UTF-8; its invalid bytes become escape
+    sequences.
+    """
     return data.encode(errors="backslashreplace") if isinstance(data, str) else data
 
 

@@ -52,13 +52,14 @@ def open_archive(path: Path) -> zipfile.Path:
 
 
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
-    """Open a zip file that has at most ``max_members`` entries, each stored or deflated.
+    """Open a zip file that has at most ``max_members`` entries, each stored or compressed by deflate.
 
-    ``zipfile`` creates an object for every directory entry, so entries are counted first. ``zipfile`` limits the size
-    of unpacked data for deflate only; with bzip2 or LZMA it would unpack a whole block of input.
+    These limits protect the memory. ``zipfile`` creates an object for every entry of the directory, so this function
+    counts the entries first. Other compressions are refused, because ``zipfile`` cannot limit the size of the data that
+    it unpacks from a block of bzip2 or LZMA.
 
     Raises:
-        BadZipFile: the file has too many entries, or an entry has another compression.
+        BadZipFile: the file has too many entries, or an entry uses another compression.
     """
     count, tail = 0, b""
     while block := stream.read(2**20):

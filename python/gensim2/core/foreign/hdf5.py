@@ -1,7 +1,8 @@
 """Check groups and arrays of an untrusted HDF5 file before HDF5 reads data.
 
-HDF5 files may contain soft and external links, data in other files, cyclic groups, and sparse arrays of 1e12 rows. Only
-data inside the file itself is read, and only up to the caller's limits.
+Such a file may contain links to other files, arrays whose data is stored in other files, groups that contain
+themselves, and small arrays that claim to have 1e12 rows. This module reads only data inside the file itself, and only
+up to the caller's limits.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def members(group: h5py.Group) -> Iterator[str]:
 
 
 def is_group(parent: h5py.Group, name: str) -> bool:
-    """Return whether an existing member of a group is a group."""
+    """Return whether the member ``name`` of ``parent``, which must exist, is a group."""
     return isinstance(_member(parent, name), h5py.Group)
 
 
