@@ -42,7 +42,8 @@ from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 
-#: Minimum success rate in verification for a task to be kept: of single-step tasks, and of tasks with several steps.
+#: Minimum success rate in verification for a task to be kept. The first rate is for single-step tasks, the second rate
+#: for tasks with several steps.
 KEEP_THRESHOLD, KEEP_LONG = 0.8, 0.6
 
 #: Default number of verification episodes.
@@ -153,15 +154,16 @@ def verify(
     return verification
 
 
-#: Maximum number of proposals for which strategies are searched, per requested task. The run then ends, even if it has
-#: kept too few tasks.
+#: The run searches for strategies for at most this many proposals per requested task. It then ends, even if it has kept
+#: too few tasks.
 PROPOSALS_PER_TASK = 3
 
-#: The run ends after this many consecutive proposals that it does not need, because it has enough tasks of this kind
-#: (single-step or long).
+#: The run skips a proposal if it has already kept enough tasks of the proposed kind (single-step or long). It ends
+#: after this many consecutive skipped proposals.
 MAX_UNWANTED = 300
 
-#: CPU seconds between rewrites of the report, whose cost grows with the number of tasks.
+#: Minimum CPU time in seconds between two rewrites of the report. Each rewrite takes longer the more tasks the report
+#: contains, so the report is not rewritten after every task.
 REPORT_EVERY = 60.0
 
 
@@ -415,7 +417,7 @@ class PipelineRun:
         return record.steps, effort
 
     def _show_best(self, task: TaskSpec, folder: TaskFolder, ways: StepStrategies) -> None:
-        """Draw a plan and record videos of the best candidate of a search that failed."""
+        """After a search without success, record videos of the best candidate and draw its planned motion."""
         strategies = {name: data for own in ways.values() for name, data in own.items()}
         config = self.evaluator.config(with_strategies(task, ways), kept_apart(self.library, task).search)
         seeds = scene_seeds(self.seed, task.name, "design", self.extent.videos)
@@ -425,7 +427,10 @@ class PipelineRun:
     def _show_verified(
         self, task: TaskSpec, strategies: Strategies, folder: TaskFolder, verification: Verification
     ) -> None:
-        """Draw a plan of a verified task and record videos, of failed episodes if the task is not kept."""
+        """Record videos of a verified task and draw its planned motion.
+
+        The videos show successful episodes if the task is kept, and failed episodes if the task is not kept.
+        """
         drawn = kept_apart(self.library, task).verification(len(verification.episodes), self.seed)
         wanted = [n for n, episode in enumerate(verification.episodes) if episode.held == verification.kept]
         word = "held" if verification.kept else "failed"
@@ -457,9 +462,10 @@ class PipelineRun:
             self.progress.message(f"{task.name}: not all pictures were made: {error}")
 
     def _checked(self, task: TaskSpec, folder: TaskFolder) -> CheckerResult:
-        """Return how often the success criteria hold although the task is not done, from this call or an earlier one.
+        """Return how often the success criteria hold in episodes in which the task is not done.
 
-        This check comes before the search, because it needs no strategies.
+        The check needs no strategies, so it runs before the search. The task's folder stores the result, and a second
+        call reads the stored result.
         """
         instances = kept_apart(self.library, task).search
         return check_criteria(task, self.evaluator, instances, seed=self.seed, files=folder, progress=self.progress)

@@ -1,7 +1,9 @@
-"""Enumerate and vary strategies for one joint. An alignment is a contact, an approach direction and a motion.
+"""Enumerate and vary the strategies that move one joint.
 
-The alignments depend only on the joint's type, the keypoints on the moving link, their distance from the axis and the
-goal, not on the object's class.
+Each strategy follows from an alignment: a contact point on the object, an approach direction and a motion of the hand.
+
+The alignments depend on the joint's type, the keypoints on the moving link, the distance of the keypoints from the
+axis, and the goal. The object's class has no influence.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from gensim2.core import seeding
 from gensim2.design.affordance import Affordance
 from gensim2.design.manipulation import Axis, Direction, Manipulation, Motion
 
-#: Openness at which the commanded motion ends for each goal; beyond the joint limit, because a pushed part lags behind.
+#: Openness at which the commanded motion ends: ``OPENED`` if the joint is opened, ``CLOSED_UP`` if it is closed. The
+#: values lie beyond the joint's limits, because a pushed part lags behind the command.
 OPENED, CLOSED_UP = 1.05, -0.1
 
 _HALF = math.sqrt(0.5)
@@ -48,8 +51,8 @@ def _directions() -> list[Direction]:
 DIRECTIONS = tuple(_directions())
 
 
-#: Contacts that often work for sliding parts: name of the approach direction, gripper, roll, behind (m), inset (m),
-#: motion, tolerance. The fields are described in :class:`Manipulation`.
+#: Alignments that often work for sliding parts. Each entry contains the name of an approach direction, followed by the
+#: values of ``gripper``, ``roll``, ``behind``, ``inset``, ``motion`` and ``tolerance`` in :class:`Manipulation`.
 LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, Motion, float], ...] = (
     ("straight down", "grasp", "z", 0.0, 0.0, "follow_joint_to", 0.15),
     ("straight down", "closed", None, 0.0, 0.0, "trace_joint_to", 0.05),
@@ -82,14 +85,15 @@ def likely(thing: Affordance, opening: bool, goal: float) -> list[Manipulation]:
 
 
 def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int, what: str) -> list[Manipulation]:
-    """Sample up to ``count`` alignments.
+    """Return all alignments of a joint, or a random selection of ``count`` alignments if there are more.
 
     Args:
-        thing: class whose joint is moved.
+        thing: object class with the joint to move.
         opening: whether the joint is opened.
         goal: openness at which the motions end.
         count: maximum number of alignments.
-        seed, what: seed of the random generator, and name of the purpose for which the generator is used.
+        seed, what: seed of the random selection, and a name that makes the selection independent of other selections
+            with the same seed.
     """
     found = list(alignments(thing, opening, goal))
     if len(found) <= count:

@@ -40,14 +40,19 @@ class Manipulation:
         gripper: ``"closed"`` pushes with closed fingertips, ``"grasp"`` grasps the part, ``"open"`` hooks the part with
             an open finger.
         approach: direction of the fingers.
-        roll: axis of the joint frame orthogonal to the line between the fingertips; None: the roll is free.
-        behind: offset of the contact from the keypoint, m, against the direction of the motion.
-        inset: offset of the contact from the keypoint, m, towards the hinge (along -x of the joint frame).
-        retreat: distance in metres along the fingers from which the hand approaches the contact.
-        motion: name of the motion after the actuation pose; it follows the joint with or without rotating the hand.
-        goal_openness: openness at which that motion ends; may exceed the joint's range.
+        roll: axis of the joint frame to which the line between the fingertips must be perpendicular; None: the hand may
+            take any roll angle.
+        behind: distance in metres by which the contact is shifted from the keypoint, against the direction of the
+            motion.
+        inset: distance in metres by which the contact is shifted from the keypoint towards the hinge (along -x of the
+            joint frame).
+        retreat: length in metres of the straight approach. The hand starts this far from the contact and moves along
+            the direction of the fingers.
+        motion: name of the motion after the actuation pose. In all motions the hand follows the joint; some motions
+            also rotate the hand with the joint.
+        goal_openness: openness at which the motion ends; it may lie beyond the joint's range.
         tolerance: angular tolerance of the approach direction, rad.
-        opening: whether the joint is opened.
+        opening: whether the motion opens the joint.
         let_go: distance in metres by which the open hand retreats after the motion.
     """
 

@@ -50,7 +50,9 @@ class ModelReport:
         return self._told(own) if own else None
 
     def of_run(self) -> dict[str, Any] | None:
-        """Return the model, counts for each stage, conversations without a task, and costs; None without a model."""
+        """Return the run's model, the numbers of questions and outcomes in each stage, the conversations that led to no
+        task, and the costs. Return None if the run used no model.
+        """
         if self._model is None:
             return None
         stages = sorted({each.stage for each in self._conversations}, key=_rank)

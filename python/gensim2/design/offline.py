@@ -48,10 +48,11 @@ FAMILIES: list[Family] = [
 
 
 def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
-    """Yield new long tasks composed from known tasks, alternating between kinds of tasks; names never repeat.
+    """Yield new long tasks that are composed of known tasks. The kinds of long tasks take turns, and every proposal has
+    a new name.
 
-    Each proposal uses all tasks known at that moment, including tasks kept in the meantime. None means that no new task
-    can be composed at present.
+    The known tasks include those that the run has kept since the previous proposal. The generator yields None if no new
+    task can be composed at present.
     """
     proposed: set[str] = set()
     while True:
@@ -76,10 +77,12 @@ def wanted_ends(brief: Brief) -> set[tuple[str, str]]:
     return chores.wanted_ends() | {(name, end) for name in kept_in for end in ENDS}
 
 
-#: Number of alignments sampled for a joint in the first round, and in the second round if success rates are low.
+#: Number of alignments that are sampled for a joint: ``FIRST_DRAW`` at the start of a search, and ``SECOND_DRAW`` more
+#: if no candidate succeeds often enough.
 FIRST_DRAW, SECOND_DRAW = 8, 60
 
-#: Number of best candidates that are varied in each round, and number of variations of each candidate.
+#: A search has at most ``REFINE_ROUNDS`` rounds of refinement. Each round varies the ``REFINE_PARENTS`` best candidates
+#: and makes ``REFINE_CHILDREN`` variants of each candidate.
 REFINE_PARENTS = 3
 REFINE_CHILDREN = 4
 REFINE_ROUNDS = 3
@@ -197,7 +200,7 @@ def _drawn(task: TaskSpec, thing: Affordance, opening: bool, end: float, count: 
 
 
 def _end(criterion: Criterion) -> float:
-    """Return the openness at which the commanded motion to a joint goal ends."""
+    """Return the openness at which a commanded motion must end so that the joint meets ``criterion``."""
     if isinstance(criterion, ArticulatedBetween):
         return 0.5 * (criterion.low + criterion.high)
     return joint_search.OPENED if isinstance(criterion, ArticulatedOpen) else joint_search.CLOSED_UP
@@ -211,7 +214,11 @@ def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
 
 
 def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
-    """Return two groups: the two best and the three best of all candidates that succeeded at least once."""
+    """Return groups of candidates whose strategies will be combined into one candidate.
+
+    The first group contains the two best candidates, and the second group the three best. Only candidates that
+    succeeded at least once and have a single strategy are eligible.
+    """
     alone = [result for result in results if result.held and len(result.candidate.strategies) == 1]
     return [alone[:count] for count in range(2, TEAM + 1) if len(alone) >= count]
 
@@ -227,7 +234,11 @@ def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
 
 
 def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
-    """Return a candidate with all strategies of each step, and copies that prefer other strategies in some steps."""
+    """Return a candidate with all strategies of each step, and variants of the candidate with other orders of
+    preference.
+
+    Each variant moves the first strategy to the end of the order, in one step or in all steps.
+    """
     turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
     found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]
     several = [name for name, own in ways.items() if len(own) > 1]
@@ -240,7 +251,9 @@ def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
 
 
 def _reordered(results: Sequence[CandidateResult]) -> list[Candidate]:
-    """Return copies of the two best candidates, with the first two strategies of the step that fails most swapped."""
+    """Return variants of the two best candidates. Each variant changes the order of the strategies in the step that
+    fails most often.
+    """
     found = []
     for result in results[:2]:
         blamed = next((each.step for each in result.diagnoses if each.step in result.candidate.steps), None)

@@ -25,7 +25,8 @@ ASKED_FOR = 0.5
 #: Maximum deviation of the initial openness from its mean, as in the paper's scenes.
 OPENNESS_SPREAD = 0.15
 
-#: Mean and maximum deviation of the initial openness: of a closed object, and of an open object.
+#: Initial openness of an object: its mean, and its maximum deviation from the mean. ``SHUT_AT`` applies to closed
+#: objects, ``OPEN_AT`` to open objects.
 SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 
 #: Height in metres by which an object must rise for success. The default grasp lifts it twice as high.
@@ -60,7 +61,7 @@ def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
 
 
 def starts_below(task: TaskSpec, criterion: ArticulatedBetween) -> bool:
-    """Return whether the joint has to be opened to reach the range of ``criterion``, and not closed."""
+    """Return whether the joint has to be opened, rather than closed, to reach the range of ``criterion``."""
     return (task.objects[criterion.object].randomization.openness_mean or 0.0) < criterion.low
 
 
@@ -70,7 +71,9 @@ def goal_of(task: TaskSpec) -> str:
 
 
 def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
-    """Return the task, with one object and one step, that brings an object of the class of ``thing`` to ``goal``."""
+    """Return a task with one object and one step. The object has the class described by ``thing``, and the step brings
+    its joint to ``goal``.
+    """
     phrase = phrase_of(thing, goal)
     assert phrase is not None, f"no phrase asks for {thing.asset_class} to be {goal}"
     role = role_of(phrase.noun)
@@ -88,7 +91,9 @@ def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
 
 
 def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
-    """Return the everyday phrase for a joint goal; None if people do not ask for the goal."""
+    """Return the phrase with which people ask for a joint goal, such as "open the drawer". Return None if everyday
+    language has no phrase for the goal.
+    """
     if goal in ("half_open", "half_closed"):
         return halfway(thing.asset_class, goal)
     return words(thing.asset_class, goal, thing.joint_type or "revolute")  # type: ignore[arg-type]
@@ -102,7 +107,11 @@ def criterion_of(role: str, goal: Goal) -> Criterion:
 
 
 def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
-    """Return a randomization in which ``goal`` does not hold at the start: default openness, or the opposite end."""
+    """Return a randomization of the initial state in which ``goal`` does not hold.
+
+    The joint starts at the default openness of its class if the goal never holds there. Otherwise, and for every
+    half-way goal, the joint starts closed if it is to be opened, and open if it is to be closed.
+    """
     if goal in ("half_open", "half_closed") or not _undone(thing, goal):
         mean, spread = SHUT_AT if goal in ("articulated_open", "half_open") else OPEN_AT
         return Randomization(openness_mean=mean, openness_spread=spread, **given)
@@ -202,7 +211,10 @@ def propose(
 
 
 def redesigned(task: TaskSpec, name: str | None = None) -> TaskSpec:
-    """Return the task with one strategy name for each step, which a designer must fill in, and without provenance.
+    """Return the task without its solution, so that a designer can solve it again.
+
+    Each step keeps one strategy name, for which the designer writes a strategy. Of the provenance, only the origin
+    remains.
 
     Args:
         task: the task.

@@ -78,8 +78,9 @@ def add_task(
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
     seeds = scene_seeds(seed, task.name, "verify", episodes)
-    # The instances that the author used are unknown. The verification therefore uses new objects of generated classes,
-    # and all objects of other classes.
+    # It is unknown which instances the author of the task used. The task is therefore verified like a designed task:
+    # with new objects of generated classes, otherwise with the test split, or with all instances of a class that is too
+    # small for a test split.
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"
@@ -160,7 +161,7 @@ def _verify_anew(folder: Path, record: RunRecord) -> str:
     words = ["gensim2", "tasks", "add", str(folder)]
     for name in ("assets", "instances", "engine", "physics", "robot", "randomization"):
         told = record.arguments.get(name)
-        # leave out other values: the record of a run does not contain the path of a physics file
+        # leave out a value that is not a string, such as a physics file, whose path is not in the record of the run
         if isinstance(told, str):
             words += [f"--{name}", told]
     return shlex.join(words)

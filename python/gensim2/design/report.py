@@ -194,7 +194,11 @@ def _second(verification: Verification) -> dict[str, Any] | None:
 
 
 def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
-    """Return statistics of episodes for the page: success rates with confidence intervals, causes, objects, steps."""
+    """Return the statistics of episodes that the page shows.
+
+    The statistics are success rates with confidence intervals, causes of failure, results for each object, and results
+    for each step.
+    """
     tally = Tally.of(episodes)
     names = [step.name for step in spec.steps] if spec is not None else []
     return {

@@ -125,7 +125,8 @@ def run_pipeline(
     options.second_engine(engines)  # raises an error now if the second engine cannot be used
     library, instances = open_library(options.assets), instances_word(**scene)
     if target is not None:
-        chosen_word(target, library, instances, seed)  # raise an error now if a class has no such instances
+        # raises an error now if ``instances`` matches no object of a class in the target
+        chosen_word(target, library, instances, seed)
     elif not any(has_instances(library, name, instances) for name in library.classes()):
         raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
     stored = [read_task_input(name, seed=seed, **scene) for name in dict.fromkeys(stored_tasks)]

@@ -1,14 +1,18 @@
-"""Search for strategies that work: screen by planning, select by successive halving in simulation, refine the best.
+"""Search for strategies that work: plan all candidates, simulate the promising candidates, and refine the best.
 
-Planning is cheap, so every candidate is planned on a few scenes first. Candidates with a plan are simulated for a few
-episodes each, then the better half for more episodes, and so on. If the best candidate succeeds nearly always, only
-this candidate is simulated further. The search ends once it has succeeded in enough episodes. Otherwise all candidates
-whose success rates do not differ significantly are simulated further, until one candidate leads or all count as equal.
-The designer then varies the best candidates, and the variants are compared again, until no candidate is promising or
-the budget is spent.
+1. Planning is cheap, so every candidate is planned on a few scenes first.
+2. Candidates with a plan are simulated for a few episodes each. The better half is then simulated for more episodes,
+   and so on (successive halving).
+3. If the best candidate succeeds nearly always, only this candidate is simulated further. The search ends once this
+   candidate has succeeded in enough episodes. Otherwise all candidates whose success rates do not differ significantly
+   from the best rate are simulated further. This comparison stops when one candidate leads, or when the candidates
+   have their maximum number of episodes and count as equally good.
+4. The designer varies the best candidates, and the variants are compared in the same way. These refinements are
+   repeated until success rates remain too low for another refinement, the designer has no more variants, or the budget
+   is spent.
 
-Candidates are ranked by success rate. If the rates of the leaders do not differ significantly, the `strict` rate
-decides.
+Candidates are ranked by success rate. If the rates of the leading candidates do not differ significantly, the `strict`
+success rate decides, which also requires that the hand has retreated.
 """
 
 from __future__ import annotations
@@ -58,17 +62,18 @@ class Budget:
 
     Attributes:
         screen_scenes: number of scenes on which every candidate is planned.
-        rounds: for each simulation round of the first candidates, the number of candidates and of episodes for each.
-        refined: number of refined candidates that are simulated, and number of episodes for each candidate.
-        comparison: number of candidates, and number of episodes for each, in comparisons before and after refinements.
-        max_episodes: maximum number of episodes for a candidate; leaders whose rates still do not differ count as
-            equal.
-        enough, enough_strict: success rate and strict success rate, over at least ``enough_episodes`` episodes, that
-            end the search. A low strict rate alone causes at most one refinement.
+        rounds: size of each simulation round before the first refinement, as (number of candidates, number of episodes
+            for each candidate).
+        refined: size of the simulation round after each refinement, as in ``rounds``.
+        comparison: size of each round in which the leading candidates are compared, as in ``rounds``.
+        max_episodes: maximum number of episodes for a candidate. Leading candidates whose success rates do not differ
+            significantly after this number of episodes count as equal.
+        enough, enough_strict: success rate and strict success rate that end the search, measured over at least
+            ``enough_episodes`` episodes. A low strict rate alone causes at most one refinement.
         enough_episodes: minimum number of episodes for a candidate that ends or wins the search.
-        hopeless: success rate. The search ends if no candidate exceeds this rate after the refinements that the
-            designer's ``patience`` allows.
-        max_physics_episodes: number of simulated episodes after which no candidates are compared or refined.
+        hopeless: success rate that a candidate must exceed to be worth another refinement. The designer's ``patience``
+            is the number of refinements that take place even if all candidates are below this rate.
+        max_physics_episodes: total number of simulated episodes after which the search stops comparing and refining.
     """
 
     screen_scenes: int = 3
@@ -83,7 +88,8 @@ class Budget:
     max_physics_episodes: int = 150
 
 
-#: Budget for long tasks, whose episodes take ten times as long and which have few candidates.
+#: Budget for long tasks. It is smaller than the default budget, because an episode of a long task takes ten times as
+#: long as an episode of a single-step task, and because long tasks have few candidates.
 LONG_BUDGET = Budget(
     screen_scenes=2,
     rounds=((3, 1), (2, 2)),
@@ -115,7 +121,7 @@ class Search:
         progress: progress listener.
 
     Attributes:
-        designer_s: seconds that the designer took for its candidates; a language model is slow.
+        designer_s: time in seconds that the designer needed to write and refine candidates.
     """
 
     def __init__(
@@ -207,8 +213,10 @@ class Search:
         return self._spread(results)
 
     def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
-        """Sort by plan score and shuffle ties, so that groups of similar candidates do not exclude all other
-        candidates.
+        """Sort candidates by plan score, and shuffle candidates with equal scores.
+
+        Similar candidates are next to each other in the original order. Without the shuffle, one group of similar
+        candidates could take all places in the next round.
         """
         order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
         return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
@@ -232,7 +240,12 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Run more episodes of the best candidate if it may end the search, or of tied candidates until one leads."""
+        """Simulate more episodes until one candidate leads, or until all leading candidates have their maximum number
+        of episodes.
+
+        If the best candidate is good enough to end the search, only this candidate is simulated. Otherwise the
+        candidates whose success rates do not differ significantly from the best rate are simulated.
+        """
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}
         while True:

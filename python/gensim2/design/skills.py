@@ -1,8 +1,9 @@
-"""Provide the offline designer's strategies for joints, grasps and placements of objects of any class.
+"""Provide the offline designer's strategies, which move joints, grasp objects and place objects of any class.
 
-Many strategies come from the task library (``gensim2/tasks/library/strategies``), in the joint frame; placements are
-computed from object sizes. A step gets several strategies in order of preference, and the planner uses the first
-strategy that it can plan in the scene.
+Many strategies come from the task library (``gensim2/tasks/library/strategies``). These strategies are defined in the
+frame of the joint, so they fit any class. Strategies that place an object are computed from the sizes of the objects. A
+step gets several strategies in order of preference. The planner uses the first strategy for which it finds a plan in
+the scene.
 """
 
 from __future__ import annotations
@@ -64,12 +65,14 @@ _INTO = (((0.87, 0.42, -0.25), 0.7), ((0.9, 0.1, -0.42), 0.8), ((1.0, 0.0, 0.0),
 #: Heights in metres above the floor of a cabinet at which an object is released, lowest first.
 _ABOVE_FLOOR = (0.022, 0.045, 0.06)
 
-#: Motions of the config language that hand an object over, and the grasp depth in metres below the object's top.
+#: Motions that hand over a grasped object, for each direction, as named in solver configs.
 _HANDING: dict[str, tuple[str, ...]] = {
     "left": ("move-left", "move-left"),
     "right": ("move-right", "move-right"),
     "away": ("move-forward",),
 }
+
+#: Depths in metres below the top of an object at which the object is grasped to be handed over.
 _DEPTHS = (0.02, 0.03)
 
 #: Gaps in metres between the released object and its support, lowest first.
@@ -147,7 +150,10 @@ def hand_overs(thing: Affordance, direction: str) -> Strategies:
 
 
 def _stands(thing: Affordance) -> bool:
-    """Return whether the measured keypoint of a rigid object lies at its bottom."""
+    """Return whether the tail keypoint of a rigid object marks the bottom of the object.
+
+    This is the case if the object is more than half as tall as it is wide.
+    """
     return "rigidbody_object_tail" in thing.keypoints and thing.size[2] > 0.5 * max(thing.size[:2])
 
 

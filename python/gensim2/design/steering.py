@@ -1,11 +1,15 @@
 """Sample alignments with weights learned from the results of earlier alignments.
 
-An alignment works if the arm reaches the actuation pose (``reach``), can follow the joint from there (``follow``), and
-moves the part (``effect``). The diagnosis of a failure shows which of the three conditions failed, and which parts of
-the alignment are to blame: if the arm cannot reach a finger direction, this counts against the direction at every
-keypoint; if a finger hits the part, this counts against the contact only. The probability of each condition is
-estimated from trials of alignments that are similar in the blamed parts. Alignments likely to meet all three conditions
-are sampled more often.
+An alignment works if it meets three conditions: the arm reaches the actuation pose (``reach``), the arm can follow the
+joint from there (``follow``), and the motion moves the part (``effect``).
+
+The diagnosis of a failure shows which condition failed, and which parts of the alignment are to blame. Suppose that the
+arm cannot reach the pose. The approach direction and the keypoint are then to blame, and other alignments with a
+similar direction and keypoint become less likely to be sampled. If a finger also hit the object, the offset of the
+contact is to blame, too, so that only alignments with a similar contact become less likely.
+
+The probability of each condition is estimated from the trials of all alignments that are similar in the parts to blame.
+Alignments that are likely to meet all three conditions are sampled more often.
 """
 
 from __future__ import annotations
@@ -29,7 +33,7 @@ Question = Literal["reach", "follow", "effect"]
 
 Part = Literal["approach", "keypoint", "gripper", "roll", "motion", "offset"]
 
-#: Prior probability that a condition is met, and the number of trials that the prior is worth.
+#: Prior probability that a condition is met, and the weight of this prior as a number of trials.
 PRIOR, PRIOR_TRIALS = 0.5, 1.0
 
 #: The probability of sampling an alignment is proportional to its estimated success probability to this power.
@@ -41,16 +45,16 @@ DIRECTION_POWER = 4
 #: The similarity of two contacts decreases exponentially with their distance; at this distance (m) it is 1/e.
 OFFSET_SCALE = 0.02
 
-#: For each condition: the parts in which two alignments must be similar, so that a success of one alignment is also
-#: evidence for the other.
+#: For each condition: the parts of an alignment that decide whether the condition is met. If one alignment meets the
+#: condition, alignments with similar parts are likely to meet the condition, too.
 _YES: dict[Question, tuple[Part, ...]] = {
     "reach": ("approach", "keypoint"),
     "follow": ("approach", "keypoint", "motion"),
     "effect": ("approach", "keypoint", "gripper"),
 }
 
-#: For each cause of failure that occurs only in simulation: the parts of the alignment that may have caused the
-#: failure.
+#: Causes of failure that planning cannot show, only simulation. Each cause is listed with the parts of the alignment
+#: that may be to blame.
 _BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
     Cause.NO_CONTACT: ("approach", "keypoint", "gripper", "offset"),
     Cause.CONTACT_SLIPPED: ("approach", "gripper", "offset"),
@@ -77,12 +81,12 @@ _CAUSES: dict[str, Cause] = {cause.value: cause for cause in Cause}
 
 @dataclass(frozen=True)
 class Evidence:
-    """Trials of an alignment that show whether the alignment meets one of the three conditions.
+    """Results of trials that show whether an alignment meets one of the three conditions.
 
     Attributes:
         question: the condition: ``reach``, ``follow`` or ``effect``.
-        parts: parts of the alignment (such as keypoint or direction) that caused the result. The result also counts for
-            other alignments whose parts of these kinds are similar.
+        parts: parts of the alignment, such as the keypoint or the direction, that explain the result. The result also
+            counts for other alignments in which these parts are similar.
         yes: fraction of trials that met the condition.
         trials: number of trials.
     """
@@ -114,7 +118,8 @@ def draw(
     if not left or count < 1:
         return []
     odds = estimates(left, tried) ** SHARPNESS
-    # The largest sums of logarithmic weight and Gumbel noise are a sample without replacement (Vieira 2014).
+    # To draw a weighted sample without replacement, add Gumbel noise to the logarithm of each weight and select the
+    # largest sums (Vieira 2014).
     keys = np.log(odds) + generator.gumbel(size=len(left))
     return [left[index] for index in np.argsort(-keys, kind="stable")[:count]]
 
@@ -162,7 +167,11 @@ def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
 
 
 def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return further parts to blame for a collision in ``plan``: the contact, or none if the table was hit."""
+    """Return the parts of an alignment that are to blame for a collision in ``plan``.
+
+    If the hand hit the object, the offset of the contact is to blame. If the hand hit the table or nothing, no part is
+    to blame.
+    """
     bodies = [str(each["bodies"][1]) for each in plan.get("collisions", ())]
     return () if not bodies or "table" in bodies else ("offset",)
 

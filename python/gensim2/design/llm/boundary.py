@@ -1,4 +1,6 @@
-"""Read replies of an endpoint with limits on time and size, and remove API keys and lone surrogates from them.
+"""Read an endpoint's replies within limits on time and size, and clean the text of the replies.
+
+The cleaning removes API keys and lone surrogates (characters that UTF-8 cannot encode).
 
 An endpoint may be broken or untrusted. Answers, refusals, headers and protocol errors therefore pass through
 :class:`Boundary` before they are stored, printed or raised.

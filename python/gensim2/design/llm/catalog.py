@@ -24,12 +24,13 @@ NAMED_SCHEMA: dict[str, Any] = {name: {"type": "string"} for name in ("reasoning
 
 @dataclass(frozen=True)
 class Catalog:
-    """Robot, objects and tasks of the prompts.
+    """Facts about the robot, the object classes and the existing tasks that fill in the prompts.
 
     Attributes:
-        settings: summary of the robot.
-        articulated, rigid: affordance by class name; unreadable classes are left out.
-        known: existing tasks.
+        settings: facts about the robot.
+        articulated, rigid: facts about each articulated and each rigid class, by class name. Classes whose objects
+            cannot be read are left out.
+        known: tasks that exist already.
     """
 
     settings: RobotSummary
@@ -39,7 +40,7 @@ class Catalog:
 
     @staticmethod
     def of(brief: Brief, articulated_only: bool = False) -> Catalog:
-        """Collect the catalog from a brief; loading the classes takes time."""
+        """Build the catalog from a designer's input. This function is slow, because it loads objects of every class."""
         found: dict[str, Affordance] = {}
         for name in brief.classes:
             try:
@@ -105,6 +106,6 @@ def sentence_of(text: object, problems: list[str], field: str = "task-descriptio
 
 
 def role_of(thing: Affordance) -> str:
-    """Return the name for an object in tasks, made from the noun of its class."""
+    """Return the name that an object of a class has in tasks, for example ``washing_machine``."""
     role = re.sub(r"[^a-z0-9]+", "_", thing.noun.lower()).strip("_")[:50]
     return f"the_{role}" if role in (HAND, TABLE) or not role[:1].isalpha() else role

@@ -26,7 +26,7 @@ PICTURE_TOKENS = 1500
 #: Token counts above this are invalid.
 MAX_TOKENS = 10**9
 
-#: Maximum number of characters quoted from a refusal or a model's name.
+#: Maximum number of characters that are kept of a model's name, or of a model's reason for a refusal.
 LONGEST_REFUSAL = 300
 
 #: Request fields that some endpoints refuse; a refused field is omitted from later requests.
@@ -77,7 +77,7 @@ class Client:
             TypeError,
             ImportError,
             self._openai.OpenAIError,
-        ) as error:  # for example because of invalid proxy settings
+        ) as error:  # invalid proxy settings, for example, raise one of these errors
             raise InputError(
                 f"no connection can be made: {self._boundary.text(str(error))}", field="designer"
             ) from None
@@ -128,7 +128,8 @@ class Client:
                     raise self._in_words(error) from error
                 self._without.add(name)
             except self._openai.InternalServerError as error:
-                # Some servers fail on a JSON schema instead of refusing it, so the question is repeated without one.
+                # Some servers report an internal error if a request contains a JSON schema. The question is therefore
+                # sent once more without the schema.
                 if failed is not None or self._schema_works or "response_format" not in request:
                     raise failed or self._in_words(error) from error
                 failed = self._in_words(error)
@@ -190,7 +191,8 @@ class Client:
             return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
         if isinstance(error, library.NotFoundError):
             message = f"{self.endpoint} has no model {given.model!r}: {said}"
-            # An endpoint that names the model in its error exists. Any other 404 error may come from a wrong address.
+            # If the error names the model, the address is right and only the model is missing. Any other 404 error may
+            # come from a wrong address, so the message gets a remedy.
             known = given.model in said
             remedy = None if known else "check the model's name, and the end of --base-url, which is usually /v1"
             return InputError(message, field="designer", remedy=remedy)
@@ -216,7 +218,10 @@ class Client:
 
 
 def _complaint(error: Exception) -> str:
-    """Return the message of an error and the response body, in which servers other than OpenAI's explain the error."""
+    """Return an error's message, followed by the response body if the message lacks it.
+
+    OpenAI's servers explain an error in the message. Other servers explain the error only in the body.
+    """
     said, body = str(error), getattr(error, "body", None)
     return f"{said} - {body}" if body and " - " not in said else said
 

@@ -70,13 +70,14 @@ def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
 def problems_of_names(
     task: TaskSpec, step: Step, config: Mapping[str, Any], things: Mapping[str, Affordance], profile: RobotProfile
 ) -> list[str]:
-    """Return a fault for each keypoint name in a solver config that the tool or object does not have.
+    """Return the fault of a solver config that names a keypoint which the tool or the object does not have. The list is
+    empty if the config has no such fault.
 
     Args:
-        task: task of the step.
+        task: task that contains the step.
         step: step that the config is for.
         config: config to check.
-        things: affordance of each object, by its name in the task.
+        things: facts about each object's class, by the object's name in the task.
         profile: robot profile.
     """
     name = step.strategies[0]

@@ -35,8 +35,10 @@ class TurnRecord(_Record):
     """Record of one prompt and its answer.
 
     Attributes:
-        answer: digest of the question; ``answers/<first 32 digits>.json`` stores question and answer.
-        problems: faults of the answer, as sent to the model; for a usable answer, the faults of the omitted parts.
+        answer: digest of the question. The file ``answers/<first 32 digits of the digest>.json`` stores the question
+            and its answer.
+        problems: faults of the answer. The faults of an unusable answer are sent back to the model. In a usable answer,
+            the faulty parts are left out.
     """
 
     answer: str
@@ -90,7 +92,7 @@ class ConversationLog:
         self._write()
 
     def add(self, record: ConversationRecord) -> None:
-        """Add a conversation, in place of an earlier conversation that begins with the same question."""
+        """Add a conversation. It replaces an earlier conversation that begins with the same question."""
         with self._lock:
             self._found[_key(record)] = record
             self._write()
@@ -101,7 +103,9 @@ class ConversationLog:
 
     @property
     def conversations(self) -> list[ConversationRecord]:
-        """All conversations so far, in an order that does not depend on the order of the answers."""
+        """All conversations so far, sorted by task, part of the task and stage. The order in which answers arrived has
+        no influence.
+        """
         return sorted(self._found.values(), key=lambda each: (each.subject, each.about, each.stage, _key(each)))
 
     def _write(self) -> None:
@@ -156,16 +160,17 @@ class Ask(Generic[T]):
 
     Attributes:
         stage: name of the prompt.
-        subject: name of the task; empty if there is none yet.
-        about: part of the task, which distinguishes questions of the same stage.
+        subject: name of the task; empty if the task has no name yet.
+        about: part of the task that the question is about. It distinguishes the questions of one stage.
         prompt: text of the question.
         schema: JSON schema of the answer.
         read: function that converts the data of an answer to a value; raises Wrong or InputError if the data is
             invalid.
         pictures: pictures sent with the prompt.
         sample: number that distinguishes repetitions of a question.
-        remarks: faults of parts of a usable answer that were left out; ``read`` adds them, and the record keeps them.
-        prose: whether ``read`` gets the raw answer, as the field ``text``.
+        remarks: list to which ``read`` adds the faults of parts that it leaves out of a usable answer. The
+            conversation's record stores the list.
+        prose: whether ``read`` gets the unparsed text of the answer, under the key ``text``.
     """
 
     stage: str

@@ -1,4 +1,7 @@
-"""Design by querying a language model in the stages of the paper; the strategies are then tested in simulation."""
+"""Design tasks and strategies with a language model, in the stages of the GenSim2 paper.
+
+A search in simulation tests the strategies afterwards.
+"""
 
 from __future__ import annotations
 
@@ -50,9 +53,10 @@ class LLMDesigner:
     Args:
         model: language model.
         prompts: prompt templates.
-        asking: requested designs: mode, target task or object, and number of configs.
-        robot_name: robot whose keypoints configs are checked against.
-        views: renderer of scenes for the model; None: no pictures of scenes.
+        asking: settings of the requested designs, such as the mode, the target task or object, and the number of
+            configs.
+        robot_name: name of the robot. Configs may name only those keypoints of the hand that this robot has.
+        views: renderer of scenes for the model; None: the model gets no pictures of scenes.
     """
 
     def __init__(
@@ -91,9 +95,10 @@ class LLMDesigner:
 
     @property
     def patience(self) -> int:
-        """Maximum number of refinements of a task whose candidates nearly always fail: all allowed rounds.
+        """Maximum number of refinements of a task whose candidates nearly always fail.
 
-        Every round may help, because the model gets the diagnosis of each failure.
+        Such a task gets all rounds that the settings allow. The model receives the diagnosis of each failure, so every
+        round may help.
         """
         return self.asking.max_rounds
 
@@ -133,13 +138,13 @@ class LLMDesigner:
                     return
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Ask the model for configs of all steps without a known or rule-based strategy, and combine them.
+        """Ask the model for configs of all steps without a known or rule-based strategy, and combine the configs into
+        candidates.
 
-        Candidate n uses the n-th config of every step. A task of several steps gets one more candidate, which tries all
-        configs of each step in turn.
+        In a single-step task, candidate n uses the model's n-th config.
 
-        In a task with several steps, the other configs of a step follow config n and are used where config n has no
-        plan, because one step without a plan ends the task.
+        In a task with several steps, candidate n prefers the n-th config of every step. The planner uses a step's other
+        configs if it finds no plan with the n-th config, because one step without a plan ends the task.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -262,9 +267,12 @@ class LLMDesigner:
         return self._as_code(task, brief) if self.asking.code else task
 
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
-        """Return the task that the model's code for ``task`` describes."""
+        """Ask the model for code that describes ``task``, and return the task that the code defines. The code may place
+        the objects differently.
+        """
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-        # Fall back to the prompt's examples. The prompt's examples may be shown even if the run hides the stored tasks.
+        # A run can hide the stored tasks from the model. The example tasks of the prompts replace them, because these
+        # examples are never hidden.
         if not known:
             known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
@@ -291,7 +299,11 @@ class LLMDesigner:
         return StepToSolve(task, step, brief.of(task), brief.settings, self._profile, sentence)
 
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
-        """Return the step to improve: the step that failed, or else the last step with configs by the model."""
+        """Return the step for which the model should write better configs.
+
+        This step is a failed step for which the model wrote the configs. If no such step failed, it is the last step
+        for which the model wrote configs.
+        """
         own = [step for step in task.steps if self._fixed(task, step) is None]
         blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
         return next(blamed, own[-1] if own else None)
@@ -341,7 +353,11 @@ def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
-    """Return the candidate that fails at the latest step, among the candidates with the same score as the first."""
+    """Return the candidate that gets furthest in the task, among all candidates that share the best score.
+
+    ``results`` lists the best candidate first. A candidate gets further than another candidate if it fails at a later
+    step.
+    """
     order = [step.name for step in task.steps]
 
     def reached(result: CandidateResult) -> int:

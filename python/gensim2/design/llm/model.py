@@ -79,7 +79,9 @@ class LanguageModel:
             return answer
         shared = question.shared_digest(self._client.endpoint, self.options.structured, digest)
         known = self._store.record(digest, shared)
-        if known is not None and known.spent is None:  # send the request again, because the budget may be higher now
+        # ``spent`` marks a question that an earlier call did not send, because the budget was spent. The question is
+        # asked now, because the budget may be higher.
+        if known is not None and known.spent is None:
             self.ledger.add(known.answer, asked=False)
             self._store.put(digest, question, known.answer)
             return known.answer

@@ -68,10 +68,12 @@ class ModelOptions(BaseModel):
 
     @property
     def address(self) -> str | None:
-        """Return the endpoint's address, by default ``$OPENAI_BASE_URL``; None means OpenAI's address.
+        """Return the endpoint's address. The default is the value of the environment variable ``OPENAI_BASE_URL``; None
+        means OpenAI's own address.
 
         Raises:
-            InputError: the variable does not contain exactly one address.
+            InputError: the environment variable contains no valid address, or contains more than the address, such as a
+                key.
         """
         found = self.base_url or os.environ.get("OPENAI_BASE_URL") or None
         problem = problem_of_address(found) if found is not None else None

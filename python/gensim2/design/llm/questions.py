@@ -18,12 +18,12 @@ class BudgetSpent(GenSim2Error):
 
 @dataclass(frozen=True)
 class Account:
-    """Totals over a number of answers.
+    """Number, tokens and cost of a model's answers.
 
     Attributes:
         answers: number of answers.
-        asked: number of answers that the endpoint gave in this call; all others were read from a record.
-        retries: number of failed attempts.
+        asked: number of answers that the endpoint gave during this run. All other answers were read from a record.
+        retries: number of requests that failed and were repeated.
         tokens_in, tokens_out: number of tokens in questions and in answers.
         counted: whether the endpoint reported all token counts; otherwise some counts are estimates.
         cost: total cost in USD; None if the prices are unknown.
@@ -122,13 +122,17 @@ class ModelQuestion:
     sample: tuple[int, ...] = ()
 
     def digest(self, model: str, temperature: float | None, max_tokens: int) -> str:
-        """Return the hex digest of the question and the model's settings, under which the answer is stored."""
+        """Return the digest (hex) of the question and the model's settings. The answer is stored under this digest."""
         said = [[m.role, m.text, [picture.of for picture in m.pictures]] for m in self.messages]
         content = [model, temperature, max_tokens, self.stage, list(self.sample), said]
         return hashlib.sha256(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")).hexdigest()
 
     def shared_digest(self, endpoint: str, structured: str, digest: str) -> str:
-        """Return the hex digest of all inputs that determine the answer: question (``digest``), endpoint, schema."""
+        """Return the digest (hex) of all inputs that determine the answer. It is the key of the cache that runs share.
+
+        The inputs are the question with its model settings (``digest``), the address of the endpoint, the JSON schema,
+        and the setting for structured answers.
+        """
         content = [endpoint, structured, self.schema, digest]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 

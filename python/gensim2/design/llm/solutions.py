@@ -22,15 +22,18 @@ from gensim2.tasks.strategies import Strategies
 
 Mode = Literal["explore", "topdown", "bottomup", "free"]
 
-#: A request for better configs shows at most this many of the best configs, and at most this many of the newest other
-#: configs.
+#: A request for better configs shows up to ``SHOWN_BEST`` of the best earlier configs. Of all other earlier configs, it
+#: shows up to ``SHOWN_NEW``, the newest first.
 SHOWN_BEST, SHOWN_NEW = 3, 3
 
 FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"
 
 
 class Views(Protocol):
-    """Renders scenes for a model, with the frames of the robot and the object and the object's keypoints."""
+    """Renders pictures of scenes for a model.
+
+    The pictures show the robot's frame, the object's frame and the object's keypoints.
+    """
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
         """Return a picture of the initial scene, with frames and the keypoints of the object of ``step``."""
@@ -48,16 +51,16 @@ class Asking:
     """Settings for requesting designs from a model.
 
     Attributes:
-        mode: ``"explore"``: single-step tasks; ``"topdown"``: long tasks that are decomposed into steps;
-            ``"bottomup"``: long tasks composed of verified tasks; ``"free"``: whole tasks with several objects, grasped
-            tools and all types of success criteria.
+        mode: kind of tasks to request. ``"explore"``: single-step tasks. ``"topdown"``: long tasks, which the model
+            decomposes into steps. ``"bottomup"``: long tasks composed of verified tasks. ``"free"``: tasks that may
+            have several objects, grasped tools and all types of success criteria.
         target_task: name of the task to propose; None: any.
         target_object: class that each task must use; None: any.
-        trials: number of configs of a step requested at once.
-        max_rounds: maximum number of answers to a question, and of rounds in which configs are improved after
-            simulation.
+        trials: number of configs that are requested at once for a step.
+        max_rounds: limit for two counts: the answers to one question, including corrected answers, and the rounds in
+            which the model improves configs after a simulation.
         visual: whether to send pictures.
-        code: whether to request each task as code, too.
+        code: whether to request each task also as code.
     """
 
     mode: Mode = "explore"
@@ -144,12 +147,12 @@ class Solutions:
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """Return tried configs of a step with their results: first the best configs, then the newest of the remaining
-    configs.
+    """Return configs that were tried for a step, with their results. The best configs come first, followed by the
+    newest among the other configs.
 
     Args:
-        step: step of the configs.
-        results: candidates, best first.
+        step: step for which the configs were written.
+        results: results of the candidates that use the configs, best first.
     """
     name = step.strategies[0]
     distinct: dict[str, CandidateResult] = {}
@@ -161,7 +164,9 @@ def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tri
 
 
 def _tried(step: Step, result: CandidateResult) -> solving.Tried:
-    """Return a config with its success rates, also by object, and the failures of all stages."""
+    """Return a config and its results in words: the success rates, in total and for each object, and the failures in
+    planning and in simulation.
+    """
     told = f"Planned on {result.plan_score:.0%} of the scenes."
     if result.episodes:
         told += f" In physics it succeeded in {result.held:.0f} of {result.episodes} episodes."

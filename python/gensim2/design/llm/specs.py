@@ -1,4 +1,4 @@
-"""Build task specs from a model's answers, which name goals as the paper does."""
+"""Build task specs from a model's answers. The answers name goals with the terms of the GenSim2 paper."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ CRITERIA = (
 #: Position (x, y) in metres of a rigid object to pick up; it lies beside the robot, where no opening door can reach.
 BESIDE = (-0.2, -0.45)
 
-#: Number of control steps by which each step of a long task extends the task's time limit.
+#: The time limit of a task is a number of control cycles. Each step of a long task adds this number of cycles to the
+#: limit.
 STEPS_A_STEP = 300
 
 #: Initial openness of a container that no step opens first.

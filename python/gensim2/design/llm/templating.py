@@ -47,7 +47,9 @@ def motion(thing: Affordance) -> str:
 
 
 def hinge(thing: Affordance) -> str:
-    """Describe the direction of a hinge's axis before randomization; empty for a prismatic joint or a rigid object."""
+    """Describe the direction of a hinge's axis for the object's placement before randomization. Return an empty string
+    for a prismatic joint or a rigid object.
+    """
     if thing.hinge_axes is None:
         return ""
     mean = np.mean(thing.hinge_axes, axis=0)
@@ -117,7 +119,8 @@ def known_task(task: TaskSpec) -> str:
     return f"{task.name}: {task.description} ({classes}; {goal})"
 
 
-#: Minimum length of the mean of hinge axes (unit vectors) that point in similar directions.
+#: The instances of a class have hinge axes in similar directions if the mean of the axes (unit vectors) is at least
+#: this long. Opposite axes have a shorter mean.
 SAME_WAY = 0.9
 
 SUFFIX = ".md.j2"
@@ -129,7 +132,7 @@ _OF_ITS_OWN = (ArithmeticError, AttributeError, LookupError, MemoryError, Recurs
 #: Maximum number of characters quoted from an object's files in a prompt.
 LONGEST_QUOTE = 300
 
-#: Bytes of the largest prompt file.
+#: Maximum size of a prompt file in bytes.
 MAX_PROMPT = 2**20
 
 

@@ -1,4 +1,7 @@
-"""Interpret task code that a model wrote in a small language (docs/reference/sandbox.md); Python never executes it."""
+"""Build tasks from code that a model wrote in a small task language (docs/reference/sandbox.md).
+
+This package reads the syntax tree of the code and evaluates it. Python itself never executes the code.
+"""
 
 from gensim2.design.sandbox.interpreter import TaskCodeError, run_task_code
 from gensim2.design.sandbox.writing import task_code

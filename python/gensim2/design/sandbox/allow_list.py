@@ -63,8 +63,8 @@ SPOKEN = {
 }
 #: Maximum absolute value of an integer.
 LARGEST = 2**63
-#: If Python reports too deep nesting without a line number, the error names the longest line, provided that it has more
-#: characters than this.
+#: Python may report that a program is nested too deeply without naming the line. The error then names the longest line,
+#: if that line has more characters than this limit.
 LONG_LINE = 200
 NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -151,7 +151,9 @@ class Reader:
         return sorted(set(self.found))[:MAX_PROBLEMS]
 
     def listed(self, tree: ast.Module) -> tuple[list[ast.AST], dict[ast.AST, ast.AST]]:
-        """Return all nodes in program order, each with its parent; avoid recursion, which deep nesting could exhaust.
+        """Return all nodes in program order, and the parent of each node.
+
+        The method uses a loop instead of recursion, because deep nesting could exceed Python's recursion limit.
 
         Raises:
             Refused: the program has too many nodes, or they are nested too deeply.
@@ -301,7 +303,8 @@ class Reader:
 
 
 def number(node: ast.AST) -> int | float:
-    """Evaluate arithmetic on numbers only, because multiplied texts and lists could fill the memory.
+    """Evaluate arithmetic on numbers. Other operands are refused, because a text or a list that is multiplied by a
+    number is repeated and could fill the memory.
 
     Raises:
         Refused: an operand is not a number, or a result is out of bounds.

@@ -1,4 +1,7 @@
-"""Interpret generated task code: walk its syntax tree and build a task, without executing the program."""
+"""Build a task from generated task code.
+
+The interpreter evaluates the syntax tree of the code, statement by statement. Python itself never executes the code.
+"""
 
 from __future__ import annotations
 

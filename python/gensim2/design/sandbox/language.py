@@ -19,17 +19,18 @@ from gensim2.tasks.spec import HAND
 METHODS = ("step", "goal")
 #: Fields of the task that a program may set as attributes of ``self`` or of the class.
 SETTINGS = ("description", "max_episode_steps")
-#: Maximum number of values and characters in a task; nested references to one list would otherwise grow exponentially.
+#: Maximum number of values and characters in a task. Without this limit, a short program could build a task of
+#: exponential size: it only has to nest lists that contain the same list several times.
 MAX_SIZE = 100_000
 #: Maximum nesting of values.
 MAX_DEPTH = 50
 
 
 class Fields:
-    """A value in the task language, with its fields by name; omitted fields keep their defaults.
+    """A value of the task language that consists of named fields. Omitted fields keep their defaults.
 
     Args:
-        kind: name of the function that creates the value, for messages.
+        kind: name of the function that creates the value; error messages contain this name.
         names: names of the fields, in order.
         values: positional arguments.
         named: keyword arguments.
@@ -43,8 +44,8 @@ class Fields:
 
 
 class Object(Fields):
-    """Object of an asset class. The object is assigned to an attribute of the task, whose name becomes the object's
-    name.
+    """Object of an asset class. Task code assigns the object to an attribute of the task. The attribute's name becomes
+    the object's name.
     """
 
     def __init__(self, *values: Any, **named: Any) -> None:
@@ -53,7 +54,9 @@ class Object(Fields):
 
 
 def _place(*values: Any, **named: Any) -> Fields:
-    """Return the placement of an object: ``on`` "table" or another object, ``at`` (x, y) in m, ``yaw`` in rad."""
+    """Return the placement of an object. ``on`` is its support ("table" or another object), ``at`` is its position (x,
+    y) in metres, and ``yaw`` is its rotation in rad.
+    """
     return Fields("Place", ("on", "at", "yaw"), values, named)
 
 
@@ -211,7 +214,9 @@ def _object(value: Object) -> dict[str, Any]:
 
 
 class _Plain:
-    """Converts values to JSON data of limited size: an object to its name, a value with fields to a dictionary."""
+    """Converts values to JSON data of limited size. An object becomes its name, and a value with fields becomes a
+    dictionary.
+    """
 
     def __init__(self) -> None:
         self._size = 0

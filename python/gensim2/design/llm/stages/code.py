@@ -1,4 +1,7 @@
-"""Ask for a proposed task as code; the code is interpreted and must describe the proposed task."""
+"""Ask the model to write a proposed task as code.
+
+The package :mod:`gensim2.design.sandbox` interprets the code. The resulting task must agree with the proposed task.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Top-down mode: decompose a long task into the paper's sub-tasks, then into steps.
+"""Top-down mode: decompose a long task into the sub-tasks of the GenSim2 paper, and convert the sub-tasks to steps.
 
-In the paper ``grasp`` and ``ungrasp`` are sub-tasks. Here a step is one actuation pose with its gripper command: the
-grasp of a rigid object is a rule-based step, the grasp of a handle belongs to the motion after it, and the release
-belongs to the motion that places the object.
+In the paper, ``grasp`` and ``ungrasp`` are sub-tasks of their own. In this project, a step is one actuation pose (the
+pose of the hand at the contact) with its gripper command. The grasp of a rigid object therefore becomes a step with a
+rule-based strategy. The grasp of a handle becomes part of the step that moves the handle. The release of an object
+becomes part of the step that places the object.
 """
 
 from __future__ import annotations
@@ -51,7 +52,10 @@ SCHEMA: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class DecomposedTask:
-    """A decomposed task, and the model's own sentence for each step, by name; a grasp step has no sentence."""
+    """A decomposed task and the model's descriptions of its steps.
+
+    ``sentences`` maps a step's name to its description. Grasp steps have no description.
+    """
 
     task: TaskSpec
     sentences: Mapping[str, str]
@@ -72,10 +76,10 @@ def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: s
 
 
 def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, origin: str) -> DecomposedTask:
-    """Return the task with the steps that the sub-tasks stand for, and their sentences.
+    """Convert the sub-tasks of an answer to steps, and return the task with the description of each step.
 
     Raises:
-        Wrong: a sub-task breaks a rule, or the sub-tasks do not reach the goal; the problems say which.
+        Wrong: a sub-task breaks a rule, or the sub-tasks do not reach the goal; the error lists the faults.
     """
     given = _listed(data)
     problems: list[str] = []
@@ -144,7 +148,8 @@ class _Chain:
         elif kind in WORKING:
             self._work(where, kind)
         elif kind == "distance_gripper_rigidbody" and self._grasps_next(rest):
-            self.reached = criterion(kind, self.role, self.other)  # the criterion that shows the success of a grasp
+            # no extra step: the grasp step that follows has the same criterion
+            self.reached = criterion(kind, self.role, self.other)
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role
             self._step("reach", on, HAND, kind)

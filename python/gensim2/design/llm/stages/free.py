@@ -21,7 +21,7 @@ from gensim2.tasks.spec import HAND, TABLE, TaskSpec
 
 MAX_OBJECTS, MAX_STEPS = 4, 8
 
-#: Fields of criteria that name articulated and rigid objects; ``object`` names articulated ones.
+#: Fields of a success criterion that name an object, and the kind of object that each field must name.
 _ROLES = {"object": "articulated", "articulated": "articulated", "rigid": "rigid", "support": "rigid"}
 
 #: Random ranges of position (m) and yaw (rad) of an object in a task with several objects.
@@ -202,7 +202,9 @@ def _objects(given: Any, catalog: Catalog, wish: Wish, problems: list[str]) -> d
 def _steps(
     given: Any, objects: Mapping[str, Any], catalog: Catalog, problems: list[str]
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Return the fields and the sentences of the steps, and report tools that the hand does not hold."""
+    """Return the fields of each step, and the model's description of each step by the step's name. Append a fault to
+    ``problems`` for each step whose tool is not in the hand.
+    """
     if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
         raise Wrong(['"steps" must be a list of objects'])
     if not 1 <= len(given) <= MAX_STEPS:

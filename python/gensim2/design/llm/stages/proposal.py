@@ -48,13 +48,13 @@ REFLECTION_SCHEMA: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed task with the paper's four keys.
+    """A task that the model proposed. :meth:`to_dict` returns the four keys of a proposal in the GenSim2 paper.
 
     Attributes:
         name: name in CamelCase.
         sentence: instruction in everyday words.
-        articulated: class of its articulated object.
-        rigid: class of its rigid object, or None.
+        articulated: class of the articulated object.
+        rigid: class of the rigid object; None if the task has no rigid object.
         criteria: types of the criteria that must hold at the end.
     """
 
@@ -65,7 +65,7 @@ class Proposal:
     criteria: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the proposal under the paper's keys."""
+        """Return the proposal as a dictionary with the four keys that the GenSim2 paper uses."""
         return {
             "task-name": self.name,
             "task-description": self.sentence,
@@ -178,7 +178,7 @@ def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) 
 def reflection_on(
     prompts: Prompts, catalog: Catalog, task: Mapping[str, Any], name: str, *, long: bool, free: bool = False
 ) -> Ask[tuple[bool, str]]:
-    """Return the question that asks whether a task is good.
+    """Return the question that asks the model whether a proposed task is good.
 
     Args:
         prompts: prompt templates.
@@ -186,8 +186,8 @@ def reflection_on(
         task: the task as the model wrote it.
         name: name of the task.
         long: whether the task has several steps.
-        free: whether the task may use all criteria and several objects. The prompt's examples of bad tasks are then
-            left out, because some of them break only the stricter rules of the other modes.
+        free: whether the task may use all criteria and several objects. The prompt for such a task contains no examples
+            of bad tasks, because some of those examples break rules that do not apply to it.
     """
     values = catalog.for_prompts()
     text = prompts.text("reflection", **values, task=dict(task), bad=prompts.bank["bad"], long=long, free=free)
@@ -258,14 +258,18 @@ def _criteria(given: Any, has_rigid: bool, wish: Wish, problems: list[str]) -> t
 
 
 def _check_place(found: Proposal, catalog: Catalog, problems: list[str]) -> None:
-    """Report an articulated object into or onto which nothing can be put."""
+    """Append a fault to ``problems`` if the articulated object has no place for another object."""
     if catalog.articulated[found.articulated].place is None:
         places = ", ".join(name for name, thing in catalog.articulated.items() if thing.place is not None)
         problems.append(f"{found.articulated} has no place for an object; these have one: {places or 'none'}")
 
 
 def _check_single(found: Proposal, catalog: Catalog, problems: list[str]) -> None:
-    """Append faults to ``problems``: the goal holds from the start, no keypoint is usable, the task is known."""
+    """Check a proposed single-step task, and append its faults to ``problems``.
+
+    The goal must not hold at the start, the moving part must have a keypoint, and no known task may have the same class
+    and goal.
+    """
     thing, (kind,) = catalog.articulated[found.articulated], found.criteria
     start = thing.default_openness or 0.0
     if kind == "articulated_open" and start + SPREAD >= OPEN:

@@ -1,4 +1,8 @@
-"""Ask for solver configs: first constraints, then motions, and better configs after a simulation."""
+"""Ask the model for solver configs.
+
+The first question asks for the constraints of the configs, and the second question for their motions. After the configs
+were simulated, further questions ask for better configs.
+"""
 
 from __future__ import annotations
 
@@ -50,10 +54,10 @@ class StepToSolve:
     Attributes:
         task: task of the step.
         step: step for which configs are requested.
-        things: affordance of each object, by its name in the task.
-        settings: facts about the robot, among them the keypoints of its hand.
-        profile: robot profile, against which names are checked.
-        sentence: the model's own sentence for the step; None if the model wrote no sentence.
+        things: facts about each object's class, by the object's name in the task.
+        settings: summary of the robot, which includes the keypoints of its hand.
+        profile: robot profile, which defines the valid keypoint names of the hand.
+        sentence: the model's description of the step; None if the model wrote no description.
     """
 
     task: TaskSpec
@@ -79,7 +83,7 @@ class StepToSolve:
 
     @property
     def openness(self) -> float | None:
-        """Openness of the step's object when the step starts, if all earlier steps succeed; None for a rigid one."""
+        """Openness of the step's object when the step starts, if all earlier steps succeed; None for a rigid object."""
         spec, thing = self.task.objects[self.step.object], self.things[self.step.object]
         found = spec.randomization.openness_mean
         found = thing.default_openness if found is None else found
@@ -219,11 +223,12 @@ def motions(
 
 @dataclass(frozen=True)
 class Tried:
-    """A simulated solver config with its results, in words for the model.
+    """A simulated solver config and its results, described in sentences for the model.
 
     Attributes:
         config: config of the step.
-        outcome: sentence on how often the config could be planned and succeeded.
+        outcome: sentences that state how often the planner found a plan with the config, and how often the config
+            succeeded.
         diagnosis: one sentence for each kind of failure.
     """
 
@@ -258,7 +263,11 @@ class Example:
 
 
 def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
-    """Return the ``EXAMPLES`` stored configs most similar to the step (tool, goal, class), one for each class."""
+    """Return up to ``EXAMPLES`` stored configs as examples for the step.
+
+    The examples are the configs of the most similar steps. Steps are compared by their tool, goal and object class.
+    Each class gives at most one example.
+    """
     own = job.things[job.step.object]
     kinds = [criterion.type for criterion in job.step.done]
     ranked: list[tuple[tuple[bool, ...], str, Example, str]] = []
@@ -293,7 +302,9 @@ def _motions_of(config: Mapping[str, Any]) -> Config:
 
 
 def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
-    """Return the list of mappings under ``field``, or else the top-level mappings with one of the keys ``marks``."""
+    """Return the mappings that an answer lists under ``field``. If the answer has no such list, return its top-level
+    mappings that have a key in ``marks``.
+    """
     for each in data:
         for name in (field, ITEMS):
             if isinstance(each.get(name), list):
