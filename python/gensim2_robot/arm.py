@@ -84,7 +84,13 @@ class LimitedArm:
             self.stop()
 
     def command(self, q: npt.ArrayLike, gripper: float, t: float) -> Sent:
-        """Request joints (m,) for the time ``t`` (s), and return the command that was sent within the limits.
+        """Send the next command towards the requested joints, and return the command. It respects all limits, so it may
+        differ from the request.
+
+        Args:
+            q: (m,) requested joints, rad or m.
+            gripper: gripper command, -1 (closed) to 1 (open).
+            t: time at which the command is due, s.
 
         Raises:
             RefusedError: the target is not finite, or the contact force is too large; nothing is sent.
@@ -95,8 +101,11 @@ class LimitedArm:
         return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """Send the next command of a stop that was already checked against the limits; once the arm is at rest, repeat
-        the last position.
+        """Continue to brake the arm. Together with every command, a complete stop from that command was computed and
+        checked; this method sends the next command of that stop. Once the arm is at rest, it repeats the last position.
+
+        Args:
+            t: time at which the command is due, s.
 
         Raises:
             RefusedError: the contact force is too large; nothing is sent.
@@ -108,7 +117,9 @@ class LimitedArm:
         return self._send(halt(self._sent), self._gripper, t)
 
     def stop(self) -> None:
-        """Stop the arm at once by its own controller, and accept no command until :meth:`begin` is called."""
+        """Stop the arm at once through its own controller. Commands are not accepted again until :meth:`begin` is
+        called.
+        """
         self._driver.stand()
         self._sent = None
 
@@ -154,7 +165,9 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # A cycle's mean velocity occurs in its middle, but the velocity limit depends on the position at its end.
+        # The velocity of a command is the mean over a cycle, which the motion reaches in the middle of the cycle. The
+        # limit, however, is checked for the position at the end of the cycle. The motion therefore uses limits that
+        # look half a cycle ahead.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
@@ -217,7 +230,10 @@ class Streamer:
         return way * min(1.0, float((room / np.maximum(np.abs(way), _SAME)).min()))
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration, (m,) each, from which the planned motion continues."""
+        """Return the position (m,), velocity (m,) and acceleration (m,) from which new targets continue the motion. If
+        the last command follows the planned motion, the values are those of the motion now; otherwise they are those of
+        the command.
+        """
         if self._motion is not None and self.follows(sent, now):
             return self._motion.sample(now)
         return sent.q, sent.v, sent.a

@@ -42,18 +42,20 @@ class Braking:
         return self._root(self.upper - q), self._root(q - self.lower)
 
     def ahead(self, seconds: float) -> Braking:
-        """Return stricter limits: a joint within these limits now is within the original limits ``seconds`` later.
+        """Return stricter limits for a joint that moves on for ``seconds``. If the joint respects the stricter limits
+        now, it respects the original limits at the end of this time.
 
-        With ``room`` as the distance to the end of the range, solving ``v = -offset + sqrt(gain (room - v seconds))``
-        for v gives limits of the same form.
+        In ``seconds`` the distance ``room`` to the end of the range shrinks by ``v * seconds``. The stricter limit is
+        the solution v of ``v = -offset + sqrt(gain (room - v seconds))``. It has the same form as the original limit,
+        with a larger offset and ends that lie further out.
         """
         offset = self.offset + 0.5 * self.gain * seconds
         room = (offset**2 - self.offset**2) / self.gain
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """Return the lower and upper positions (m,), rad, at which the velocity limit towards the end of the range is
-        ``0.1 * offset``.
+        """Return the lowest and the highest position (m,), rad, that are still useful. At these positions the velocity
+        limit towards the end of the range has fallen to ``0.1 * offset``.
         """
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
@@ -123,10 +125,10 @@ class ArmLimits:
         low, high: (3,) corners of the tool's workspace in the robot's base frame, m.
         clearance: minimum distance between links of the robot, and between the robot and the table, m.
         force: maximum contact force on the arm, N.
-        leash: maximum distance (rad or m) between a target and the measured arm, so that the force of a blocked arm
-            does not grow. A contact force reduces this distance.
-        jump: maximum distance, rad or m, between an episode's first target and the arm, and between any target and the
-            joint range.
+        leash: maximum distance (rad or m) between a target and the measured position of a joint. The limit keeps the
+            force small if an obstacle blocks the arm. A measured contact force reduces the distance further.
+        jump: maximum distance (rad or m) of an episode's first target from the arm's position. No target may lie
+            farther than this outside the joint range.
     """
 
     profile: RobotProfile
@@ -225,7 +227,8 @@ class ArmLimits:
 
         Args:
             q, v: (N, m) or (m,) positions and velocities of the commands.
-            slack: tolerance for rounding errors: this fraction of the limit, plus this value in rad/s.
+            slack: tolerance for rounding errors. A velocity may exceed its limit by the fraction ``slack`` of the limit
+                plus ``slack`` rad/s.
         """
         if self.braking is None:
             return True
@@ -272,6 +275,8 @@ class ArmLimits:
         return np.asarray(self.profile.model.forward_kinematics(self.whole(arm), self.profile.tool_link)[:, :3, 3])
 
     def is_clear(self, arm: Array) -> bool:
-        """Return whether the robot keeps its clearance at all arm joints (N, m)."""
+        """Return whether the clearance is kept in all N joint configurations (N, m). The clearance is the minimum
+        distance between the robot's links, and between the robot and the table.
+        """
         distance = np.asarray(self.scene.distance(self.whole(arm), 2.0 * self.clearance + 1e-3))
         return bool((distance >= self.clearance).all())

@@ -23,11 +23,12 @@ WAKE_UPS = 100
 
 
 def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
-    """Run all checks, and return name, result and finding of each check.
+    """Run all checks, and return their results. Each result has the name of the check, whether the check passed, and a
+    finding in words.
 
     Args:
         robot_name: name of the robot.
-        folder: folder for the log of a run.
+        folder: folder in which a run would write its log.
     """
     found = []
     for module, extra in MODULES.items():

@@ -20,7 +20,7 @@ CONTROLLER_PRIORITY = 40
 
 
 class Clock(Protocol):
-    """Interface of a clock that can wait."""
+    """Interface of a clock. A clock tells the time and can suspend the caller until a given time."""
 
     def now(self) -> float:
         """Return the time of a monotonic clock, s."""
@@ -48,14 +48,14 @@ class MachineClock:
 
     @contextlib.contextmanager
     def punctual(self) -> Iterator[str]:
-        """Give this thread priority over other threads within the ``with`` block.
+        """Let this thread run with as little delay as possible within the ``with`` block.
 
-        The thread gets real-time priority if the operating system permits it (``ulimit -r``). Other Python threads
-        yield after a shorter time. The garbage collector skips the objects that exist already, because scanning them
-        would take 0.1 s.
+        Three measures shorten delays. The thread gets real-time priority if the operating system permits it (``ulimit
+        -r``). Other Python threads must hand over the interpreter sooner than usual. The garbage collector ignores all
+        objects that exist at the start of the block, because it would need 0.1 s to scan them.
 
         Yields:
-            The scheduling policy: ``fifo``, or ``other`` without real-time priority.
+            The scheduling policy of the operating system: ``fifo`` with real-time priority, ``other`` without it.
         """
         before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL)

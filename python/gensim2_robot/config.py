@@ -31,13 +31,13 @@ CameraKind = Literal["simulated", "software", "recording", "realsense"]
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Kind of the cameras, and the devices or files that images come from.
+    """Kind of the cameras, and the devices or files from which their images come.
 
     Attributes:
-        kind: ``simulated`` for ray casting, ``software`` for ray casting whose images pass through software devices of
-            ``pyrealsense2``, ``recording`` for recordings of RealSense devices or logs of a run, ``realsense`` for real
-            cameras.
-        devices: recording, log folder or serial number of each camera, by camera name; empty for simulated cameras.
+        kind: source of the images. ``simulated``: ray casting. ``software``: ray casting, and the images also pass
+            through software devices of ``pyrealsense2``. ``recording``: recordings of RealSense devices, or logs of a
+            run. ``realsense``: real cameras.
+        devices: by camera name, the recording, log folder or serial number of the camera; empty for simulated cameras.
     """
 
     kind: CameraKind
@@ -70,7 +70,8 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Delays:
-    """Ranges (s) of the delays of simulated devices with a simulated clock; a value is drawn for each episode.
+    """Delays of simulated devices in runs with a simulated clock. Each delay is given as a range (s), from which a
+    value is drawn for each episode.
 
     Attributes:
         camera: delay from the exposure of an image to its arrival.

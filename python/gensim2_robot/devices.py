@@ -87,7 +87,9 @@ class ArmDriver(Protocol):
         ...
 
     def stand(self) -> None:
-        """Stop the arm at once by its own controller, and accept no targets until the next episode starts."""
+        """Stop the arm at once through its own controller. Targets are not accepted again until the next episode
+        starts.
+        """
         ...
 
     def close(self) -> None:
@@ -96,10 +98,11 @@ class ArmDriver(Protocol):
 
 
 class CameraDriver(Protocol):
-    """Interface of a connection to cameras, whose methods never block.
+    """Interface of a connection to cameras. Its methods never block.
 
     Attributes:
-        cameras: cameras. The pose of a camera on a link is in the link's frame, other poses are in the base frame.
+        cameras: descriptions of the cameras, with their poses. The pose of a camera that is mounted on a link is given
+            in the link's frame. The poses of all other cameras are given in the base frame.
         serials: expected serial number by camera name; cameras that are not listed are not checked.
     """
 

@@ -105,7 +105,9 @@ class _Film:
         self._cameras: tuple[CameraRecord, ...] = ()
         self._seen: set[str] = set()
         self._final = ""  # state of the watchdog at the end of the log
-        self._last = ""  # name of the camera whose image is the last one of a video frame
+        # name of the camera whose images determine the times of video frames: the last camera from which an image
+        # arrives
+        self._last = ""
 
     def look(self, message: AnyMessage) -> None:
         """Process a message in the first pass over the log, which collects times, states and cameras."""

@@ -28,7 +28,7 @@ THROUGH_PIXELS = 1.0 / 400.0
 
 
 class CameraPoseError(GenSim2Error):
-    """An image does not show the robot at the position of its meshes, because the camera was exchanged or moved."""
+    """The robot is not where its meshes should appear in an image, because the camera was moved or exchanged."""
 
 
 class OwnPoints:
@@ -75,7 +75,7 @@ class OwnPoints:
     def picture(
         self, camera: Camera, depth: npt.NDArray[np.uint16], colors: npt.NDArray[np.uint8] | None, q: Array
     ) -> Picture:
-        """Return an image with corrected depth, in m, and marked pixels of the robot.
+        """Return an image with corrected depth (m) in which the pixels that show the robot are marked.
 
         Args:
             camera: camera of the image.
@@ -84,7 +84,8 @@ class OwnPoints:
             q: (n,) all active joints at the time of the image.
 
         Raises:
-            CameraPoseError: the image measures points behind the robot, so the pose of the camera is wrong.
+            CameraPoseError: measured points lie behind the robot, where the camera cannot see. The pose of the camera
+                is therefore wrong.
         """
         metres = camera.metres(depth)
         poses = self._tree.poses(np.eye(4)[None], q[None])[0][self._shown]
@@ -141,29 +142,36 @@ PIXELS = 320 * 240
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """Return a camera with every n-th row and column of pixels, and the number n, which is as large as possible with at
-    least ``pixels`` pixels.
+    """Reduce a camera's resolution to every n-th row and column of pixels, where n is as large as possible.
+
+    Args:
+        camera: camera with full resolution.
+        pixels: minimum number of pixels of the reduced images.
+
+    Returns:
+        The camera with reduced resolution, and n.
     """
     step = max(1, int((camera.width * camera.height / pixels) ** 0.5))
     if step == 1:
         return camera, 1
     intrinsic = camera.intrinsic.copy()
     intrinsic[:2] /= step
-    intrinsic[:2, 2] += 0.5 - 0.5 / step  # Pixel centres are at half integers.
+    # Pixel centres are at half integers, so the coordinate x becomes (x - 0.5) / step + 0.5.
+    intrinsic[:2, 2] += 0.5 - 0.5 / step
     width, height = -(-camera.width // step), -(-camera.height // step)
     return replace(camera, width=width, height=height, intrinsic=intrinsic), step
 
 
 @dataclass(frozen=True, eq=False)
 class SensorSnapshot:
-    """The data from which an observation is computed.
+    """Data from which an observation is computed.
 
     Attributes:
         step: number of control steps since the start of the episode.
         q, v: (n,) positions, rad or m, and velocities, rad/s or m/s, of all active joints.
         gripper: last gripper command, -1 to 1.
         frames: one image of each camera.
-        posed: (n,) joints at the time of each image, by camera name.
+        posed: by camera name, the positions (n,) of all active joints at the time of the camera's image, rad or m.
     """
 
     step: int
@@ -225,5 +233,5 @@ class Eyes:
 
 
 def inputs(observation: Observation) -> dict[str, npt.NDArray[np.generic]]:
-    """Return all arrays of an observation, which are the inputs of a policy, by name."""
+    """Return a dictionary with all arrays of an observation. The arrays are the inputs of a policy."""
     return {name: np.asarray(observation[name]) for name in observation}

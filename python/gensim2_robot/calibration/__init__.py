@@ -1,1 +1,1 @@
-"""Calibrate cameras by images of the robot or of a board, and store the result in a dated file."""
+"""Calibrate cameras from images of the robot or of a calibration board, and store the result in a dated file."""

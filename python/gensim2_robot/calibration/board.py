@@ -149,7 +149,8 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
     least squares.
     """
     K = sum((np.kron(b[:3, :3].T, a[:3, :3]) for a, b in zip(A, B, strict=True)), np.zeros((9, 9)))
-    # K is the sum of B^T kron A over all views, because vec(A X B) = (B^T kron A) vec(X) must equal vec(Z).
+    # For rotation matrices, A X B = Z means (B^T kron A) vec(X) = vec(Z). The sum K over all n views therefore
+    # satisfies K vec(X) = n vec(Z), and vec(X) and vec(Z) are the singular vectors of K for its largest singular value.
     U, values, Vt = np.linalg.svd(K)
     if len(A) - values[1] < 1e-3 * len(A):
         raise InputError("the hand was not rotated about two axes between the images", field="views")
@@ -159,7 +160,8 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
         u, _, vt = np.linalg.svd(np.sign(np.linalg.det(M)) * M)
         rotations.append(u @ vt)
     RX, RZ = rotations
-    # Translations solve R_A (R_X t_B + t_X) + t_A = t_Z, where R is the rotation and t the translation of a pose.
+    # The translations in A X B = Z satisfy R_A (R_X t_B + t_X) + t_A = t_Z, where R is the rotation and t the
+    # translation of each pose. The rotations are known here, so this is a linear system for t_X and t_Z.
     left = np.concatenate([np.hstack([a[:3, :3], -np.eye(3)]) for a in A])
     right = np.concatenate([-a[:3, 3] - a[:3, :3] @ RX @ b[:3, 3] for a, b in zip(A, B, strict=True)])
     t = np.linalg.lstsq(left, right, rcond=None)[0]

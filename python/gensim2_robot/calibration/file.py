@@ -28,12 +28,14 @@ class CameraCalibration(BaseModel):
 
     Attributes:
         serial: serial number of the device; empty if unknown.
-        method: whether the camera was calibrated by the robot's meshes or by a board.
+        method: ``"mesh"`` if the camera was calibrated with the robot's meshes, ``"board"`` if it was calibrated with a
+            board.
         link: link that carries the camera; None for a camera fixed in the base frame.
         pose: (4, 4) pose of the camera in the frame of the link or in the base frame, m.
         width, height, intrinsic: size (pixels) and intrinsic matrix of the images.
         scale, bias: correction of the depth: true depth = ``scale`` * measured depth + ``bias`` (m).
-        residual_mm, held_out_mm: median errors (mm) in the images used for the fit and in held-out images.
+        residual_mm: median error (mm) in the images that were used for the fit.
+        held_out_mm: median error (mm) in the images that were kept out of the fit for validation.
         links_mm: median error (mm) on each link of the robot.
     """
 
@@ -81,7 +83,8 @@ class Calibration(BaseModel):
     def _is_dated(self) -> Calibration:
         if self.made.tzinfo is None:
             raise ValueError("made has no time zone")
-        if not 2000 <= self.made.year < 9999:  # other years cannot be converted to every time zone
+        # Times near the years 1 and 9999, the ends of datetime's range, cannot be converted to every time zone.
+        if not 2000 <= self.made.year < 9999:
             raise ValueError("made is not a plausible date")
         return self
 

@@ -120,8 +120,11 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """Return start poses for the registration: the initial guess, then the best rotations of the guess, shifted so
-        that the meshes match the measured points of the robot.
+        """Return the poses from which the registration starts: the initial guess, and the best poses of some variants
+        of the guess.
+
+        A variant is the guess, or the guess rotated by ``TURN``, shifted so that the meshes match the measured points
+        of the robot. The best variants are those with the lowest cost.
         """
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
@@ -166,9 +169,10 @@ class Coarse:
         return float(np.mean(found))
 
     def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
-        """Return, for each view, points and normals, (k, 3) each, of the robot's surface in front of the background.
+        """Return a model of the robot's visible surface for each view: points (k, 3) and their normals (k, 3).
 
-        The background depth of a pixel is the largest depth of this pixel in all views.
+        Only the pixels at which the robot stands in front of the background are used. The background depth of a pixel
+        is the largest depth that the pixel has in any view.
         """
         camera = placed_at(self._small, pose)
         seen = [self._surface.see(camera, view.q) for view in self._views]
@@ -215,7 +219,7 @@ NEAR = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Pixels of one image on the robot's surface.
+    """Comparison of one image with the robot's meshes, at k pixels that show the robot's surface.
 
     Attributes:
         points: (k, 3) measured points in the base frame, m.
@@ -225,8 +229,8 @@ class Compared:
         sigma: (k,) expected standard deviations of the errors, m.
         measured: (k,) measured depth, m.
         links: (k,) indices of the links.
-        covered: number of measured pixels on the robot. near: number of these pixels with a point near the robot's
-            surface.
+        covered: number of pixels with a measurement on which the meshes appear.
+        near: number of the ``covered`` pixels whose measured point is near the robot's surface.
     """
 
     points: Array
@@ -286,7 +290,19 @@ def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
 def refine(
     surface: RobotSurface, camera: Camera, views: Sequence[ArmView], pose: Pose, draw: np.random.Generator
 ) -> tuple[Pose, Array]:
-    """Refine the pose with individual pixels; return the pose and its parameters' standard deviations (8,)."""
+    """Refine a camera's pose and depth correction by comparing individual pixels with the robot's meshes.
+
+    Args:
+        surface: surfaces of the robot's links.
+        camera: camera to calibrate.
+        views: images of the camera, with the arm's joints.
+        pose: pose and depth correction to start from.
+        draw: random generator that selects pixels.
+
+    Returns:
+        The refined pose, and the standard deviations (8,) of its parameters: rotation (3), translation (3), depth scale
+        and depth bias.
+    """
     sigma = np.full(8, np.inf)
     for reach in (0.05, 0.04, 0.03, 0.03, 0.02, 0.02, 0.02):
         rows, points, off, spread = [], [], [], []
@@ -314,7 +330,8 @@ def refine(
         scale = max(1.0, 1.4826 * float(np.median(np.abs(r / s))))
         weights = tukey(r / s, scale) / s**2
         square = J.T @ (weights[:, None] * J)
-        # Errors of neighbouring pixels are correlated, so an image has less weight than its number of pixels suggests.
+        # Errors of neighbouring pixels are correlated, so an image says less about the depth's scale and bias than its
+        # number of pixels suggests. Priors therefore keep the scale near 1 and the bias near 0.
         square[6, 6] += 1.0 / SCALE_SIGMA**2
         square[7, 7] += 1.0 / BIAS_SIGMA**2
         pull = J.T @ (weights * r)

@@ -229,7 +229,7 @@ def _stood(
     """Return the joint positions and images of each interval in which the arm was at rest."""
     order = np.argsort(times, kind="stable")
     times = times[order]
-    # cumulative number of states in which the arm moves (or that are NaN)
+    # moved[i] is the number of earlier states in which the arm moves or its speed is NaN.
     moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])
     found: list[tuple[Array, dict[str, list[_Taken]]]] = []
     open_until = -np.inf

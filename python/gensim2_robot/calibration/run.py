@@ -138,7 +138,7 @@ def calibrate_log(
 
 
 def _parted(standing: Sequence[Station]) -> tuple[list[Station], list[Station]]:
-    """Divide poses into poses for the fit and held-out poses."""
+    """Divide the stations into two lists: stations for the fit, and stations that are held out for validation."""
     held = list(standing[HELD_OUT - 1 :: HELD_OUT])
     return [each for each in standing if all(each is not other for other in held)], held
 
@@ -238,7 +238,18 @@ def _by_board(
 def _written(
     profile: RobotProfile, cameras: dict[str, CameraCalibration], report: dict[str, Any], poses: int, out: Path
 ) -> dict[str, Any]:
-    """Return the report, and write the calibration file if every camera has converged."""
+    """Write the calibration file if every camera has converged, and return the command's result.
+
+    Args:
+        profile: profile of the robot.
+        cameras: calibrations of the cameras that have converged, by camera name.
+        report: report on every camera, by camera name.
+        poses: number of arm poses that were used.
+        out: calibration file to write.
+
+    Returns:
+        The result as plain data, with the report.
+    """
     whole = len(cameras) == len(report)
     made = datetime.now(UTC)
     if whole:

@@ -68,15 +68,15 @@ def calibrate(
 ) -> dict[str, Any] | Ending:
     """Calibrate the poses of the cameras.
 
-    The command compares depth pictures of several arm poses with the robot's meshes; some poses are used only for
-    validation. Pictures come from a log, or from a simulated arm in a scene of TASK. For a simulated arm the command
-    adds errors of --degrees and --metres to the initial camera poses. If a camera does not converge, the command writes
-    nothing and exits with code 1.
+    The command compares depth pictures with the robot's meshes. The pictures show the arm in several poses; some of the
+    poses are not used for the fit, but only to validate it. Pictures come from a log, or from a simulated arm in a
+    scene of TASK. With a simulated arm, the initial camera poses get errors of --degrees and --metres. If a camera does
+    not converge, the command writes nothing and exits with code 1.
 
     Args:
         log: Log of a run in which the arm was at rest in several poses.  [default: move a simulated arm]
         board: ChArUco board in the log's pictures.
-        carried: Calibrate cameras that are mounted on the arm; the --board must not move.
+        carried: Calibrate the cameras that are mounted on the arm. This needs --board, and the board must not move.
         poses: Number of poses that the arm moves to.
         degrees: Rotation error of a simulated camera's initial pose, in degrees.
         metres: Position error of a simulated camera's initial pose, in metres.
@@ -146,12 +146,12 @@ def trial(
     progress: ConsoleProgress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Lead a person through trials of a policy, and write a table of results.
+    """Guide a person through trials of a policy on an arm, and write a table of results.
 
-    Trials follow the protocol of a TASK, or a protocol FILE. For each trial, the command tells where to put the
-    objects, runs the policy, and asks whether the trial succeeded, and if not, why. In a simulator the objects are
-    placed automatically. Ctrl-C keeps finished trials, and --resume continues. Several tasks may share --out; the table
-    lists all of them.
+    The trials follow the protocol of a TASK, or a protocol FILE. For each trial, the command tells the person where to
+    put the objects and runs the policy. Then it asks whether the trial succeeded, and for a failed trial it asks for
+    the cause. In a simulator the objects are placed automatically. Ctrl-C keeps the finished trials, and --resume
+    continues after them. Several tasks may share one --out folder; the table lists all of its tasks.
 
     Args:
         trials: Number of placements to try.
@@ -284,11 +284,11 @@ def run(
 ) -> dict[str, Any] | Ending:
     """Run episodes on an arm until a time limit, and report the results.
 
-    A policy or the planner does TASK repeatedly. A real arm runs only one episode, and without --move the run is a dry
-    run. The watchdog can hold or stop the arm; this is a software stop, not safety-rated. If the watchdog holds the
-    arm, a person at the terminal resumes (r) or stops (any other key); without a terminal the run ends. Ctrl-C and
-    SIGTERM stop the arm first. Once the inputs are checked, the JSON result is always written. The exit code is 1 if
-    the arm was held or stopped.
+    A policy or the planner does TASK repeatedly. A real arm runs only one episode, and it moves only with --move;
+    without --move the run is a dry run. During the run a watchdog can hold or stop the arm. The watchdog is software
+    and not safety-rated. If it holds the arm, a person at the terminal presses r to resume, or any other key to stop;
+    without a terminal the run ends. Ctrl-C and SIGTERM stop the arm before the program ends. The command writes a JSON
+    result unless the inputs are invalid. The exit code is 1 if the arm was held or stopped.
 
     Args:
         faults: Inject a fault into a simulated device from the given time (s) on; gensim2_robot.faults lists the names.
@@ -312,13 +312,13 @@ def dry_run(task: str, *, progress: Progress, **given: Any) -> dict[str, Any] | 
 
 @command(LogOptions, LineOptions, *SCENES, Port)
 def view(task: str, *, no_clouds: bool = False, **given: Any) -> None:
-    """Show the cameras' and the arm's data in the browser.
+    """Show the data of the cameras and of the arm in the browser.
 
-    The page shows point clouds, robot and clocks until Ctrl-C; nothing moves. With --policy or --plan the page also
-    shows the next actions.
+    The page shows point clouds, the robot and clocks until Ctrl-C. The arm does not move. With --policy or --plan the
+    page also shows the next actions.
 
     Args:
-        no_clouds: Do not compute point clouds, because the cameras are not calibrated yet.
+        no_clouds: Do not compute point clouds. Use this option if the cameras are not calibrated yet.
     """
     from gensim2_robot.config import CameraSource
     from gensim2_robot.live import PATIENT, looking
@@ -366,8 +366,9 @@ def _show_export(result: dict[str, Any]) -> None:
 def export(folder: Annotated[Path, Option(metavar="DIR")], *, out: Folder) -> dict[str, Any]:
     """Make a video, a picture and a Foxglove file from a log.
 
-    The command writes film.mp4 (all cameras side by side), still.png (the first, the middle and the last moment),
-    foxglove.mcap (pictures, cloud, robot, joints, watch) and foxglove_layout.json, the layout to import in Foxglove.
+    The command writes four files. film.mp4 is a video with all cameras side by side. still.png is one picture with the
+    first, the middle and the last moment of the log. foxglove.mcap contains images, the point cloud, the robot, the
+    joints and the watchdog's state, and foxglove_layout.json is a layout to import in Foxglove.
 
     Args:
         out: Folder to write to.

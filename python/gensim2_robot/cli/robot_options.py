@@ -24,21 +24,21 @@ class LineOptions:
     Attributes:
         arm: Arm to control; a real arm moves only with --move.
         cameras: Cameras to use. Real cameras need the names of the policy's cameras. "software" passes simulated
-            pictures through the RealSense library. Recordings, only for dry-run, are the folder or .mcap of a run, or a
-            RealSense .db3.
-        policy: Checkpoint of gensim2 learn or train, "builtin", or the URL of gensim2 policy serve.
+            pictures through the RealSense library. "recording" replays the log folder or .mcap file of a run, or a
+            RealSense .db3 file, and works only with dry-run.
+        policy: Checkpoint from gensim2 learn or train, "builtin", or the URL of gensim2 policy serve.
         plan: Use the planner, which knows the true scene, instead of a policy.
-        deadline: Time limit for an answer of a policy server, in seconds.
+        deadline: Time limit for an answer from a policy server, in seconds.
         speed: Fraction of the arm's maximum speed; control steps take longer in proportion.
         margin: Minimum distance of joints from their limits, in rad.
         force: Maximum contact force on the arm, in newtons.
         pixels: Width and height of a picture.
         rate: Pictures per second of each camera.
         noise: Depth noise of the simulated cameras; same values as --noise of gensim2 render.
-        calibration: Calibration file of gensim2 robot calibrate.
+        calibration: Calibration file from gensim2 robot calibrate.
         calibration_days: Maximum age of the calibration, in days.
-        real_time: With the machine's clock (--real-time) each device has its own process. With a simulated clock all
-            devices share one process, the clock waits for each device, and runs are reproducible.  [default:
+        real_time: Use the machine's clock and a process for each device (--real-time), or a simulated clock and one
+            process for all devices. A simulated clock waits for each device, so runs are reproducible.  [default:
             --simulated-clock if arm and cameras are simulated]
     """
 
@@ -71,7 +71,7 @@ class Move:
 
 
 class Port:
-    """Options of a command that always serves a web page.
+    """Options of a command that can show a web page.
 
     Attributes:
         port: Port of the web page.

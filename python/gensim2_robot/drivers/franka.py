@@ -50,10 +50,16 @@ class _FrankaHand(StreamedArm):
             self.hand.move(0.5 * (command + 1.0) * self.width, GRIP_SPEED)
 
     def _measured(self, state: Any, ended: Exception | None, stopped: bool) -> tuple[Array, Array, float, ArmMode]:
-        """Return positions (7,), velocities (7,), the external force (N) and the mode of a libfranka state.
+        """Return positions (7,), velocities (7,), the external force (N) and the mode of the arm from a libfranka
+        state.
+
+        Args:
+            state: libfranka state.
+            ended: exception with which the motion has ended; None if the motion continues.
+            stopped: whether the arm has stopped itself. The exception is then expected, and the mode reports the stop.
 
         Raises:
-            DriverError: the motion ended with the exception ``ended``, and not because the arm stopped itself.
+            DriverError: the motion has ended with an exception although the arm did not stop itself.
         """
         if ended is not None and not stopped:
             raise DriverError(f"the arm has ended the motion: {ended}") from ended
@@ -63,10 +69,11 @@ class _FrankaHand(StreamedArm):
 
 
 class FrankaArm(_FrankaHand):
-    """A Panda or an FR3 under joint impedance control, which follows streamed positions.
+    """Driver for a Panda or an FR3 arm with the library ``franky``. The arm's joint impedance controller follows the
+    joint positions that the driver streams to it.
 
     Each wheel of ``franky-control`` supports one version of the arm's server. The wheel on PyPI is for an FR3 with
-    system 5.9 or newer; a Panda needs the wheel for server version 5 from the releases page of ``franky``.
+    system 5.9 or newer. A Panda needs the wheel for server version 5 from the releases page of ``franky``.
 
     Args:
         host: address of the arm.
@@ -75,7 +82,7 @@ class FrankaArm(_FrankaHand):
 
     Raises:
         MissingExtraError: ``franky-control`` is not installed.
-        DriverError: the connection fails, or the server has another version.
+        DriverError: the connection fails, or the arm's server has a different version.
     """
 
     def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, enforce_realtime: bool = True) -> None:
@@ -102,7 +109,7 @@ class FrankaArm(_FrankaHand):
         ended: Exception | None = None
         if self._motion is not None:
             try:
-                self._robot.poll_motion()  # raises the error of a failed motion in the first call after the failure
+                self._robot.poll_motion()  # If the motion has failed, the next call of poll_motion raises the error.
             except self._franky.ControlException as error:
                 ended = error
         # The state is read after the error, so that it contains the arm's safety stop (reflex).
@@ -132,10 +139,11 @@ class FrankaArm(_FrankaHand):
 
 
 class PandaPyArm(_FrankaHand):
-    """A Panda or an FR3 under panda-python's joint impedance control, which follows streamed positions.
+    """Driver for a Panda or an FR3 arm with the library ``panda-python``. The library's joint impedance controller
+    follows the joint positions that the driver streams to it.
 
     Each wheel of ``panda-python`` supports one version of the arm's server. The wheel on PyPI is for the newest
-    version; for another version, the error names the right wheel in the project's releases.
+    version. If the arm has another version, the DriverError says which wheel to install from the project's releases.
 
     Args:
         host: address of the arm.
@@ -144,7 +152,7 @@ class PandaPyArm(_FrankaHand):
 
     Raises:
         MissingExtraError: ``panda-python`` is not installed.
-        DriverError: the connection fails, or the server has another version.
+        DriverError: the connection fails, or the arm's server has a different version.
     """
 
     def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, enforce_realtime: bool = True) -> None:
@@ -167,8 +175,8 @@ class PandaPyArm(_FrankaHand):
         except RuntimeError as error:  # any libfranka error
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
-        # The lock prevents a read of the state during a stop: between motions the library reads the state in its own
-        # thread.
+        # Between motions the library reads the state in a thread of its own. The lock ensures that this class does not
+        # read the state during a stop.
         self._reading = threading.Lock()
         self.start()
 
@@ -176,7 +184,7 @@ class PandaPyArm(_FrankaHand):
         ended: Exception | None = None
         with self._reading:
             try:
-                self._panda.raise_error()  # raises the motion's error, once
+                self._panda.raise_error()  # raise_error raises the error of a failed motion only once.
             except RuntimeError as error:
                 ended = error
                 self._panda.stop_controller()  # While a controller runs, get_state repeats the last state.

@@ -24,17 +24,17 @@ def is_log(path: Path) -> bool:
 
 
 class LoggedCameras:
-    """Cameras that replay images of a log.
+    """Cameras that replay the images of a log.
 
     Cameras of one log keep their relative timing. When one camera reaches the end of the log, all cameras start again.
 
     Args:
-        cameras: requested cameras; only their names are used.
-        logs: by camera name, the folder of a run or an MCAP file.
+        cameras: requested cameras. Only their names are used; all other properties come from the log.
+        logs: folder of a run, or an MCAP file, for each camera name.
 
     Attributes:
-        cameras: cameras with the image sizes, intrinsics and poses of the log.
-        serials: serial numbers of the recorded devices.
+        cameras: cameras with the image sizes, intrinsics and poses that are stored in the log.
+        serials: serial numbers of the recorded devices, by camera name.
 
     Raises:
         InputError: the log is missing or damaged, or has no images of a camera.

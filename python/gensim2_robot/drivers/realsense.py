@@ -84,9 +84,10 @@ def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
 
 
 class RealSenseCameras:
-    """Cameras that read RealSense devices; colour images are aligned with depth images.
+    """Cameras that read RealSense devices. Colour images are aligned with the depth images.
 
-    Recordings are played in a loop at the recorded rate. The time of arrival counts as an image's time of capture.
+    A device can also be a recording, which is played in a loop at the recorded rate. Its time stamps are shifted to the
+    present: the image that is delivered with the smallest delay counts as captured at its arrival.
 
     Args:
         cameras: names, image sizes and poses of the cameras; the intrinsics are read from the devices.
@@ -94,8 +95,8 @@ class RealSenseCameras:
         rate: frame rate, Hz; None: the highest rate that a device offers for both depth and colour.
 
     Attributes:
-        cameras: cameras with the intrinsics of the devices, converted from the library's convention (pixel centres at
-            integers) to ours (pixel centres at half integers).
+        cameras: cameras with the intrinsics of the devices. The library puts pixel centres at integers and this package
+            puts them at half integers, so the intrinsics are converted.
         serials: serial number that each device reported, by camera name.
 
     Raises:
@@ -141,7 +142,7 @@ class _Film:
         self._rs, self._device = rs, device
         self._playback: Any = device.as_playback() if device.is_playback() else None
         self.serial: str = device.get_info(rs.camera_info.serial_number)
-        unit = rs.option.depth_units  # Sensors of recordings support this option, too.
+        unit = rs.option.depth_units  # Depth sensors have this option, even in recordings.
         units = [sensor.get_option(unit) for sensor in device.query_sensors() if sensor.supports(unit)]
         if not units or abs(units[0] - MILLIMETRE) > 1e-6:
             raise DriverError(f"camera {camera.name}: the depth unit is {units} m, must be {MILLIMETRE}")
@@ -203,8 +204,8 @@ class _Film:
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
-        """Return the highest rate (Hz) that all kinds of streams have in the requested size; None if there is no such
-        rate.
+        """Return the highest frame rate (Hz) that the device supports for all kinds of streams at the requested image
+        size; None if the kinds have no rate in common.
         """
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
@@ -215,9 +216,10 @@ class _Film:
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
-        # With a device's global time, the library uses the system clock, while the control loop's clock is monotonic.
-        # For a recording, the image with the smallest delay determines the offset, because a busy machine delays the
-        # first images.
+        # The offset converts the times of images to the control loop's monotonic clock. The times of a device are
+        # system times if its global time is on. The times of a recording lie in the past, so each image gives an
+        # estimate of the offset, and the smallest estimate is used: it belongs to the image with the smallest delay.
+        # The first images are late on a busy machine.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         with contextlib.ExitStack() as failed:
             for sensor, profiles in self._sensors:
@@ -256,7 +258,12 @@ class _Film:
 
 
 def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield profile, kind and video profile of each stream of a sensor whose format is ``kinds[kind]``."""
+    """Yield the streams of a sensor that have a wanted format, each as profile, kind and video profile.
+
+    Args:
+        sensor: sensor of a RealSense device.
+        kinds: wanted format for each kind of stream (depth or colour).
+    """
     for profile in sensor.get_stream_profiles():
         kind = profile.stream_type()
         if profile.format() == kinds.get(kind):
@@ -268,11 +275,11 @@ LOOK = 5e-4
 
 
 class SoftwareDevice:
-    """A software device of the RealSense library, to which this program supplies the images.
+    """A software device of the RealSense library. This program supplies its images.
 
     Args:
-        camera: camera with the image size and intrinsics of the device. Pixel centres are at half integers; the library
-            puts them at integers.
+        camera: camera with the image size and intrinsics of the device. The intrinsics are converted, because this
+            package puts pixel centres at half integers and the library puts them at integers.
         serial: serial number.
         rate: frame rate, Hz.
 
@@ -354,12 +361,12 @@ class SoftwareCameras:
         self.cameras, self.serials = self._driver.cameras, self._driver.serials
 
     def passed(self, frames: Sequence[CameraFrame], within: float) -> list[CameraFrame]:
-        """Pass images to the devices and return the images that come out.
+        """Pass images to the devices, and return the images that the devices deliver.
 
         Args:
             frames: images to pass.
-            within: maximum time to wait for the same number of images, s. Images that come out later are returned by
-                the next call.
+            within: maximum time to wait until as many images have come out as were passed in, s. Later images are
+                returned by the next call.
         """
         for frame in frames:
             self._devices[frame.camera].give(frame)

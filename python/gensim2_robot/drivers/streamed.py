@@ -98,7 +98,7 @@ class StreamedArm(ABC):
             self._grips.put(self._gripper)
 
     def stand(self) -> None:
-        """Stop the arm at once by the arm's own controller."""
+        """Stop the arm at once through its own controller."""
         with self._lock:
             self._standing, self._passed = True, None
             self._goals.clear()
@@ -109,7 +109,9 @@ class StreamedArm(ABC):
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
-        """Call the arm's library in a thread, so that the call delays the control loop by at most ``seconds``."""
+        """Call the arm's library in a thread, and wait for the call for at most ``seconds``. A call that takes longer
+        is reported as a failure, and does not block the control loop.
+        """
         thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
         thread.start()
         thread.join(timeout=seconds)
@@ -139,11 +141,11 @@ class StreamedArm(ABC):
 
     @abstractmethod
     def _halt(self) -> None:
-        """Stop the arm by its own controller."""
+        """Stop the arm through its own controller."""
 
     @abstractmethod
     def _grip(self, command: float) -> None:
-        """Move the gripper to a command, -1 to 1; may block."""
+        """Send a command to the gripper, -1 (closed) to 1 (open). The method may block until the gripper has moved."""
 
     @abstractmethod
     def _disconnect(self) -> None:
@@ -237,8 +239,8 @@ def _pace(left: float) -> float:
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return the number of cycles of targets that the stream plays in ``cycles`` cycles of real time; always less than
-    ``left``.
+    """Return how far the stream advances through its targets in ``cycles`` cycles of real time. The result is measured
+    in cycles of targets and is always less than ``left``, the number that remains.
     """
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))
@@ -247,10 +249,15 @@ def _gone(left: float, cycles: float) -> float:
 
 
 def finite(values: Any, size: int, what: str) -> npt.NDArray[np.float64]:
-    """Return numbers (size,) that an arm's library reported.
+    """Check numbers that an arm's library reported, and return them as an array (size,).
+
+    Args:
+        values: reported numbers; numbers beyond the first ``size`` are ignored.
+        size: number of expected numbers.
+        what: what the numbers describe, for the message of an error.
 
     Raises:
-        DriverError: the numbers are not finite, or too few.
+        DriverError: the numbers are not finite, or there are too few.
     """
     found = np.asarray(values, dtype=np.float64).reshape(-1)[:size]
     if found.shape != (size,) or not np.isfinite(found).all():
