@@ -32,16 +32,22 @@ from gensim2.tasks.library import PAPER, load_task, packaged_names, task_names
 PAGE = Path(__file__).parents[1] / "docs/results/checker.md"
 MOST_SCENES = 100
 
-INTRODUCTION = """This page reports how often the success criteria of a task are true although the task is not done. The
-criteria were judged in mutated worlds. A mutated world is a successful end state in which one thing was changed so
+INTRODUCTION = """This page reports how often the success criteria of a task are true although the task is not done. We
+evaluated the criteria in mutated worlds. A mutated world is a successful end state in which one thing was changed so
 that the task is not done ([kinds of worlds](../reference/tasks.md#mutated-worlds))."""
 
-RECOGNIZED = """The successful end state itself is also judged. If the criteria did not recognize it as a success,
-their answers in the mutated worlds would prove nothing. An end state is not built if the object does not fit into its
-container."""
+RECOGNIZED = """We also evaluated the criteria in the successful end states, where they must be true. Criteria that are
+never true would pass the test in mutated worlds, although they are useless. There is no end state for scenes in which
+the object does not fit into its container."""
 
-BY_CRITERION = """A mutated world counts for every criterion about the object that was changed in this world. The
-criteria are wrong in a mutated world if all criteria of the goal (or of the step) are true."""
+BY_CRITERION = """The table lists for each type of criterion in how many mutated worlds it was tested, and in how many
+of these worlds the result was wrong. A world counts for a criterion if the criterion is about the object that was
+changed in this world. The result is wrong if all criteria of the goal (or of the step) are true, because in a mutated
+world the task is not done."""
+
+BY_TASK = """The table lists for each task how often the criteria were wrongly true, and the number of mutated worlds.
+The last
+column is empty for tasks with only one step, because the criteria of this step are the goal."""
 
 
 def measure(name: str, worlds: int, seed: int, assets: str) -> dict[str, Any]:
@@ -123,10 +129,12 @@ def page(found: dict[str, Any]) -> str:
             "",
             "## By task",
             "",
-            "Each line lists wrong answers / mutated worlds for the goal, and for the steps if the task has "
-            "several steps:",
+            BY_TASK,
             "",
-            *(f"- {name}: {_counts(result)}" for name, result in results.items()),
+            *_table(
+                ["task", "goal: wrong / worlds", "steps: wrong / worlds"],
+                [[name, *_counts(result)] for name, result in results.items()],
+            ),
         ]
     )
 
@@ -136,9 +144,9 @@ def _result(fields: dict[str, Any]) -> CheckerResult:
     return CheckerResult(fields["scenes"], tuple(counts))
 
 
-def _counts(result: CheckerResult) -> str:
-    steps = ", steps {}/{}".format(*total(result.of_steps)) if result.of_steps else ""
-    return "{}/{}".format(*total(result.of_goal)) + steps
+def _counts(result: CheckerResult) -> list[str]:
+    steps = "{} / {}".format(*total(result.of_steps)) if result.of_steps else ""
+    return ["{} / {}".format(*total(result.of_goal)), steps]
 
 
 def _of(counts: Iterable[WorldCount], kind: str, goal: bool) -> tuple[int, int]:

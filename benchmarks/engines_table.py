@@ -88,9 +88,10 @@ def designed(_: Sequence[Figure]) -> str:
     kept = {name: [_is_kept(name, count) for count in pair] for name, pair in known.items()}
     first, second = (sum(each) for each in zip(*kept.values(), strict=True))
     said = (
-        f"Of {len(known)} measured tasks, {first} succeed in SAPIEN often enough to be kept ({KEEP_THRESHOLD:.0%} of "
-        f"the episodes, {KEEP_LONG:.0%} for a task of several steps), and {second} in MuJoCo. The success rate "
-        f"over all episodes is {_mean([one for one, _ in known.values()])} in SAPIEN and "
+        f"A task is kept if at least {KEEP_THRESHOLD:.0%} of its episodes succeed, or {KEEP_LONG:.0%} for a task of "
+        f"several steps. Of {len(known)} measured tasks, {first} succeed in SAPIEN often enough to be kept, and "
+        f"{second} succeed often enough in MuJoCo. The success rate over all episodes is "
+        f"{_mean([one for one, _ in known.values()])} in SAPIEN and "
         f"{_mean([other for _, other in known.values()])} in MuJoCo."
     )
     rows = [
@@ -99,8 +100,8 @@ def designed(_: Sequence[Figure]) -> str:
         if differs(*pair) < CHANCE or len(set(kept[name])) > 1
     ]
     if not rows:
-        return f"{said} No task would be kept in one engine only, and no task's rates differ by more than chance.\n"
-    said += " The table has the tasks whose rates differ by more than chance, or that one engine only would keep."
+        return f"{said} No task would be kept in one engine only, and no task has significantly different rates.\n"
+    said += " The table lists the tasks with significantly different rates, and tasks that only one engine would keep."
     return "\n".join([said, "", line(["task", "SAPIEN", "MuJoCo", "p"]), line(["---"] * 4), *rows]) + "\n"
 
 

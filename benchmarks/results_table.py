@@ -174,19 +174,21 @@ def section(title: str, rows: Sequence[Figure]) -> str:
     shown = " or ".join(f"{runs} run{'s' * (runs > 1)} of {episodes} episodes" for runs, episodes in sizes)
     seeds = sorted({row.seed for row in rows})
     used = f"The seed is {seeds[0]}" if len(seeds) == 1 else f"The seeds are {', '.join(map(str, seeds))}"
-    head = f"## {title}\n\nEach cell of the following tables has {shown}. {used}. {_made(rows)}\n"
+    head = f"## {title}\n\nEach success rate in the following tables was measured in {shown}. {used}. {_made(rows)}\n"
     return f"{head}\n{_tables(rows, _three_verdicts, averages=_average_of_three)}"
 
 
 def _made(rows: Sequence[Figure]) -> str:
     """Return sentences with the commits and dates of a section's rows; older rows have none."""
-    found = sorted({(row.source.date, row.source.commit[:12]) for row in rows if row.source is not None})
-    commits = ", ".join(f"{commit} ({date})" for date, commit in found)
-    made = [f"The commits of the measurements are {commits}."] if found else []
+    found: dict[str, list[str]] = {}
+    for date, commit in sorted({(row.source.date, row.source.commit[:12]) for row in rows if row.source is not None}):
+        found.setdefault(commit, []).append(date)
+    commits = ", ".join(f"{commit} ({' and '.join(dates)})" for commit, dates in found.items())
+    made = [f"The rates were measured at these commits of gensim2: {commits}."] if found else []
     older = sum(row.source is None for row in rows)
     if older:
         which = f"all {older}" if older == len(rows) else f"{older} of {len(rows)}"
-        made.append(f"For {which} rows no commit was recorded.")
+        made.append(f"The commit of {which} rates is unknown, because earlier measurements did not record it.")
     return " ".join(made)
 
 

@@ -72,8 +72,9 @@ def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> 
         "| Randomization wide, up to 8 attempts, open loop | single-step |  | 0.96 / 0.40 / 0.20 (of 1) |  |  |",
         "| Instances test, disturbance push | single-step |  | 0.96 / 0.20 / 0.10 (of 1) |  |  |",
     ]
-    made_at = "The seeds are 7, 8. For all 4 rows no commit was recorded."
-    assert f"Each cell of the following tables has 5 runs of 50 episodes. {made_at}" in first
+    unknown = "The commit of all 4 rates is unknown, because earlier measurements did not record it."
+    measured = "Each success rate in the following tables was measured in 5 runs of 50 episodes."
+    assert f"{measured} The seeds are 7, 8. {unknown}" in first
     assert [line for line in first if line.startswith("|")] == [
         "| single-step task | default, real | original, real | paper | its release |",
         "| --- | --- | --- | --- | --- |",
@@ -96,8 +97,8 @@ def test_rows_say_their_commit_and_the_object_on_which_they_hold_least(made: Any
     }
     row = _row("OpenBox", 225).model_copy(update={"source": source, "instances": seen})
     text = made.everything([row, _row("TurnOnFaucet", 200)])
-    made_at = "The seed is 7. The commits of the measurements are 0123456789ab (2026-01-02)."
-    assert f"{made_at} For 1 of 2 rows no commit was recorded." in text
+    made_at = "The seed is 7. The rates were measured at these commits of gensim2: 0123456789ab (2026-01-02)."
+    assert f"{made_at} The commit of 1 of 2 rates is unknown" in text
     assert "| OpenBox | 24/46 box/2 |" in text
     assert "| TurnOnFaucet |" not in text.split("## The worst object of each row")[1]
 
@@ -197,13 +198,11 @@ def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:
     first, second = results_claims.claims(own).splitlines()
     assert "0.994 on single-step tasks (2 tasks, 500 episodes)" in first
     assert "In 1 of 2 tasks the 95 % interval" in first
-    assert "The exception is PushToasterForward, with 0.99 against the paper's 0.99." in first
-    assert "In the same order, the paper reports 0.81 and 0.47." in first
-    assert "The authors' release reaches 0.77 (556 of 720) and 0.16 (8 of 50)" in first
+    assert "The exception is PushToasterForward (our rate is 0.99, the paper's 0.99)." in first
+    assert "the paper reports 0.81 and 0.47, and the authors' release reaches 0.77 (556 of 720)" in first
     assert second == (
-        "2. **Without parts of the method**, under the same conditions. If the planner plans each step once, with its "
-        "first strategy, and never replans, the mean success rates are 0.900 on single-step tasks (1 tasks, 250 "
-        "episodes)."
+        "2. **Simpler planners.** The conditions are the same. If the planner plans each step only once, with its "
+        "first strategy, the mean success rates are 0.900 on single-step tasks (1 tasks, 250 episodes)."
     )
 
 
@@ -245,7 +244,7 @@ def test_designed_tasks_and_policies_are_taken_in_from_the_json_of_runs(
         "<!-- figures: designed -->\n<!-- /figures -->\n<!-- figures: policy -->\n<!-- /figures -->", ROWS
     )
     assert "Of 1 measured tasks, 1 succeed in SAPIEN often enough to be kept" in text
-    assert "and 0 in MuJoCo. The success rate over all episodes" in text
+    assert "and 0 succeed often enough in MuJoCo. The success rate over all episodes" in text
     assert "No task would be kept in one engine only" not in text
     assert "| OpenOven | 49/50 | 5/20 | **0.000** |" in text
     assert "| OpenBox | 20/20 | 18/20 | 0.49 |" in text
