@@ -16,19 +16,21 @@ Array = npt.NDArray[np.float64]
 #: Speed of each finger when closing on a movable object, m/s.
 CLOSING_SPEED = 0.06
 
-#: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum also covers torques
-#: and inertial forces. The maximum is needed because some physics solvers make contacts softer for lighter bodies: if
-#: the force is many times the weight of an object, the pads sink into the object, and a ball of a few grams is ejected.
+#: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum leaves a reserve for
+#: torques and inertial forces. The maximum is needed because some physics solvers make the contacts of light bodies
+#: soft. If the force is many times the weight of such a body, the pads sink into it, and a ball of a few grams is
+#: ejected.
 LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 
 #: Safety factor: the friction of both fingers can hold this multiple of the object's weight.
 CARRIED_WEIGHTS = 3.0
 
-#: Effective radius (m) of a pad: the product of friction force and this radius is the torque that resists rotation
-#: about the line between the pads.
+#: Effective radius (m) of a pad. A pad resists rotation of the object about the line between the pads; the largest
+#: torque is the friction force times this radius.
 PAD_ARM = 0.0075
 
-#: Minimum grip force (N) of each finger, because the fingers' own inertia exceeds that of a light object.
+#: Minimum grip force (N) of each finger. For a light object, a multiple of its weight is too small a force, because the
+#: fingers' own inertia exceeds the inertia of the object.
 LEAST_GRIP_FORCE = 0.5
 
 #: Gravitational acceleration, m/s².
@@ -40,16 +42,19 @@ HOLD_SECONDS = 0.2
 
 @dataclass(frozen=True)
 class Acts:
-    """Gripper commands along a plan.
+    """Gripper commands during a planned step. The arm first moves to the actuation pose, where the fingers may close or
+    open, and then performs the motions of the step.
 
     Attributes:
         fingers: finger mode of the strategy, such as "grasp" or "release".
-        command: gripper command at the start of the step, -1 to 1.
-        opening: gripper command while the hand approaches a grasp, -1 to 1.
-        grip: gripper command at the end of closing, -1 to 1.
-        gently: whether the fingers close slowly, at ``CLOSING_SPEED``, so that they do not push a movable object away.
-        before: whether the arm waits at the start until the fingers have reached ``command``.
-        lets_go: whether the hand opens and retreats at the end.
+        command: gripper command from the start of the step until the fingers act, -1 to 1.
+        opening: gripper command of the open hand while it approaches a grasp, -1 to 1.
+        grip: gripper command after the fingers have closed, -1 to 1.
+        gently: whether the fingers close at the low speed ``CLOSING_SPEED``, so that they do not push a movable object
+            away.
+        before: whether the fingers move to ``command`` before the arm starts. If False, fingers and arm move at the
+            same time.
+        lets_go: whether the hand opens and retreats at the end of the step.
     """
 
     fingers: kpam.Gripper
@@ -66,13 +71,13 @@ class Schedule:
     """A plan sampled at the control rate, one row for each control step.
 
     Attributes:
-        reference: (N, 2, m) desired positions and velocities of the arm joints at the end of each step, before any
-            drive compensation.
-        ends: (N,) for each row, the index of the row in which the arm's current motion ends; while the arm stands
-            still, the row's own index.
+        reference: (N, 2, m) desired positions and velocities of the arm joints at the end of each step. Compensation
+            for the tracking error of the joint drives is not included.
+        ends: (N,) row at which the motion that the arm performs in this row ends. While the arm stands still, this is
+            the row itself.
         commands: (N,) gripper commands, -1 to 1.
-        times: (N,) time in the plan's trajectory at the end of each step, s.
-        contact: first step in which the hand may touch its target (approach to the actuation pose).
+        times: (N,) time on the plan's trajectory that is reached at the end of each step, s.
+        contact: first step of the final approach to the actuation pose, from which the hand may touch its target.
         actuation: first step at the actuation pose.
         gripped: first step after the fingers have closed on an object (N if they close in the last step); None without
             a grasp.
@@ -97,11 +102,11 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
     Args:
         mass: mass of the object, kg.
-        margin: angle (rad) between the pressing direction and the edge of the friction cone. For parallel faces this
-            angle is the half angle of the cone; for the steepest faces that friction can hold, the angle is almost
-            zero.
-        lever: distance (m) of the object's centre of mass from the line between the pads; the object can turn about
-            this line.
+        margin: angle (rad) between the pressing direction and the edge of the friction cone. If the two touched faces
+            are parallel, this angle is half the opening angle of the cone. The more the faces are inclined, the smaller
+            is the angle; at zero the pads slip.
+        lever: distance (m) of the object's centre of mass from the line between the pads. The weight of the object
+            tends to turn it about this line.
     """
     weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
     return max(LEAST_GRIP_FORCE, min(weights, MAX_GRIP_WEIGHTS) * mass * GRAVITY)

@@ -20,7 +20,7 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 @dataclass(frozen=True)
 class ObjectNames:
-    """Names of an object that a strategy may use.
+    """Names with which a strategy may refer to parts of an object.
 
     Attributes:
         keypoints: names of its keypoints.

@@ -47,8 +47,8 @@ class Fingers:
             command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
-        # Before a grasp, fingers that are too far open close while the arm moves. Other changes of the fingers are made
-        # before the motion.
+        # Fingers that only have to close a little before a grasp do so while the arm moves. In all other cases the
+        # fingers move before the arm starts.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 
@@ -71,7 +71,8 @@ class Fingers:
     def around(self, q: Array, width: float, scene: Scene) -> Array:
         """Return the robot's joints (n,) after the hand has closed on an object ``width`` (m) wide.
 
-        Stiff finger drives end near their target; soft drives stop at the object's surface.
+        Stiff finger drives press the fingers almost to their commanded position, so ``q`` is returned unchanged. Soft
+        drives let the fingers stop at the surface of the object.
         """
         if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.finger_drive.stiffness:
             return q

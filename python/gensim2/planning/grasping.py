@@ -18,14 +18,15 @@ Array = npt.NDArray[np.float64]
 #: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06
 
-#: Number of feasible grasps that are compared. A grasp is preferred if it lets the next step use the first of its
-#: strategies.
+#: Maximum number of feasible grasps that are compared, to find a grasp after which the next step can use its first and
+#: therefore preferred strategy.
 COMPARED = 6
 
 #: Motions that pull an object out from under an obstacle before the lift.
 ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
 
-#: Number of grasps for which the motions of ``ASIDE`` are tried.
+#: Maximum number of grasps that are tried again because an obstacle blocks their lift. In the new attempts, a
+#: horizontal motion of ``ASIDE`` pulls the object out before the lift.
 DRAWN_OUT = 8
 
 #: Two hand poses count as the same grasp if their distance (m) and rotation angle (rad) are below these limits.
@@ -52,10 +53,11 @@ def grasps_of(
 ) -> list[kpam.Grasp]:
     """Return collision-free grasps of a rigid object within the allowed tilt, best first.
 
-    The search ranks grasps by the strategy's friction. In a slippery scene the friction is lower, but ranking by the
-    lower friction would give too much weight to small misalignments of the pads. Instead, grasps that would slip with
-    the scene's friction come last, and among all other grasps, the grasps near the object's centre of mass come first.
-    The reason is that a carried object slowly rotates about the line between the pads.
+    The search first ranks grasps with the friction coefficient of the strategy. Some scenes have less friction, but a
+    ranking with that lower value would give too much weight to small misalignments of the pads. Therefore the ranking
+    is only corrected in two respects. Grasps that would slip with the scene's friction are moved to the end. In a scene
+    with less friction, grasps near the object's centre of mass are preferred, because an object that is held far from
+    its centre of mass slowly rotates between the pads.
 
     Args:
         world: ``scene`` in the solver's form.
@@ -64,7 +66,8 @@ def grasps_of(
         gripper: gripper in the solver's form.
         profile: profile of the robot.
         strategy: grasp strategy.
-        lost: (4, 4) hand poses, in the object's frame, of earlier grasps that slipped; similar grasps come last.
+        lost: (4, 4) hand poses, in the object's frame, of earlier grasps that slipped. Similar grasps are moved to the
+            end.
     """
     found = world.grasps(
         name,

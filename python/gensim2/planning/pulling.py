@@ -17,8 +17,8 @@ Array = npt.NDArray[np.float64]
 #: by normal force rather than by friction.
 PADS_PULL = 0.7
 
-#: Number of surface points and of hand poses that are examined. Both are large because a knob is a small part of a
-#: drawer, and grasps of the knob are not ranked highest.
+#: Number of points sampled on the surface, and number of hand poses tried. The numbers are large, because only few
+#: samples hit the knob of a drawer, which is small, and grasps of the knob do not get the highest rank.
 SAMPLES, TRIALS = 2048, 400_000
 
 

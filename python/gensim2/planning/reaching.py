@@ -1,4 +1,6 @@
-"""Plan a motion that, if possible, does not touch its target before the actuation pose."""
+"""Plan a motion to the actuation pose, where the hand starts to act on its target. If possible, the hand does not touch
+the target before this pose.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,8 @@ import gensim2_kpam as kpam
 #: Clearances (m) between hand and target, tried in this order; the first exceeds the drives' tracking error.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 
-#: Plan statuses after which the planner tries shifted actuation poses, because each of these statuses may mean that the
-#: first poses were unusable.
+#: Statuses of failed plans that are planned again with shifted actuation poses, because the first actuation poses may
+#: have been unusable.
 SHORT = ("collision", "not_found", "unreachable")
 
 #: A partial motion counts as longer than another one if it completes at least this much more of the motion after
@@ -44,10 +46,11 @@ def reach(
 ) -> Reach:
     """Plan a motion that keeps clear of the target until the hand is at the actuation pose.
 
-    The planner tries the clearances in turn and returns the first complete motion. The last clearance (None) lets hand
-    and fingers touch the target in the last segment before the actuation pose. If every clearance fails, the planner
-    repeats the attempts in which all poses collided; this time the solver shifts colliding poses until they are free.
-    If these fail, too, the longest partial motion is returned, with the largest clearance.
+    The planner tries the clearances in the given order and returns the first complete motion. With the last clearance,
+    None, the hand may touch the target in the last segment before the actuation pose. If no attempt succeeds, the
+    planner repeats the attempts that ended without a usable hand pose (a status in ``SHORT``). In this second pass the
+    solver may shift hand poses. If the second pass fails as well, the planner returns the longest partial motion. Of
+    equally long motions it returns the one with the largest clearance.
 
     Args:
         problem_with: function that returns the problem with the given solver options.
@@ -79,9 +82,9 @@ def reach(
 
 
 def _extent(plan: kpam.Plan) -> float:
-    """Return how far a plan gets, to compare partial plans.
+    """Return a number that tells how much of its motion a partial plan completes, to compare partial plans.
 
-    0: the plan has no trajectory. Otherwise 1 plus the fraction, from 0 to 1, of the motions after actuation that the
-    plan completes.
+    The number is 0 for a plan without a trajectory. For any other plan it is 1 plus the completed fraction (0 to 1) of
+    the motions after actuation.
     """
     return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

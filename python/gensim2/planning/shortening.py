@@ -7,8 +7,8 @@ from typing import Any
 
 import gensim2_kpam as kpam
 
-#: Safety margin. A shortened config ends its last motion earlier than the partial plan did, by this fraction of the
-#: motion's full length.
+#: Safety margin, as a fraction of the full length of a motion. The last motion of a shortened config stops earlier by
+#: this margin than the last motion of the partial plan.
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")
@@ -42,7 +42,9 @@ def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None
 
 
 def _openness_after(motion: Any, openness: float | None) -> float | None:
-    """Return the joint's openness after a motion; None if the config gives only the change of the joint value."""
+    """Return the openness of the joint after a motion. Return None if it cannot be computed, because the motion is
+    given by a change of the joint value in rad or m.
+    """
     if isinstance(motion, list | tuple) and motion[0] in TO_OPENNESS:
         return float(motion[1])
     return openness if isinstance(motion, list | tuple) and motion[0] not in ("follow_joint", "trace_joint") else None

@@ -31,16 +31,16 @@ class StepPlan:
     Attributes:
         status, reason: status and reason that the solver returned; the status is ``"no_grasp"`` if no grasp is usable.
         plan: the motion; None if the solver was not called.
-        schedule: rows that execute the motion; None without a motion.
+        schedule: control steps that execute the motion; None without a motion.
         after: predicted scene after the motion; None without a motion.
         picks: name of the object that is picked up, or None.
         width: distance between the finger pads at the grasp of ``picks``, m.
         force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
         touches: body that the hand has to touch before the actuation pose, or None.
-        whole: if ``plan`` is a shortened motion, the failed plan of the complete motion; otherwise None.
-        foreseen: plan of the next step, in which the grasped object is the tool, computed on the predicted scene; None
-            if it was not planned.
+        whole: plan of the complete motion, which failed, if ``plan`` is a shortened motion; otherwise None.
+        foreseen: plan of a later step that uses the grasped object as its tool. This plan starts from the predicted
+            scene ``after``. None if no such plan was made.
     """
 
     status: str
@@ -63,7 +63,9 @@ class StepPlan:
 
     @property
     def rank(self) -> int:
-        """Rank; lower is better: complete without early contact, complete with early contact, partial, no motion."""
+        """Quality of the plan; a lower number is better. 0: complete motion without contact before the actuation pose.
+        1: complete motion with such early contact. 2: partial motion. 3: no motion.
+        """
         if self.schedule is None:
             return 3
         return 2 if not self.is_solved else 0 if self.touches is None else 1

@@ -1,4 +1,4 @@
-"""Formulate the keypoint solver's problem for a step on a scene."""
+"""Convert a step of a task, together with the scene at its start, to a problem for the keypoint solver."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ Array = npt.NDArray[np.float64]
 #: Joint speed (rad/s) below which the arm counts as at rest.
 AT_REST = 0.01
 
-#: Options of executed plans. The planner keeps the collision margin if possible. It allows any contact depth, because a
-#: hand presses by moving into a body (the plan reports the depth), and a start in contact with a body.
+#: Solver options for motions that will be executed. The planner keeps the collision margin if possible. Contacts may
+#: have any depth, because a hand presses on a body by moving into it; the plan reports the depth. The motion may also
+#: start in contact with a body.
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
-#: Maximum joint velocity at the start of a motion, as a fraction of the velocity limits; slightly less than the solver
-#: accepts.
+#: Maximum joint velocity at the start of a motion, as a fraction of the velocity limits. The solver refuses motions
+#: that start with a slightly higher velocity.
 MAX_START_VALUES = 0.45
 
 
@@ -98,8 +99,8 @@ class StepProblems:
         options: Mapping[str, Any],
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """Return the solver problem of a config with only solver fields; finger mode and moved joint are given
-        separately.
+        """Return the solver problem for a config that contains only fields of the solver. The finger mode and the moved
+        joint, which :meth:`of_step` derives from a strategy, are arguments of this method.
 
         Args:
             scene: scene at the start of the step.
@@ -161,8 +162,11 @@ class StepProblems:
 
 
 def _held_keypoints(world: kpam.Scene, held: str, tool: str) -> dict[str, Array]:
-    """Return the keypoints of the grasped object, named without the object's prefix if it is the step's tool."""
+    """Return the keypoints of the grasped object by name. The step's tool is this object, so its keypoints are named
+    without the prefix ``<object>/``. If the tool is the bare hand, return an empty dict.
+    """
     if tool == HAND:
-        return {}  # these keypoints are already in the scene, with the object's prefix
+        # the problem already contains the keypoints of the grasped object, named with the prefix ``<object>/``
+        return {}
     prefix = f"{held}/"
     return {key.removeprefix(prefix): at for key, at in world.tool_keypoints.items() if key.startswith(prefix)}

@@ -33,13 +33,14 @@ PLAN_OPTIONS: kpam.Options = {"allow_partial": True}
 
 
 class StepPlanner:
-    """Plans steps on the scenes of one episode.
+    """Plans the steps of one episode, each in the scene at the start of the step.
 
     Args:
         profile: profile of the robot.
         options: solver options for every plan.
-        patience: number of reachable grasps after which the search ends if none allows the next step; a grasp with
-            swapped fingers counts as another grasp. None tries all grasps, which takes half a minute if all fail.
+        patience: number of reachable grasps after which the search ends, if none of these grasps allows the next step.
+            The same grasp with swapped fingers is counted again. None: all grasps are tried, which takes half a minute
+            if all fail.
 
     Attributes:
         profile: profile of the robot.
@@ -73,14 +74,15 @@ class StepPlanner:
             scene: scene at the start of the step, with the robot's velocity.
             step: object and tool of the step.
             strategy: strategy of the step.
-            following: later steps. A grasp must allow the first later step that uses the object as its tool.
+            following: later steps. If one of them uses the object as its tool, only a grasp is accepted with which that
+                step can be planned.
             warm_start: earlier or predicted plan of the same step, whose pose and path are tried first.
             lost: (4, 4) hand poses, in the object's frame, of grasps that slipped; similar grasps are tried last.
             explain: whether the plan reports the result of every pose that was tried.
 
         Returns:
-            The plan, or the reason for its failure. The status is ``"invalid"`` if the strategy does not fit these
-            objects, or if it only moves another object out of the way.
+            The plan, or the reason for its failure. The status is ``"invalid"`` in two cases: the strategy does not fit
+            these objects, or the strategy is not for this step but for moving an obstacle out of its way.
         """
         if strategy.makes_room is not None:
             return StepPlan(
@@ -136,7 +138,9 @@ class StepPlanner:
         return moved if able else None
 
     def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
-        """Return a motion that ends early with a release, because the complete motion is infeasible; else None."""
+        """Return a shortened motion that ends with the release of the object. Return None if the motion of ``found`` is
+        complete, if it cannot be shortened, or if the shortened motion cannot be planned.
+        """
         joint = scene.objects[step.object].joint
         config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
         if config is None:
@@ -299,7 +303,9 @@ class StepPlanner:
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """Return the plan of the first strategy that is solved on a predicted scene; None if no strategy is solved."""
+        """Return a plan of the step in a predicted scene, with the first strategy for which planning succeeds. Return
+        None if planning fails with every strategy.
+        """
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue

@@ -23,16 +23,18 @@ MAKES_ROOM = "makes_room"
 
 @dataclass(frozen=True)
 class KeypointStrategy:
-    """Strategy given by a solver config (docs/reference/solver.md, docs/architecture.md).
+    """Strategy that is given by a solver config. docs/reference/solver.md describes the config's fields,
+    docs/architecture.md their use.
 
-    Names without a prefix are keypoints of the step's object or its tool; ``"<object>/<keypoint>"`` is a keypoint of
-    another object.
+    A config names the keypoints of the step's object and tool without a prefix. A keypoint of another object is named
+    ``"<object>/<keypoint>"``.
 
     Attributes:
-        config: plain data: the solver's fields, and these optional fields of the planner. ``contact_speed``: maximum
-            speed (m/s) of the contact point after the hand has reached the actuation pose. ``opening``: distance
-            between the pads (m) while the hand approaches a grasp. ``makes_room``: name of an obstacle. A strategy
-            with this field does not do the step; it moves the obstacle out of the way.
+        config: the config as plain data. In addition to the solver's fields it may have three fields of the planner.
+            ``contact_speed`` is the maximum speed (m/s) of the contact point after the hand has reached the actuation
+            pose. ``opening`` is the distance between the pads (m) while the hand approaches a grasp. ``makes_room`` is
+            the name of an obstacle: the strategy then moves the obstacle out of the way, and the step itself needs
+            another strategy.
     """
 
     config: Mapping[str, Any]
@@ -56,7 +58,9 @@ class KeypointStrategy:
         return name
 
     def as_step(self) -> KeypointStrategy:
-        """Return this strategy without ``makes_room``, for a step whose object is the obstacle."""
+        """Return this strategy without the field ``makes_room``. The planner uses the result to plan the motion of the
+        obstacle as a step of its own.
+        """
         return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property
@@ -105,20 +109,21 @@ class _FoundGrasp(BaseModel):
 
 
 class GraspStrategy(_FoundGrasp):
-    """Grasp of the step's object between the two fingers, found by a search on the object's shape.
+    """Strategy that grasps the step's object between the two fingers. The grasp is found by a search on the object's
+    shape.
 
-    The first usable grasp is executed: the planner must find a motion that reaches the grasp and lifts the object, and
-    then a motion for the next step that uses the object as its tool.
+    The planner executes the first usable grasp. A grasp is usable if a motion exists that reaches the grasp and lifts
+    the object, and then a motion for the later step that uses the object as its tool.
 
     Attributes:
         grasp: search method.
-        approach: length of the straight approach of the open hand, m.
-        lift: height of the lift, m. The hand lifts in steps of 6 cm, one ``move-up`` of the config each.
-        tilt: maximum angle (rad) of the approach from straight down.
-        least_tilt: minimum angle (rad) of the approach from straight down. A hand that comes from the side can lay the
-            object down later.
+        approach: length of the straight motion with which the open hand approaches the object, m.
+        lift: height of the lift, m. The config contains one ``move-up`` motion for every 6 cm.
+        tilt: maximum angle (rad) between the direction of the approach and straight down.
+        least_tilt: minimum angle (rad) between the direction of the approach and straight down. If the hand approaches
+            from the side, it can later put the object down on its side.
         friction: friction coefficient between pads and object.
-        candidates: maximum number of grasps to try, each with both finger orders.
+        candidates: maximum number of grasps to try. Each grasp is tried with both finger orders.
     """
 
     approach: Annotated[float, Field(gt=0, le=0.3)] = 0.08

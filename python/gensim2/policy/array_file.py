@@ -77,7 +77,7 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
     for member in members:
         with archive.open(member) as stream:
             version = read_magic(stream)
-            if version != (1, 0):  # later numpy formats allow headers of up to 4 GiB
+            if version != (1, 0):  # refuse later versions of the npy format, because they allow headers of up to 4 GiB
                 raise ValueError(f"{member.filename} has the npy version {version}, must be (1, 0)")
             shape, in_columns, dtype = read_array_header_1_0(stream, max_header_size=_MAX_HEADER)
             size = math.prod(shape) * dtype.itemsize
@@ -91,7 +91,8 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             raise ValueError(f"{member.filename} contains NaN or infinity")
         if values.dtype.kind == "U":
-            # NumPy does not check that the text has valid code points; decoding does.
+            # Decode the text once, so that an invalid code point raises an error here; NumPy does not check code
+            # points.
             content.decode(f"utf-32-{sys.byteorder[0]}e")
         arrays[member.filename.removesuffix(".npy")] = values
     if len(arrays) < len(members):
@@ -104,11 +105,12 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
 
     Args:
         arrays: the arrays that were read.
-        expected: data type and shape by array name. The first axes of all arrays must have equal lengths.
+        expected: data type and shape of each array, by name. None in a shape allows any length. The first axis must
+            have the same length in all arrays.
         path: file name for the error message.
 
     Raises:
-        InputError: an array is missing, or has another type or shape; the message names the first wrong array.
+        InputError: an array is missing, or has another data type or shape. The message names the first wrong array.
     """
     rows = None
     for name, (kind, shape) in expected.items():

@@ -67,7 +67,8 @@ def augmented(
 
 
 def holds(width: Any, command: Any) -> Any:
-    """Return whether the fingers may have grasped an object, elementwise for arrays.
+    """Return whether the fingers may have grasped an object: the command closes them, but they have not met. Arrays are
+    compared element by element.
 
     Args:
         width: distance of the finger pads, m.
@@ -79,16 +80,17 @@ def holds(width: Any, command: Any) -> Any:
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Perturb the arm joints in half of the samples. The targets are unchanged, so the policy learns to move back to
-    the demonstration (Ke et al. 2021).
+    """Perturb the arm joints in half of the samples, so that the policy learns to move back to the demonstration (Ke et
+    al. 2021).
 
-    All frames of a sample get the same Gaussian noise, whose standard deviation is at most ``arm_noise``. The tool pose
-    is recomputed by forward kinematics, and the absolute targets stay the same. Samples with a possibly grasped object
-    are not perturbed, because the object would move with the hand.
+    All frames of a perturbed sample get the same Gaussian noise on the joint positions, with a standard deviation of at
+    most ``arm_noise``. The tool pose is computed anew from the joints. The actions still lead to the joint positions of
+    the demonstration; because actions are stored relative to the present joints, the noise is subtracted from them. A
+    sample in which the hand may hold an object is not perturbed, because the object would have to move with the hand.
 
     Args:
-        batch: columns (B, T, ...) in the base frame. Clouds have no points of the robot; targets are relative to the
-            present joints.
+        batch: columns (B, T, ...) in the base frame. The clouds must not contain points of the robot, and the actions
+            must be relative to the present joints.
         training: ``arm_noise`` is the largest standard deviation, rad.
         generator: random generator on the tensors' device.
     """

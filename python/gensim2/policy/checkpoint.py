@@ -55,12 +55,14 @@ class DataRecord(BaseModel):
     """Description of a policy's training data.
 
     Attributes:
-        digest: digest of all episodes and their observations.
+        digest: hash of all episodes and their observations.
         tasks: names of the tasks.
-        episodes, frames: number of episodes and frames; a scene that was planned but not simulated counts as one frame.
+        episodes, frames: number of episodes, and number of frames in them. A scene that was planned but not simulated
+            counts as one frame.
         folders: names of the data sets.
         noisy: number of episodes recorded with noise on the arm's commands.
-        relabels: number of additional frames from rollouts of the policy, labelled by the planner (DAgger).
+        relabels: number of additional frames from rollouts of the policy, for which the planner computed the actions
+            (DAgger).
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -247,15 +249,16 @@ class PolicyCheckpoint:
             raise CheckpointError(message, file=folder, field="robot", remedy=f"use --robot {self.robot}")
 
     def require_text_model(self, given: str | None, folder: Path | str) -> None:
-        """Raise an error if only the checkpoint names the text encoder, because a downloaded checkpoint must not start
-        further downloads.
+        """Check that the checkpoint's text encoder may be loaded. The weights of the encoder must be a default of
+        gensim2, or the user must have named them. Otherwise a downloaded checkpoint could start further downloads.
 
         Args:
-            given: folder or hub name of the text encoder from the user, or None.
+            given: folder or Hugging Face name of the text encoder's weights, as given by the user, or None.
             folder: the checkpoint's folder, for the message.
 
         Raises:
-            CheckpointError: the encoder is neither built into gensim2 nor ``given``.
+            CheckpointError: the weights that the checkpoint names are neither a default of gensim2 nor equal to
+                ``given``.
         """
         if self.config.text in PRETRAINED and self.config.text_model not in (CLIP, SENTENCE, given):
             message = f"names the weights {self.config.text_model!r}, which a checkpoint alone does not load"

@@ -25,7 +25,9 @@ OF_KEYPOSES = ("ways", "hears", "spread_points")
 
 @dataclass(frozen=True)
 class PolicyConfig(Settings):
-    """Architecture and inputs of a policy. Each field has its own help text."""
+    """Settings of a policy's network: its inputs, its encoders and its head. The help text of each setting describes
+    it.
+    """
 
     of_what: ClassVar[str] = "policy settings"
 

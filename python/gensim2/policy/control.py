@@ -1,4 +1,6 @@
-"""Ablate the observed point cloud: set it to zero, or replace it by the cloud of another scene."""
+"""Replace the point cloud that a policy observes, to measure how much the policy depends on it. The replacement is a
+cloud of zeros, or the cloud of another scene.
+"""
 
 from __future__ import annotations
 
@@ -69,11 +71,12 @@ class Shuffled:
 
 @dataclass(frozen=True)
 class Sight:
-    """Ablation of a policy's point clouds.
+    """Replacement of the point clouds that a policy observes, to measure how much the policy depends on them.
 
     Attributes:
-        sees: name of the ablation (``"all"``: none).
-        others: clouds of other scenes, if ``sees`` is ``"other"``; else None.
+        sees: cloud that the policy gets: ``"all"`` for the observed cloud, ``"nothing"`` for a cloud of zeros, or
+            ``"other"`` for the cloud of another scene.
+        others: clouds of other scenes; None unless ``sees`` is ``"other"``.
     """
 
     sees: Sees

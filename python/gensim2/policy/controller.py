@@ -37,23 +37,27 @@ Action = npt.NDArray[np.float32]
 
 
 class PolicyController:
-    """Executes the first ``execute`` actions of each predicted chunk, then observes and predicts again.
+    """Controller that executes the first ``execute`` actions of each predicted chunk, and then observes and predicts
+    again.
 
-    Each predicted action has an end mark. The episode ends when the first action of a new chunk has this mark. If the
-    hand stops earlier without a grasped object, the attempt counts as failed: the arm retraces its path, and the policy
-    tries again.
+    The network also predicts, for each action of a chunk, whether the episode has ended by then. The controller ends
+    the episode when this holds for the first action of a new chunk. If the hand stops moving before the end of the
+    episode and holds no object, the attempt counts as failed. The arm then retraces its path to the start pose, and the
+    policy tries again.
 
     Args:
         checkpoint: folder of the checkpoint.
         execute: number of actions of each chunk to execute; None: the checkpoint's setting.
         attempts: maximum number of attempts in an episode.
         denoise_steps: number of denoising steps of diffusion and flow heads; None: the checkpoint's setting.
-        unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
-            ``"embed"`` encodes them with the text encoder.
+        unknown_sentences: treatment of instructions that were not in the training data: ``"refuse"`` raises an error,
+            ``"embed"`` encodes the instruction with the text encoder.
         text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
             default of gensim2.
-        sees: ablation of the point cloud; ``"all"`` for no ablation.
-        says: maps a task's instruction to the instruction that the policy gets instead.
+        sees: point cloud that the policy gets: ``"all"`` for the observed cloud, ``"nothing"`` for a cloud of zeros,
+            ``"other"`` for the cloud of another scene.
+        says: instructions to replace: a mapping from a task's instruction to the instruction that the policy gets
+            instead.
         threads: number of PyTorch threads.
 
     Raises:
@@ -138,14 +142,15 @@ class PolicyController:
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action (m + 1,), or None at the end of the episode."""
-        if observation.step > self._step + 1:  # The loop skipped control steps while the scene settled.
+        # The simulation loop executed steps without this controller until the scene had settled.
+        if observation.step > self._step + 1:
             self._past.clear()
             self._plan = []
         self._step = observation.step
         looks = observation.cloud is not None
         if not looks and not self._plan and self._acted:
-            # Control steps were skipped in the middle of a chunk. The arm waits for one step, so that the next
-            # observation has a cloud.
+            # The simulation loop executed steps without this controller in the middle of a chunk, and the present
+            # observation has no cloud. The arm waits for one step, because the next observation will have a cloud.
             arm = np.asarray(observation[STATE], dtype=np.float32)[: self._policy.action.arm]
             return np.append(arm, np.float32(observation.gripper_command))
         if looks or not self._plan:

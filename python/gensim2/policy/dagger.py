@@ -50,28 +50,33 @@ def train_rounds(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
-    """Train on demonstrations, then on states of the policy's rollouts with actions from the planner (DAgger).
+    """Train a policy on demonstrations. Then train it in several rounds on states of its own rollouts, for which the
+    planner computes the actions (DAgger).
 
-    Each round starts from the weights of the round before and trains on the demonstrations and all labels so far.
+    Each round starts from the weights of the previous round. It trains on the demonstrations and on the labelled states
+    of all rounds so far.
 
     Args:
         source: demonstrations.
         folders: data sets of the demonstrations. Rollouts use their tasks and objects, with new seeds.
-        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes the full number of
-            gradient steps of ``training``.
-        out: folder of the last checkpoint; its subfolder ``rounds/`` has the earlier checkpoints and the labels.
-        rounds: number of rounds after the first training run; each round rolls the policy out and trains it again.
+        policy, training: settings as for :func:`~gensim2.policy.train.train_policy`. Every round takes the number of
+            gradient steps in ``training``.
+        out: folder for the last checkpoint. Its subfolder ``rounds/`` contains the earlier checkpoints and the labelled
+            states.
+        rounds: number of rounds after the first training run. Each round runs rollouts of the policy and trains it
+            again.
         episodes: number of rollouts for each task and round.
         start, resume, device: as for :func:`~gensim2.policy.train.train_policy`.
         workers: simulator processes.
         assets: folder of the objects; None: the folder recorded in the data sets.
 
     Returns:
-        Result of the last training run. Its steps and CPU time are totals of all training runs, without rollouts.
+        Result of the last training run. The steps and the CPU time in it are totals of all training runs. The CPU time
+        of the rollouts is not included.
 
     Raises:
-        InputError: a task has several steps or no joint, ``out`` has a policy of a run with another number of rounds,
-            or an argument is invalid as for :func:`~gensim2.policy.train.train_policy`.
+        InputError: a task has several steps or no joint, ``out`` contains a policy from a run with a different number
+            of rounds, or an argument is invalid as for :func:`~gensim2.policy.train.train_policy`.
         NotRunError: some episodes could not be run.
     """
     _check_free(out, resume, rounds)
@@ -107,7 +112,7 @@ def train_rounds(
 
 
 def _check_free(out: Path, resume: bool, rounds: int) -> None:
-    """Check that the output folder is free for the checkpoint of the last round, before the first round starts."""
+    """Check, before the first round starts, that the last round can write its checkpoint to the output folder."""
     if not holds_training(out):
         return
     begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()

@@ -59,9 +59,10 @@ class DecodedData:
         robot: name of the robot profile.
         observation: observation spec of the rendered episodes.
         episodes: episodes, in the order of their rows in the arrays.
-        arrays: memory-mapped arrays with one row for each frame: ``pointcloud/xyz`` (int16, units of 0.1 mm),
-            ``pointcloud/rgb`` (uint8), proprioception and ``action`` (float32). The last frame repeats the last action.
-            ``action`` has the commands before noise was added.
+        arrays: memory-mapped arrays with one row for each frame. ``pointcloud/xyz`` is int16 in units of 0.1 mm,
+            ``pointcloud/rgb`` is uint8, proprioception and ``action`` are float32. ``action`` contains the planned
+            commands, without the noise that the recording added. The last frame of an episode has no action of its own,
+            so its row repeats the previous action.
         record: description of the data for checkpoints.
     """
 
@@ -131,7 +132,8 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         try:
             _fill(place, rows, episodes, spec, progress)
         except InputError as error:
-            if not _whole(place, episodes):  # Another process may have decoded the same data meanwhile.
+            # Decoding failed. The error does not matter if another process has decoded the same data in the meantime.
+            if not _whole(place, episodes):
                 if isinstance(error, WriteError):
                     remedy = "free disk space, or set GENSIM2_CACHE to another folder"
                     raise WriteError(error.message, file=place, remedy=remedy) from error

@@ -78,15 +78,16 @@ class Demonstrations:
         return self.batch(np.array(rows))
 
     def batch(self, rows: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return the batch of the given frames.
+        """Return the training batch for the given frames.
 
         Args:
-            rows: (B,) frame numbers.
+            rows: (B,) numbers of the frames at which the policy predicts.
 
         Returns:
-            Observation columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy predicts
-            keyframes. Frames before the start of an episode repeat its first frame. A chunk that extends past the last
-            training frame of an episode repeats the last target, with the end mark.
+            Observation columns (B, T, ...), ``sentence`` and ``action``, and the poses at the next keyframes if the
+            policy predicts keyframes. T counts the past frames of a sample. Past frames before the start of the episode
+            are copies of its first frame. Actions after the last training frame of the episode are copies of its last
+            action; they are marked as the end of the episode.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
@@ -121,8 +122,8 @@ class Demonstrations:
         return found
 
     def _ahead(self, rows: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return the tool poses at the frames ``keys`` (B, K). The poses of sample b are relative to the tool pose at
-        the frame ``rows[b]``.
+        """Return the tool poses at later frames, as targets for a policy that predicts keyframes. ``keys`` (B, K) are
+        the numbers of these frames. The poses of sample b are relative to the tool pose at the frame ``rows[b]``.
         """
         now = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][rows]))
         then = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][keys]))

@@ -174,7 +174,8 @@ def evaluate_policy(
     policy.require_robot(scene_options(**scene).robot, checkpoint)
     given = read_all_task_inputs(names, seed=seed, **scene)
     if "shuffled" in controls:
-        Shuffled.of(checkpoint)  # raises an error now instead of after the measurement
+        # check now that the clouds exist, because the error would otherwise come only after the first evaluations
+        Shuffled.of(checkpoint)
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):
         if name in told:

@@ -30,7 +30,9 @@ TOLERANCE = 1e-5
 
 
 class Exported(nn.Module):  # type: ignore[misc]
-    """Network for export, with tensors as inputs: ``cloud``, ``proprio``, and, if used, ``text`` and ``noise``."""
+    """Policy network in the form that is exported: its inputs are separate tensors. The inputs are ``cloud`` and
+    ``proprio``, ``text`` if the policy uses instructions, and ``noise`` if the head needs random noise.
+    """
 
     def __init__(self, network: PolicyNetwork) -> None:
         super().__init__()
@@ -68,11 +70,12 @@ def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, tor
 def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
     """Export a policy's network with batch size 1, and compare its output with the output of the original network.
 
-    The function also writes ``<name>.json`` with the names and shapes of the inputs, the instructions, the observation
-    spec and the action format. Inputs are as in :class:`~gensim2.policy.frames.Inputs`; the user transforms clouds and
-    poses into the policy's frame. For a keypose policy the JSON file also has ``points_order``, the order of the
-    cloud's rows at the network's input, and ``classes``, the meaning of the output classes (the last class, ``null``,
-    means "done").
+    The function also writes a file ``<name>.json``. It describes how to use the exported network: the names and shapes
+    of the inputs, the instructions, the observation spec and the action format. The inputs have the form of
+    :class:`~gensim2.policy.frames.Inputs`, so the user of the network must transform clouds and poses into the policy's
+    frame. For a keypose policy, the file has two more entries. ``points_order`` is the order in which the network
+    expects the points of a cloud. ``classes`` lists the meaning of the output classes; the last class is ``null`` and
+    means "done".
 
     Args:
         folder: folder of the checkpoint.
@@ -80,7 +83,8 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
         to: format, one of ``FORMATS``.
 
     Returns:
-        ``file``, ``format``, ``inputs`` (shapes by name), and ``difference`` (maximum error of the exported output).
+        A dict with the exported ``file``, its ``format``, the shapes of the ``inputs`` by name, and the ``difference``:
+        the largest deviation of the exported network's output from the original output.
 
     Raises:
         InputError: the format is unknown, the checkpoint cannot be used, or the exported output differs by more than

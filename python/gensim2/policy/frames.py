@@ -1,9 +1,10 @@
 r"""Convert observations to inputs of the network, in a frame that rotates with the robot's first joint.
 
-The first joint of a robot such as the Panda turns about the z axis of its base. Clouds and tool poses are rotated by
-:math:`R_z(-q_1)` and :math:`q_1` itself is left out, so the inputs do not change if scene and robot are rotated
-together about that axis. Actions are relative to the present joints, so they do not change either. The policy therefore
-behaves identically at any yaw.
+The first joint of a robot such as the Panda turns the robot about the z axis of its base. If scene and robot are
+rotated together about this axis, the policy should act as before. Two conversions ensure this. Clouds and tool poses
+are rotated by :math:`R_z(-q_1)`, where :math:`q_1` is the position of the first joint, and :math:`q_1` itself is left
+out of the inputs. Actions are relative to the present joint positions. Therefore neither the inputs nor the actions
+depend on the common rotation.
 """
 
 from __future__ import annotations
@@ -29,13 +30,15 @@ SEEN = (CLOUD, STATE, VELOCITY, TOOL_POSE, GRIPPER)
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of the network, in the policy's frame and in SI units.
+    """Inputs of the network, in the policy's frame (see the module) and in SI units. The policy's settings ``colour``,
+    ``tool_frame``, ``joints`` and ``velocity`` select optional inputs.
 
     Attributes:
-        cloud: (B, T, N, C) points: x, y, z (m); with ``colour`` also red, green, blue (0 to 1); with ``tool_frame``
-            also the coordinates in the tool frame (m).
-        proprio: (B, T, P) robot state: with ``joints`` the arm's joints, the first one relative to its present value;
-            with ``velocity`` joint velocities; the tool's position and 6-D rotation; the gripper's width and command.
+        cloud: (B, T, N, C) points. The channels are x, y, z (m), then red, green, blue (0 to 1) if ``colour`` is set,
+            then the coordinates in the tool frame (m) if ``tool_frame`` is set.
+        proprio: (B, T, P) state of the robot. If ``joints`` is set, it starts with the arm's joint positions, the first
+            of them relative to its present value. If ``velocity`` is set, the joint velocities follow. The other values
+            are the tool's position, its rotation as six numbers, the gripper's width and the last gripper command.
     """
 
     cloud: torch.Tensor
@@ -129,10 +132,11 @@ def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, to
 
 
 def check_turns(profile: RobotProfile, config: PolicyConfig) -> None:
-    """Check that a robot can use the ``turned`` frame: its first joint must rotate about the z axis of its base.
+    """Check that a policy with the frame setting ``turned`` can control this robot. In the ``turned`` frame, inputs
+    rotate with the robot's first joint, so this joint must rotate about the z axis of the base.
 
     Raises:
-        InputError: the first joint rotates about a different axis; the message names the remedy.
+        InputError: the first joint rotates about a different axis; train with the frame setting ``base`` instead.
     """
     if config.frame != "turned":
         return

@@ -64,10 +64,11 @@ def taught_frames(
 
 
 def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.NDArray[np.int64]:
-    """Return the numbers (frames, count) of the next keyframes after each frame.
+    """Return, for each frame of an episode, the frame numbers of the next ``count`` keyframes as an array (frames,
+    count).
 
-    At a keyframe, the next keyframe is the following one. After the last keyframe, the number of the last keyframe is
-    repeated.
+    Only later keyframes count: at a keyframe, the list starts with the keyframe after it. If fewer than ``count``
+    keyframes remain, the number of the last keyframe is repeated.
     """
     first = np.searchsorted(keys, np.arange(frames) + 1, side="right")
     found: npt.NDArray[np.int64] = keys[np.minimum(first[:, None] + np.arange(count), len(keys) - 1)]

@@ -27,10 +27,10 @@ _KINDS: dict[str, Any] = {
 
 
 def make_encoder(config: PolicyConfig) -> PointEncoder:
-    """Return the configured encoder with newly initialized weights.
+    """Return the point cloud encoder that the settings name, with newly initialized weights.
 
     Raises:
-        InputError: the encoder is ``state``, and ``config.points`` is not set.
+        InputError: the encoder is the one named ``state``, which needs ``config.points``, but this setting is missing.
     """
     more: dict[str, Any] = {"blocks": config.blocks} if config.encoder == "pointnext" else {}
     if config.encoder == "state":

@@ -20,7 +20,7 @@ def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
     """
     last = (points - points.mean(1, keepdim=True)).square().sum(-1).argmax(1)
     found, nearest = [last], torch.full_like(points[..., 0], torch.inf)
-    # The axes are processed one by one, because a sum over a last dimension of length three takes ten times as long.
+    # Process the three axes one by one. Summing over a last dimension of length three would take ten times as long.
     x, y, z = (each.contiguous() for each in points.unbind(-1))
     for _ in range(count - 1):
         at = last[:, None]
@@ -33,8 +33,8 @@ def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
 
 
 def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Return squared distances (B, M, N) between points (B, M, 3) and (B, N, 3), from differences to avoid
-    cancellation.
+    """Return squared distances (B, M, N) between the points ``a`` (B, M, 3) and ``b`` (B, N, 3). The coordinates are
+    subtracted first and then squared. The expanded form a² - 2ab + b² would lose precision for close points.
     """
     return (a[:, :, None] - b[:, None]).square().sum(-1)
 

@@ -10,8 +10,9 @@ ROWS = 1024
 
 
 class StateEncoder(nn.Module):  # type: ignore[misc]
-    """MLP on the concatenated points of a cloud. The feature of a point is the concatenation of its linear embedding
-    and the pooled token.
+    """MLP that encodes a cloud with a fixed order of points, such as keypoints, as one token. Its input is the
+    concatenation of all points. If a head needs features of single points, the feature of a point consists of a linear
+    embedding of the point, followed by the token.
 
     Args:
         channels: C, number of channels of a point.
@@ -46,9 +47,9 @@ class StateEncoder(nn.Module):  # type: ignore[misc]
 class MlpEncoder(nn.Module):  # type: ignore[misc]
     """MLP 64-128-192 with LayerNorm on each point, followed by a maximum over the points.
 
-    Only points that attain a maximum have a gradient, about 90 of 512. Training first finds these points without
-    gradients, and then evaluates the MLP with gradients at these points alone. The result is the same as with gradients
-    at all points, but takes less than half of the time.
+    The maximum passes a gradient only to points that are the largest in some channel; these are about 90 of 512 points.
+    Training therefore first finds these points without computing gradients, and then evaluates the MLP with gradients
+    only at these points. The result is the same as with gradients at all points, in less than half of the time.
 
     Args:
         channels: C, number of channels of a point.
@@ -86,12 +87,13 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
         """Return the index (B, F) of the point at which each of F features is largest."""
         batch, count, _ = points.shape
         clouds = max(ROWS // count, 1) if points.device.type == "cpu" else batch
-        # ``max(1).indices`` takes a third of the time of ``argmax``.
+        # ``max(1).indices`` returns the same as ``argmax(1)`` in a third of the time.
         parts = [self.layers(part).max(1).indices for part in points.split(clouds)]
         return torch.cat(parts)
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the pooled token (B, 1, 192) and the features (B, N, 192)."""
         features = self.layers(points)
-        # ``amax`` would divide the gradient among all points that attain the maximum.
+        # Use ``max``, which passes the gradient to one point. ``amax`` would divide the gradient among all points that
+        # attain the maximum.
         return features.max(1, keepdim=True).values, features

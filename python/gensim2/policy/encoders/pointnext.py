@@ -16,12 +16,14 @@ STRIDES = (2, 2, 2, 2)
 
 
 class SetAbstraction(nn.Module):  # type: ignore[misc]
-    """Set abstraction: an MLP and a maximum over the neighbours of sampled centres, with a residual connection.
+    """Layer that reduces a cloud to fewer points (set abstraction). It samples some points as centres, applies an MLP
+    to the neighbours of each centre, and takes the maximum over the neighbours. A residual connection adds the centre's
+    own features.
 
     Args:
-        inner, outer: number of input features of a point, and of output features of a centre.
-        stride: number of points divided by the number of centres.
-        radius: radius of the balls, in normalized coordinates.
+        inner, outer: number of features of an input point, and number of features of a centre in the output.
+        stride: ratio of the number of points to the number of centres.
+        radius: radius around a centre within which points are neighbours, in normalized coordinates.
     """
 
     def __init__(self, inner: int, outer: int, stride: int, radius: float) -> None:
@@ -70,11 +72,13 @@ class InvertedResidual(nn.Module):  # type: ignore[misc]
 
 
 class PointNextEncoder(nn.Module):  # type: ignore[misc]
-    """PointNeXt-S: a stem of width 32, four stages that halve the points and double the width, and a maximum.
+    """PointNeXt encoder. A linear layer first computes 32 features for each point. Four stages then reduce the number
+    of points and double the number of features, and a maximum over the points gives the token.
 
     Args:
         channels: C, number of channels of a point.
-        blocks: number of inverted residual blocks in each stage; 0 is PointNeXt-S, and B, L and XL have more blocks.
+        blocks: number of inverted residual blocks in each stage. With 0 the network is PointNeXt-S; the larger variants
+            B, L and XL have more blocks.
     """
 
     tokens, width, feature_width = 1, 512, 32 + 512
@@ -96,7 +100,9 @@ class PointNextEncoder(nn.Module):  # type: ignore[misc]
         return self._run(points)[0]
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pooled token (B, 1, 512) and point features (B, N, 544): stem and interpolated last stage."""
+        """Return the pooled token (B, 1, 512) and the features (B, N, 544) of the points. A point's features are the
+        output of the first layer, followed by features that are interpolated from the last stage.
+        """
         pooled, stem, centers, deep = self._run(points)
         return pooled, torch.cat([stem, interpolated(points[..., :3], centers, deep)], -1)
 

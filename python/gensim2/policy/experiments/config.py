@@ -24,13 +24,16 @@ class Arm(BaseModel):
 
     Attributes:
         name: name of the policy and of its folder.
-        objects: training objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of the run.
+        objects: origin of the training objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of
+            the run.
         count: number of generated training objects of each class, in addition to the real objects if ``objects`` is
             ``"real"``. None: only the training split.
         tasks: names of library tasks; one policy learns all of them.
-        minutes_a_task: CPU minutes for data and training of each task; None: the ``minutes_a_task`` of the experiment.
-        start: name of an earlier policy with the same objects. Training starts from its weights and demonstrations, and
-            only the additional tasks are new. None: train from scratch.
+        minutes_a_task: CPU time in minutes for each task, for both data and training; None: the ``minutes_a_task`` of
+            the experiment.
+        start: name of an earlier policy in the experiment with the same training objects. Training continues from its
+            weights and uses its demonstrations, so data are generated only for tasks that the earlier policy does not
+            know. None: train from scratch.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -50,7 +53,9 @@ class Arm(BaseModel):
 
     @property
     def is_split(self) -> bool:
-        """Return whether the policy trains on a training split, which leaves other objects for evaluation."""
+        """Return whether the policy trains only on the training split of its objects. The remaining objects are then
+        unseen, and are used for evaluation.
+        """
         return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:
@@ -64,17 +69,19 @@ class ExperimentConfig(BaseModel):
     Attributes:
         title, about: title and description in the report.
         seeds: number of training runs of each policy, each with a different seed.
-        minutes_a_task: CPU minutes for data and training of each task of a policy.
+        minutes_a_task: CPU time in minutes for each task of a policy, for both data and training.
         scenes: maximum number of planned scenes of each task.
-        episodes, control_episodes: number of evaluation episodes of each task, with the point cloud and without it.
+        episodes, control_episodes: number of evaluation episodes of each task: ``episodes`` with the observed point
+            cloud, ``control_episodes`` in control evaluations without it.
         unseen: name of the set of objects that no policy is trained on.
-        tenth: which tenth (0 to 9) of each class's objects the first training run leaves out for evaluation. Each later
-            run leaves out the next tenth.
-        transfer: whether to evaluate policies trained on generated objects also on real objects.
+        tenth: which tenth (0 to 9) of each class's objects is left out of the first training run and used for
+            evaluation. The second training run leaves out the following tenth, and so on.
+        transfer: whether policies that were trained on generated objects are also evaluated on real objects.
         text, text_model: text encoder, and folder or Hugging Face name of the weights; None: the defaults of
             :func:`~gensim2.policy.learning.learn`.
-        sentences: whether to evaluate also with the opposite instruction and with paraphrases.
-        untaught: tasks on which no policy is trained, but every policy is evaluated.
+        sentences: whether policies are also evaluated with the opposite instruction and with paraphrases of the
+            instruction.
+        untaught: tasks for evaluation only: every policy is evaluated on these tasks, but no policy is trained on them.
         arms: policies to train, in the order in which the report lists them.
     """
 

@@ -83,7 +83,9 @@ class TaskFigures:
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:
-        """Return the rates of a task without unseen objects: all episodes count as episodes on seen objects."""
+        """Return the rates of a task that has no unseen objects. Episodes that are recorded as seen or unseen are all
+        counted as seen.
+        """
         rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
         return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
@@ -96,10 +98,11 @@ class TaskFigures:
 
 
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
-    """Return mean success rates over tasks, and the difference between seen and unseen objects.
+    """Return success rates averaged over tasks, and the difference between the rates on seen and unseen objects.
 
-    All tasks count equally. ``said_mean`` is the success rate with the correct instruction, on the tasks that have an
-    opposite instruction.
+    All tasks have equal weight. For some tasks the policy is also evaluated with the opposite instruction, such as
+    "close" instead of "open". ``said_mean`` is the success rate on these tasks with the correct instruction, for
+    comparison.
     """
     totals = {kind: Rate.total([each.rate(kind) for each in tasks]) for kind in KINDS}
     told: dict[str, Any] = {}
@@ -116,7 +119,9 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
 
 
 def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
-    """Return the difference in success rate between two kinds of evaluations, over the tasks that have both kinds."""
+    """Return the success rate of evaluation ``one`` minus the success rate of evaluation ``other``, and the interval of
+    this difference. Only tasks with both evaluations count.
+    """
     both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
     first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
     found = difference(first, second) if both else None

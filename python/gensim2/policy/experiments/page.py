@@ -74,9 +74,11 @@ def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
 
 
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the geometry of the figure: a success rate with its interval for each policy and kind of evaluation.
+    """Return the coordinates for drawing the figure of the report. The figure shows the success rate of each policy in
+    each kind of evaluation, with its interval.
 
-    If every policy states its number of training objects, this number is the horizontal axis, on a logarithmic scale.
+    If the number of training objects is known for every policy, the horizontal axis shows this number on a logarithmic
+    scale. Otherwise the policies are evenly spaced.
     """
     counts = [arm["count"] for arm in arms]
     counted = all(count is not None for count in counts) and len(set(counts)) > 1

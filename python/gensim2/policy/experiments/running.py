@@ -48,7 +48,9 @@ def opposites(tasks: Sequence[TaskSpec]) -> dict[str, str]:
 
 
 def _end(task: TaskSpec) -> tuple[str | None, bool]:
-    """Return the object's class, and whether the task opens it; (None, False) if the goal is not about a joint."""
+    """Return the class of a task's object, and whether the goal is to open this object (True) or to close it (False).
+    Return (None, False) for a task with several objects or any other goal.
+    """
     things, goal = list(task.objects.values()), task.success
     if len(things) == 1 and len(goal) == 1 and isinstance(goal[0], ArticulatedOpen | ArticulatedClosed):
         return things[0].asset_class, isinstance(goal[0], ArticulatedOpen)
@@ -74,7 +76,8 @@ def rephrased(tasks: Sequence[TaskSpec]) -> list[dict[str, str]]:
 
 
 class ExperimentRecord(RunSettings):
-    """Content of ``experiment.json``: settings that a resumed run must repeat.
+    """Content of the file ``experiment.json``. It stores the settings of an experiment; an interrupted run can be
+    resumed only with the same settings.
 
     Attributes:
         config: configuration of the experiment.
@@ -214,7 +217,8 @@ def run_experiment(
             if (out / RESULT_JSON).exists()
             else total
         )
-        # The outer loop is over seeds, so that a long experiment has a first result of every policy early.
+        # Loop over the seeds first and over the policies second, so that a long experiment soon has a first result of
+        # every policy.
         for done in range(total):
             number, arm = done // len(arms), arms[done % len(arms)]
             progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
@@ -242,7 +246,8 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in record.config.arms:
         if arm.start is not None:
             start = next((each for each in found if each.name == arm.start), None)
-            if start is None or len(start.tasks) < 2:  # only policies of several tasks can be continued
+            # only a policy that was trained on several tasks can be extended by further tasks
+            if start is None or len(start.tasks) < 2:
                 reasons = (reason for name, reason in skipped.items() if name.partition("/")[0] == arm.start)
                 skipped[arm.name] = f"starts from {arm.start}, which cannot be run: {next(reasons, 'no task is left')}"
                 continue
@@ -270,7 +275,8 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in found:
         _, lacking = _transferred(arm, record)
         skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
-        # Check the split of the first seed only: all seeds use the same classes, with other training and test objects.
+        # Check only the split of the first seed. The other seeds divide the objects differently, but use the same
+        # classes.
         for one in _measurements(arm, record, 0):
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
@@ -279,7 +285,9 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Return whether generated objects suit at least one task that the policy adds to its starting policy."""
+    """Return whether the policy can be trained with generated objects. This is the case if at least one of its tasks
+    that its starting policy does not know can use generated objects.
+    """
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
         try:
@@ -437,7 +445,8 @@ def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_
     if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
-    if config.text_model is not None:  # a checkpoint does not load the user's weights by itself
+    # a checkpoint loads only default weights of the text encoder by itself; other weights must be named
+    if config.text_model is not None:
         embedded["text_model"] = config.text_model
     if config.untaught:
         tasks, few = config.untaught, config.control_episodes

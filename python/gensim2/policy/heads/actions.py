@@ -1,9 +1,9 @@
 """Define the columns of action chunks, and normalize chunks.
 
-A batch of B chunks of H actions is (B, H, m + 2). The first m columns are targets of the arm's joints relative to the
-present joints, rad or m. The next column is the gripper command from -1 (closed) to 1 (open). The last column is the
-end mark: 1 if the episode has ended by this step, else -1. Relative targets do not change if scene and robot are
-rotated together about the base.
+Actions are predicted in chunks of H control steps. An array of B chunks has the shape (B, H, m + 2). The first m
+columns are the targets of the arm's joints minus the present joint positions, rad or m. Relative targets do not change
+if scene and robot are rotated together about the z axis of the base. The next column is the gripper command from -1
+(closed) to 1 (open). The last column is the end mark: 1 if the episode has ended by this step, else -1.
 """
 
 from __future__ import annotations

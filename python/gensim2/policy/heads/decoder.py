@@ -52,7 +52,10 @@ class ActionDecoder(nn.Module):  # type: ignore[misc]
 
 
 def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
-    """Return sinusoidal features (B, width) of noise levels (B,), 0 to 1, with periods from 2 pi / 1000 to 20 pi."""
+    """Encode noise levels (B,) from 0 to 1 as sine and cosine features (B, width). The periods of the waves range from
+    2 pi / 1000 to 20 pi in units of the noise level, so that both small and large differences are visible to the
+    network.
+    """
     half = width // 2
     rates = torch.exp(torch.linspace(math.log(1000.0), math.log(0.1), half, device=level.device))
     angles = level[:, None] * rates

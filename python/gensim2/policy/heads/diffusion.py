@@ -1,8 +1,10 @@
-r"""Heads that denoise a chunk: diffusion (Ho et al. 2020), sampled by DDIM (Song et al. 2021), and rectified flow.
+r"""Heads that compute a chunk of actions by removing noise: diffusion (Ho et al. 2020) with DDIM sampling (Song et al.
+2021), and rectified flow.
 
-A noisy chunk with the signal fraction :math:`\bar\alpha_t` is :math:`x_t = \sqrt{\bar\alpha_t}\, x_0 + \sqrt{1 -
-\bar\alpha_t}\,\epsilon`. The network predicts :math:`x_0`, which works better in imitation learning than predicting
-:math:`\epsilon` and needs few denoising steps.
+For diffusion, a noisy chunk is a mixture :math:`x_t = \sqrt{\bar\alpha_t}\, x_0 + \sqrt{1 - \bar\alpha_t}\,\epsilon` of
+the true chunk :math:`x_0` and Gaussian noise :math:`\epsilon`. The fraction :math:`\bar\alpha_t` decreases as the noise
+level t grows. The network predicts :math:`x_0`. In imitation learning this works better than predicting
+:math:`\epsilon`, and it needs few denoising steps.
 """
 
 from __future__ import annotations
@@ -25,11 +27,12 @@ LARGEST = 5.0
 
 
 class FlowHead(DecodingHead):
-    r"""Rectified flow: predicts the velocity of the straight line from noise to the chunk (Lipman et al. 2023).
+    r"""Head that uses rectified flow (Lipman et al. 2023). It predicts the velocity along the straight line from a
+    noise sample to the chunk.
 
-    :math:`x_t = (1 - t)\,\epsilon + t\, x_0` has the velocity :math:`x_0 - \epsilon`, which Euler's method integrates
-    from
-    t = 0 to 1.
+    At the time t from 0 to 1, the point on this line is :math:`x_t = (1 - t)\,\epsilon + t\, x_0`, where
+    :math:`\epsilon` is the noise and :math:`x_0` the chunk. The velocity along the line is :math:`x_0 - \epsilon`. To
+    compute a chunk, Euler's method integrates the predicted velocity from t = 0 to 1.
     """
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:

@@ -1,12 +1,18 @@
-r"""Keypose head: predicts a strategy, a place in the scene, and hand poses near that place, for the planner to execute.
+r"""Keypose head. It predicts a strategy, a place in the scene, and hand poses near this place, which the planner
+executes.
 
-The network has two stages. The first stage sees a subset of the points. It predicts the probability of each class;
-every strategy of every task step is a class, and "done" is the last class. For a given class it predicts a heatmap
-:math:`w` and an offset :math:`o` at each point. The hand acts at the place :math:`p = \sum_i w_i (x_i + o_i)`. The
-second stage sees the points near that place, with :math:`p` as the origin and Fourier features of the coordinates. It
-refines :math:`p` and predicts the program: positions relative to the place, 6-D rotations, gripper commands, and times.
-Every strategy has its own heatmap and program, so the network never averages over strategies. Both stages are trained
-together; in training the second stage gets the true place with noise, not the prediction of the first stage.
+The network has two stages. The first stage sees a subset of the cloud's points. It classifies what to do next: every
+strategy of every task step is a class, and the last class means "done". For a given class, it also predicts a weight
+:math:`w_i` (a heatmap) and an offset :math:`o_i` for each point :math:`x_i`. The place where the hand acts is the
+weighted mean :math:`p = \sum_i w_i (x_i + o_i)`.
+
+The second stage sees the points near this place, in coordinates with :math:`p` as the origin and with Fourier features.
+It corrects :math:`p` and predicts a program: positions relative to the place, rotations as six numbers, gripper
+commands, and times.
+
+Each strategy has its own heatmap and program, so the network never averages over different strategies. Both stages are
+trained at the same time. In training, the second stage does not get the prediction of the first stage but the true
+place with noise.
 """
 
 from __future__ import annotations
@@ -107,9 +113,10 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
             self.center.copy_(batch[POSITIONS][live, ACTUATION].mean(0))
 
     def grown(self, theirs: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-        """Extend the weights of a head with fewer classes to the classes of this head.
+        """Return weights for this head that contain the weights of a head with fewer classes.
 
-        The classes of the smaller head keep their indices, and "done" stays last. New classes have this head's weights.
+        ``theirs`` are the weights of the smaller head. Its classes keep their indices, and "done" becomes the last
+        class of this head. The additional classes keep the weights that this head has now.
         """
         mine = {name: value.clone() for name, value in self.state_dict().items()}
         for name, value in theirs.items():
@@ -150,9 +157,10 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return chosen + (each * share).sum()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return the most probable classes and their programs, (B, ``ANSWERS``, 2 + size of a program).
+        """Return the most probable classes with their programs. The shape is (B, ``ANSWERS``, 2 + length of a program).
 
-        Each row has the probability, the class index, and the program (:mod:`gensim2.policy.keypose.answers`).
+        Each of the ``ANSWERS`` rows contains the probability of a class, the index of the class, and its program
+        (:mod:`gensim2.policy.keypose.answers`).
         """
         summary = context.tokens[:, 0]
         logits = self.way(summary)
@@ -221,10 +229,11 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
 
 
 def _turned(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
-    """Return the mean squared error (B,) of rotations (B, K, 3, 3), for the better of the two finger orders.
+    """Return the mean squared error (B,) of predicted rotations (B, K, 3, 3). Swapping the two fingers gives an
+    equivalent grasp, so the smaller of the errors with and without the swap counts.
 
-    Turning a two-finger hand by 180 degrees about its z axis swaps the fingers and changes nothing else. All poses of a
-    program must have the same finger order.
+    A rotation of the hand by 180 degrees about its z axis swaps the fingers. In a program, either all poses are swapped
+    or none.
     """
     one = (found - true).square().sum((-2, -1)).mean(-1)
     swapped = true * torch.tensor([-1.0, -1.0, 1.0], device=true.device)

@@ -17,10 +17,12 @@ class Context:
     """Inputs of a head.
 
     Attributes:
-        tokens: (B, S, D) tokens of the trunk; the first is the readout token.
+        tokens: (B, S, D) tokens that the trunk computes. The first token is the readout token, which summarizes the
+            inputs.
         cloud: (B, N, 3) present point cloud in the policy's frame, m.
-        points: (B, P, 3) points that have features; all points of the cloud if the head does not need features.
-        features: (B, P, G) features of ``points``; None if the head does not need them.
+        points: (B, P, 3) points for which the trunk provides features. If ``features`` is None, these are all points of
+            the cloud.
+        features: (B, P, G) features of ``points``; None if the head needs no features.
         sentence: (B, D) encoding of the instruction; None if the policy ignores it.
         pointed: predictions of the keyframe pointer; None without a pointer.
     """
@@ -34,11 +36,12 @@ class Context:
 
 
 class Head(Protocol):
-    """Head of a policy, a ``torch.nn.Module``.
+    """Head of a policy: the part of the network that computes actions. A head is a ``torch.nn.Module``.
 
     Attributes:
         wants_features: whether the head needs features of the points.
-        noise: shape, without the batch axis, of the standard normal noise that :meth:`act` takes; may be empty.
+        noise: shape of the random noise that :meth:`act` takes for one sample. The noise has a standard normal
+            distribution. The shape is empty if the head needs no noise.
     """
 
     wants_features: bool

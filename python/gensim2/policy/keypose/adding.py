@@ -1,7 +1,8 @@
-"""Provide plans of the tasks that a keypose policy already knows, for use when the policy learns additional tasks.
+"""Provide the training plans of tasks that a keypose policy already knows, so that the policy does not forget these
+tasks when it learns additional ones.
 
-``gensim2 learn`` stores these plans in the policy's folder. The builtin policy comes without its plans, so its tasks,
-which use only generated objects, are planned again.
+``gensim2 learn`` stores the plans in the policy's folder. The builtin policy is distributed without plans. Its tasks
+are planned again, which is possible because they use only generated objects.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ def is_packaged(start: Path) -> bool:
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
-    """Return the known tasks whose training objects are in the present object library, each with its training objects.
+    """Return the tasks of a policy for which the present object library contains the training objects. Each returned
+    task includes these objects.
 
     Args:
         start: folder of the policy, as written by ``gensim2 learn``.
@@ -90,12 +92,13 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
 def tasks_to_plan_again(
     start: Path, begun: PolicyCheckpoint, objects: int, *, seed: int, **scene: Unpack[SceneArguments]
 ) -> list[TaskInput]:
-    """Return the tasks whose plans must be made again: all tasks of the builtin policy, no tasks of other policies.
+    """Return the tasks of a policy whose training plans are missing and must be made again. These are all tasks of the
+    builtin policy, which is distributed without plans, and no tasks of other policies.
 
     Args:
         start: folder of the policy.
         objects: number of generated objects of each class.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`; objects named there are ignored.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; objects named in these arguments are ignored.
 
     Raises:
         InputError: the task library lacks a strategy that the policy was trained with.
@@ -165,17 +168,19 @@ def inputs_beside(
     seed: int,
     **scene: Unpack[SceneArguments],
 ) -> list[TaskInput]:
-    """Return the tasks with generated objects, which are additional training objects beside the objects of a folder.
+    """Return the same tasks with generated objects instead of the objects of a folder. The generated objects serve as
+    additional training objects.
 
     Args:
         tasks: names or folders of the tasks.
         given: the same tasks with the objects of a folder.
         count: number of generated objects of each class.
-        progress: progress listener; gets a message for each task that generated objects do not suit.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`; objects named there are ignored.
+        progress: progress listener. It gets a message for each task that cannot use generated objects.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; objects named in these arguments are ignored.
 
     Raises:
-        InputError: ``given`` has generated objects already, or generated objects suit no task.
+        InputError: the tasks in ``given`` already use generated objects, or none of the tasks can use generated
+            objects.
     """
     if any(one.scene.assets == GENERATED for one in given):
         message = "adds generated objects to a folder's objects, but the tasks already use generated objects"

@@ -21,9 +21,10 @@ _SHAPES = ((KEYPOSES, 3), (KEYPOSES, 3, 3), (KEYPOSES + 1,), (KEYPOSES,), ())
 
 
 def order_of_points(count: int) -> npt.NDArray[np.int64]:
-    """Return the fixed random order (N,) in which a network sees the points of a cloud.
+    """Return the order (N,) in which a network gets the points of a cloud. The order is random but always the same.
 
-    The first stage of the network uses only the first points; the random order makes them a sample of the cloud.
+    The first stage of the network uses only the first points of this order. Because the order is random, these points
+    are spread over the whole cloud.
     """
     return rng(0, "keypose/points").permutation(count)
 
@@ -53,7 +54,7 @@ def answers(checkpoint: PolicyCheckpoint, observation: Observation, row: torch.T
     """
     network, config = checkpoint.network, checkpoint.config
     assert isinstance(network.head, KeyposeHead)
-    # The copies can be written to, as PyTorch requires. Arrays that a policy server received cannot.
+    # Copy the arrays, because PyTorch requires writable arrays, and arrays that a policy server received are read-only.
     seen = {name: torch.from_numpy(np.array(observation[name], dtype=np.float32))[None, None] for name in SEEN}
     seen[SEEN_CLOUD] = seen[SEEN_CLOUD][:, :, order_of_points(seen[SEEN_CLOUD].shape[2])]
     inputs = inputs_of(seen, config, checkpoint.action.arm)

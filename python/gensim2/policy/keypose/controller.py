@@ -58,20 +58,23 @@ EMPTY = 0.003
 class KeyposeController:
     """Controller of a keypose policy.
 
-    The network predicts strategies, each with a program of hand poses. The controller executes the most probable
-    strategy that it has not tried too often, without observing during the motion: first a planned collision-free motion
-    to the object, then the hand poses. The arm then returns to its rest pose, unless the hand holds an object. This
-    repeats until the network predicts that the task is done. Inputs are point cloud, robot state, instruction and table
-    height.
+    The network predicts strategies, each with a program of hand poses. The controller selects the most probable
+    strategy, but skips a strategy that it has already tried too often. It first moves the arm to the object on a
+    planned collision-free path, and then executes the hand poses of the program. During these motions it does not
+    observe the scene. Afterwards the arm returns to its rest pose, unless the hand holds an object. The controller
+    repeats this cycle until the network predicts that the task is done. The inputs of the network are the point cloud,
+    the robot state, the instruction and the table height.
 
     The first prediction selects the task of the episode: the task whose strategies have the largest total probability.
 
     Args:
         checkpoint: folder of a policy with a keypose head.
-        sees: ablation of the point cloud; ``"all"`` for no ablation.
-        says: maps a task's instruction to the instruction that the policy gets instead.
-        unknown_sentences: handling of instructions that were not in the training data: ``"refuse"`` raises an error,
-            ``"embed"`` encodes them with the text encoder.
+        sees: point cloud that the policy gets: ``"all"`` for the observed cloud, ``"nothing"`` for a cloud of zeros,
+            ``"other"`` for the cloud of another scene.
+        says: instructions to replace: a mapping from a task's instruction to the instruction that the policy gets
+            instead.
+        unknown_sentences: treatment of instructions that were not in the training data: ``"refuse"`` raises an error,
+            ``"embed"`` encodes the instruction with the text encoder.
         text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
             default of gensim2.
 
@@ -83,7 +86,9 @@ class KeyposeController:
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Return the files that determine the controller's behaviour; they contain the SHA-256 of the weights."""
+        """Return the files that determine the controller's behaviour. The weights file is not listed, because one of
+        the returned files contains its SHA-256.
+        """
         names = [CONFIG_JSON, WAYS_JSON, *([CLOUDS] if sees == "other" else [])]
         return [checkpoint_folder(checkpoint) / name for name in names]
 
