@@ -10,7 +10,8 @@ from typing import Any
 
 
 def lazy_names(package: str) -> Callable[[str], Any]:
-    """Return a package's ``__getattr__`` for the names that its ``if TYPE_CHECKING:`` block imports.
+    """Return a function ``__getattr__`` for a package that imports names on first use. The function knows the names
+    that the package imports in its ``if TYPE_CHECKING:`` block.
 
     Args:
         package: ``__name__`` of the package.

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 
 class Progress(Protocol):
-    """Progress listener, which is notified of the stages of a long function one after the other.
+    """Listener to which a long function reports its progress. The function has one or more stages, which follow each
+    other.
 
     Long functions take ``progress: Progress = NULL_PROGRESS``. Only the calling process uses the listener; workers send
     their progress to that process.
@@ -70,10 +71,11 @@ class NamedProgress:
 
 
 class ConsoleProgress:
-    """Progress bars on a terminal; one line per stage if standard error is a file or a pipe.
+    """Progress listener that prints to standard error. On a terminal it shows progress bars; in a file or a pipe it
+    prints one line for each stage.
 
-    Context manager: leaving it ends the last stage, also after an exception or Ctrl-C. All output goes to standard
-    error.
+    The listener is a context manager. When the ``with`` block ends, also by an exception or Ctrl-C, the listener ends
+    the last stage.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:

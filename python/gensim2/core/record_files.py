@@ -40,7 +40,8 @@ def parse_record(content: bytes, adapter: TypeAdapter[Value], path: Path, remedy
         InputError: as for :func:`read_record`.
     """
     try:
-        # pydantic would accept NaN, which is not JSON, and would take too long for some inputs.
+        # Parse with ``json`` first. pydantic would accept NaN, which is not valid JSON, and an untrusted file could
+        # make pydantic's parser very slow.
         plain = json.loads(content.decode(), parse_constant=_refuse)
         return adapter.validate_json(json.dumps(plain, allow_nan=False), strict=True)
     except ValidationError as error:

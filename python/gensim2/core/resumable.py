@@ -20,10 +20,11 @@ REMEDY = "give the same settings, or choose another --out"
 
 
 class FolderLock:
-    """Lock of a folder; a context manager that releases the lock. The lock is released when its process ends.
+    """Lock of a folder. The lock is released at the end of the ``with`` block, or when the process ends.
 
     Symbolic links must not lead out of the folder, because writes would follow them. The lock file contains the process
-    id and is never removed, because after a removal two processes could lock two files of the same name.
+    id and is never removed. If a process could remove the file, another process could create and lock a new file of the
+    same name, and the two processes would both hold a lock.
 
     Args:
         folder: the folder; it is created if missing.
@@ -96,10 +97,12 @@ class FolderLock:
 
 
 class RunSettings(BaseModel):
-    """Base of the records of resumable folders: the settings that determine the results.
+    """Base class of the record that a resumable folder stores. The record has the settings that determine the results
+    of a run.
 
     Attributes:
-        FREE: fields whose values may change when a run is resumed; a dot separates the names of nested fields.
+        FREE: names of the settings that may change when a run is resumed. In the name of a nested setting, a dot
+            separates the levels.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -112,7 +115,7 @@ class RunSettings(BaseModel):
             yield from differing(name, getattr(self, name), getattr(now, name), self.FREE)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record that this record's folder gets when a run with the settings ``now`` resumes it."""
+        """Return the new record of the folder when a run with the settings ``now`` resumes the run of this record."""
         del now
         return self
 
@@ -159,24 +162,27 @@ Settings = TypeVar("Settings", bound=RunSettings)
 
 
 class ResumableFolder(Generic[Settings]):
-    """Locked folder with a record of its settings; a context manager that releases the lock.
+    """Locked folder in which a run stores its results and can be resumed. A file in the folder records the run's
+    settings.
+
+    The class is a context manager; the end of the ``with`` block releases the lock.
 
     Args:
         path: the folder; it is created if missing.
-        marker: file name of the record.
+        marker: name of the file with the settings. A folder that has this file contains a run.
         settings: settings of this run.
         holds: description of the folder's content for error messages, for example ``"a run"``.
-        resume: continue a folder that has the marker.
-        lock: name of the lock file; None: the caller has locked an outer folder.
-        alone: whether to refuse a folder that contains files but no marker.
+        resume: whether to continue the run that the folder contains.
+        lock: name of the lock file; None if the caller has already locked an outer folder.
+        alone: whether to refuse a folder that has other files and contains no run.
 
     Attributes:
         path: the folder.
         record: settings of the run; in a resumed folder, the settings of the first run.
 
     Raises:
-        InputError: the folder has the marker but ``resume`` is false or the settings differ; or the folder has other
-            content, is used by another process, or cannot be written to.
+        InputError: the folder contains a run and ``resume`` is false, or this run has other settings. This error is
+            also raised if the folder has other files, is used by another process, or cannot be written to.
     """
 
     def __init__(
@@ -194,7 +200,8 @@ class ResumableFolder(Generic[Settings]):
         self._check(holds, resume)
         self._lock = None if lock is None else FolderLock(path, lock)
         try:
-            self._check(holds, resume)  # another process may have written the record before this process got the lock
+            # Check again with the lock, because another process may have written the record after the first check.
+            self._check(holds, resume)
             self._remove_temporaries()
             self.record = self._opened(settings)
         except BaseException:
@@ -206,8 +213,8 @@ class ResumableFolder(Generic[Settings]):
 
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         try:
-            # Remove files that workers left when they were killed. If the ``with`` block has raised an error (for
-            # example on a read-only disk), a failure to remove the files must not replace this error; the next run
+            # Remove the temporary files of killed workers. If the ``with`` block has raised an error (for example on a
+            # read-only disk), ignore an error of this removal, so that the caller gets the first error. The next run
             # removes the files.
             with contextlib.nullcontext() if kind is None else contextlib.suppress(WriteError):
                 self._remove_temporaries()
@@ -251,7 +258,7 @@ class ResumableFolder(Generic[Settings]):
         if (path / self._marker).exists():
             if not resume:
                 raise held_already(path, holds)
-        # Another run may write the marker after the question for it and before the list of files.
+        # Another run may create the marker after the check above, so the marker does not count as other content here.
         elif self._alone and any(
             entry.name not in (FolderLock.NAME, self._marker) and not entry.name.startswith(f".{self._marker}.")
             for entry in path.iterdir()

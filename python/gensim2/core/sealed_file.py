@@ -1,10 +1,11 @@
 """Read and write files whose first line states their type, version and checksum.
 
-    bytes 0..511    ``<magic> <version> <sha256>`` and a line feed, then zeros: HDF5's user block, which readers skip
+    bytes 0..511    ``<magic> <version> <sha256>``, a line feed, then zeros
     from 512 on     the body
 
-The digest covers the first two words, a line feed, and the body. A file with changed bytes is refused before its body
-reaches a library, because damaged data can crash the library.
+If the body is an HDF5 file, HDF5 skips the first 512 bytes as a user block. The checksum covers the words ``<magic>``
+and ``<version>``, a line feed, and the body. A file with changed bytes is refused before a library reads its body,
+because damaged data can crash the library.
 """
 
 from __future__ import annotations

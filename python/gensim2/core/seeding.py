@@ -36,7 +36,8 @@ def rng(seed: int, task: str, episode: int = 0) -> np.random.Generator:
     Equal arguments give equal random numbers in every process, for any number of workers.
 
     Args:
-        task: name of the task, or another word for the purpose of the numbers (for example ``"OpenDrawer/verify"``).
+        task: name of the task. To get independent numbers for another purpose, use another string (for example
+            ``"OpenDrawer/verify"``).
         episode: index of the episode.
     """
     import numpy as np  # imported here to keep the command line fast

@@ -26,7 +26,8 @@ MAX_DEPTH = 30
 #: Maximum number of values. A value that is repeated by an alias is counted again for each alias.
 MAX_VALUES = 20_000
 
-#: Maximum length of an integer, characters; longer integers exceed 64 bits.
+#: Python refuses to convert very long integers. If the refused integer has more characters than this number, the error
+#: message says that the integer has more than 64 bits.
 LONGEST_WHOLE_NUMBER = 100
 TOO_MANY_BITS = "a whole number of more than 64 bits"
 
@@ -104,7 +105,9 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
 
 
 class _FastLoader(Composer, getattr(yaml, "CSafeLoader", object)):  # type: ignore[misc]
-    """Loader with libyaml's parser, 5 times as fast as PyYAML's, and PyYAML's composer, which can enforce limits."""
+    """Loader that combines libyaml's parser with PyYAML's composer. This parser is 5 times as fast as PyYAML's parser,
+    and this composer can enforce limits.
+    """
 
     def __init__(self, stream: str) -> None:
         yaml.CSafeLoader.__init__(self, stream)
@@ -180,7 +183,8 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         return found
 
 
-# YAML 1.1 also reads "on", "off", "yes" and "no" as booleans, but "on" is one of our field names.
+# Read only true and false as booleans. YAML 1.1 also reads "on", "off", "yes" and "no" as booleans, but we use "on" as
+# the name of a field.
 _BOOL = _PREFIX + "bool"
 _PlainLoader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]

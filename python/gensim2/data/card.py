@@ -93,10 +93,11 @@ class Described:
 
 
 def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind: str) -> Path:
-    """Write the card of some episodes of a data set.
+    """Write the card of a data set or of an export, and return its path. The card is the file ``README.md``, which
+    describes the episodes.
 
     Args:
-        described: counts of each task.
+        described: for each task, the number of episodes and steps, and the objects.
         out: folder to write to.
         kind: ``"native"`` or the name of an export format.
     """

@@ -60,11 +60,12 @@ class _Body:
 class ClearanceMeter:
     """Measures the clearance of one task's episodes.
 
-    The clearance is the distance of the robot's links to the table, to each other, and to every object that the task
-    does not use. An object that both fingers touch counts as grasped. A grasped object is measured as part of the hand,
-    but not against the table or the object that it was placed on at the start. Three kinds of distances are not
-    measured: distances to objects that the task uses, distances of links that no joint moves, and distances between
-    links that can never touch.
+    The clearance is the smallest distance of the robot's links to the table, to each other, and to every object that
+    the task does not use. An object that both fingers touch counts as grasped. The meter treats a grasped object as
+    part of the hand, but ignores its distances to the table and to the object on which it stood at the start.
+
+    The meter also ignores distances to objects that the task uses, distances of links that no joint moves, and
+    distances between links that can never touch.
 
     Args:
         task: task of the episodes.
@@ -172,7 +173,9 @@ def _named(pair: tuple[str, str], bodies: Mapping[str, _Body]) -> str:
 
 
 def _spans(poses: Array) -> Iterator[slice]:
-    """Yield time ranges during which none of the poses (T, B, 4, 4) changes by more than ``STILL``."""
+    """Yield time ranges in which the bodies hardly move. In a range, no entry of the poses (T, B, 4, 4) differs by more
+    than ``STILL`` from its value at the start of the range.
+    """
     begin = 0
     for instant in range(1, len(poses)):
         if np.abs(poses[instant] - poses[begin]).max(initial=0.0) > STILL:

@@ -30,7 +30,8 @@ FRAME, FRAME_WIDTH = (40, 46, 56), 2
 
 
 class CloseUp:
-    """Draws a close-up of the fingertips, from the side where the hand hides them least, into a corner of video frames.
+    """Draws a close-up of the fingertips into a corner of video frames. The close-up shows the side on which the hand
+    hides the fingertips least.
 
     Args:
         profile: robot profile.

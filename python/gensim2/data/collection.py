@@ -26,8 +26,8 @@ class CollectionResult:
     Attributes:
         folder: folder of the data set.
         status: final status.
-        skipped: tasks that were skipped because no available object suits them: the reason by task name.
-        cpu_s: CPU time of all worker processes in this call, s, excluding their start.
+        skipped: reason for each task that was skipped, by task name. A task is skipped if no available object suits it.
+        cpu_s: CPU time of all worker processes in this call, s, without the time to start the processes.
     """
 
     folder: Path
@@ -139,7 +139,7 @@ def collect(
 def _description(
     given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool, objects: int | None
 ) -> DatasetRecord:
-    """Return the contents of ``dataset.json`` before the first episode."""
+    """Return the contents that ``dataset.json`` has before any episode was run."""
     from gensim2.rollout.identity import digest, listings, versions
 
     return DatasetRecord(

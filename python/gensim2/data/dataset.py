@@ -53,13 +53,13 @@ class DataSet:
 
         Args:
             path: folder of the data set.
-            assets: current folder of the object library; None: the folder recorded in the data set. Not used for
-                built-in objects. The objects' content is checked when they are first used
+            assets: current folder of the object library. None means the folder that the data set records. Built-in
+                objects do not need this folder. The content of an object is checked when the object is first used
                 (:mod:`gensim2.data.used_objects`).
 
         Raises:
-            InputError: ``dataset.json`` is missing, damaged, or of another version of gensim2; or ``assets`` has no
-                objects.
+            InputError: ``dataset.json`` is missing or damaged, or another version of gensim2 wrote the file; or
+                ``assets`` has no objects.
         """
         path = Path(path)
         file = path / DATASET_JSON

@@ -23,7 +23,8 @@ from gensim2.rollout.tally import Tally, engines_record
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: The collection stops when the number of episodes is this multiple of the number of requested demonstrations.
+#: Maximum number of episodes for each requested demonstration. The collection stops at this limit, even if too few
+#: episodes have succeeded.
 TRIES_PER_DEMO = 5
 
 
@@ -60,23 +61,25 @@ def collect(
     videos: int = 1,
     progress: Progress = NULL_PROGRESS,
 ) -> Collected:
-    """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
+    """Run episodes until ``episodes`` of them have succeeded, and merge the successful episodes (demonstrations) into
+    one trajectory file.
 
-    If ``evaluator.rollout.engines`` is ``"both"``, an episode counts as successful only if it passes the verdict `held`
-    in both engines.
+    An episode succeeds if it passes the verdict `held`. If ``evaluator.rollout.engines`` is ``"both"``, the episode
+    must pass in both physics engines.
 
-    Each episode is written as soon as it is finished. For a failed episode only the record is written, without states.
-    A second call runs episodes again whose files are missing or damaged. The result depends on the seed only: the
-    collection ends at the first index at which enough episodes have succeeded.
+    Each episode is written to its own file as soon as the episode is finished. The file of a failed episode contains
+    only the record, without states. If the files of some episodes are missing or damaged, a second call runs these
+    episodes again. The result depends only on the seed, because the collection ends at the first index at which enough
+    episodes have succeeded.
 
     Args:
         instances: name of the set of objects.
         episodes: number of demonstrations.
-        videos: number of demonstrations, from the first, for which videos are recorded. If every episode failed,
-            videos of the first failed episodes are recorded instead.
+        videos: number of demonstrations, from the first, for which videos are recorded. If every episode failed, videos
+            of the first failed episodes are recorded instead.
 
     Returns:
-        The episodes; fewer than ``episodes`` demonstrations if too many episodes failed.
+        The episodes. If too many episodes failed, they contain fewer than ``episodes`` demonstrations.
 
     Raises:
         NotRunError: episodes could not be run; all other necessary episodes are finished.

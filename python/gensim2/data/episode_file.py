@@ -1,4 +1,6 @@
-"""Store one episode in one checksummed HDF5 file: the dataset ``episode``, and ``traj`` if its states are stored."""
+"""Store each episode in one checksummed HDF5 file. The dataset ``episode`` contains the episode's record. The group
+``traj`` contains the recorded arrays; it is missing if the states of the episode are not stored.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,8 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: HDF5 file versions. With these versions, files are half as large as with the defaults, and writing takes the same CPU
-#: time (benchmarks/stores.py). The reason is that versions
-#: before 1.10 use 2 kB of index for each of the ten arrays.
+#: HDF5 version of the files. Version 1.10 makes files half as large as the default version, because older versions use
+#: 2 kB of index for each of the ten arrays. Writing takes the same CPU time (benchmarks/stores.py).
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 
@@ -168,7 +169,8 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    # HDF5 lists names alphabetically. Writing in this order makes a file that is read and written again identical.
+    # HDF5 lists names alphabetically. Names are also written in this order, so that reading a file and writing it again
+    # gives identical bytes.
     for name, value in sorted(tree.items()):
         if isinstance(value, dict):
             _write_tree(group.create_group(name), value)

@@ -1,4 +1,6 @@
-"""Draw videos of recorded episodes by ray casting, with the controller's point cloud next to the image."""
+"""Draw videos of recorded episodes by ray casting. Next to the image, the video shows the point cloud that the
+controller observes.
+"""
 
 from __future__ import annotations
 

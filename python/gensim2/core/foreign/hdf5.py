@@ -17,8 +17,8 @@ import numpy.typing as npt
 MAX_ARRAY = 2**30  # maximum size of one array in memory, bytes
 MAX_MEMBERS = 10_000  # maximum number of members of a group, except in ManiSkill's trajectories
 
-#: Allowed filters: deflate, shuffle, fletcher32 and lzf, which h5py writes. HDF5 would load a plug-in for any other
-#: filter.
+#: Allowed filters: deflate, shuffle, fletcher32 and lzf. These are the filters that h5py can write. For any other
+#: filter, HDF5 would load a plug-in, which is foreign code.
 _FILTERS = {1, 2, 3, 32000}
 
 Array = npt.NDArray[Any]

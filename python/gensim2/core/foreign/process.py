@@ -54,8 +54,8 @@ class Bounds:
 
     @staticmethod
     def of(size: int) -> Bounds:
-        """Return the limits for a process that reads files of ``size`` bytes in total. The memory limit leaves room for
-        one unpacked episode.
+        """Return the limits for a process that reads files of ``size`` bytes in total. The limits of memory and CPU
+        time grow with ``size``. The memory limit leaves room to unpack one episode of these files.
         """
         megabytes = size // 2**20
         return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
@@ -101,7 +101,8 @@ def isolated(
             except (EOFError, OSError):
                 raise _death(process, source, bounds) from None
             if kind in _LAST:
-                # Wait for the process to end: a killed process would leak semaphores, and Python would warn of them.
+                # Wait until the process has ended by itself. If it were killed, it would leak semaphores, and Python
+                # would print a warning.
                 process.join(timeout=EXIT_LIMIT)
             if kind == "result":
                 result: Result = told[0]
@@ -154,7 +155,7 @@ def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
         said = ("memory",)
     except BaseException:  # noqa: BLE001 - sent to the caller, who raises it
         said = ("bug", traceback.format_exc())
-    with contextlib.suppress(OSError):  # the parent process has ended
+    with contextlib.suppress(OSError):  # the parent process may have ended and cannot receive the message
         connection.send_bytes(pickle.dumps(said))
 
 

@@ -23,7 +23,7 @@ MAX_HEADER = 4 * 2**20  # maximum size of the header, bytes; a thousand tensors 
 
 
 class Shape(NamedTuple):
-    """Data type (safetensors' name, for example ``F32``) and shape of a tensor."""
+    """Data type and shape of a tensor. The data type has the name that safetensors uses, for example ``F32``."""
 
     dtype: str
     shape: tuple[int, ...]
@@ -72,11 +72,11 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
-    """Allow the current thread to create only the PyTorch weights listed in ``shapes`` within the block. Each shape may
-    be created at most as often as it is listed.
+    """Within the block, allow the current thread to create only the PyTorch weights that ``shapes`` lists. If
+    ``shapes`` lists a shape several times, the thread may create the same number of weights with this shape.
 
-    A configuration that describes a larger model than its weights file then fails at the first excess weight, before
-    the memory is filled.
+    A configuration may describe a larger model than its weights file contains. With this check, building the model
+    stops at the first weight that the file does not contain, before the model fills the memory.
 
     Raises:
         InputError: the module creates a weight that ``shapes`` does not list.

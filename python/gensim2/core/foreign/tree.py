@@ -16,7 +16,8 @@ MAX_FILES = 1_000_000  # maximum number of files in an export; 10,000 episodes w
 MAX_DEPTH = 12  # maximum number of levels of nested folders; exports of gensim2 have 5
 MAX_FILE_BYTES = 64 * 2**30  # maximum size of a file, bytes; ManiSkill stores all episodes of a task in one file
 MAX_RECORD = 512 * 2**20  # maximum size of one JSON file, bytes
-# maximum size of a file with demonstrations, bytes; the readers of demonstrations have the same limit
+# Maximum size of a file that is copied with a folder of demonstrations, bytes. The code that reads demonstrations has
+# the same limit.
 MAX_COPIED = 2**30
 
 _KINDS = {
@@ -40,7 +41,8 @@ class TooLargeError(OSError):
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading; refuse a pipe at once instead of waiting for its writer.
+    """Open a regular file for reading. For a pipe, raise an error at once; opening the pipe would wait until another
+    process writes to it.
 
     Raises:
         NotRegularError: the path is not a regular file.
@@ -88,7 +90,7 @@ def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
 
 
 def why(error: OSError) -> str:
-    """Return the reason why :func:`read_regular` failed, as text that follows the name of the file in a message."""
+    """Return the reason why :func:`read_regular` failed. An error message consists of the file name and this reason."""
     if isinstance(error, NotRegularError | TooLargeError):
         return str(error)
     return f"cannot be read: {error.strerror or error}"
@@ -208,9 +210,10 @@ class ForeignTree:
         return [str(Path(*parts)) for parts in sorted(found)]
 
     def sizes(self) -> dict[str, int]:
-        """Return the size of every file by relative path, and refuse anything but files and folders.
+        """Check that the folder contains only folders and regular files, and return the size of every file by its
+        relative path.
 
-        Libraries that open files themselves may read a folder that passed this check.
+        After this check, the folder may be given to a library that opens the files itself.
 
         Raises:
             InputError: the folder contains a link, a special file, too many files, a file that is too large, or folders

@@ -33,12 +33,13 @@ def template(package: str, name: str) -> Template:
 
 
 def _visible(value: Any) -> Any:
-    """Replace control characters of a text by escapes, because they can hide or reorder the text around them. Replace
-    the Python values True, False and None by words.
+    """Convert a value to text that is safe to show on a page. Control characters become escape sequences, because they
+    can hide or reorder the text around them. The Python values True, False and None become the words yes, no and none.
     """
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
-    # A template macro returns a value of type Markup. Its control characters were replaced inside the macro.
+    # A value of type Markup comes from a template macro. The macro has already replaced the control characters, so this
+    # function leaves the value unchanged.
     return printable(value) if type(value) is str else value
 
 

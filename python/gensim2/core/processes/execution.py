@@ -15,15 +15,15 @@ LONGEST_TIME_LIMIT = 1e6
 
 
 class ExecutionArguments(TypedDict, total=False):
-    """Options of commands that run jobs in worker processes; the results do not depend on them.
+    """Options of commands that run jobs in worker processes. The results do not depend on these options.
 
     Keys:
-        workers: number of processes; 0 runs the jobs in this process. With Ray: the maximum number of simultaneous
-            processes; None means one for each CPU of the cluster. Default: 2.
-        ray: ``"local"``, or the address of a Ray cluster whose nodes all have the output folder at the same path;
-            None, the default: processes of this machine.
-        time_limit: seconds after which a job counts as hung and runs again in a fresh process. Default: 900.
-        jobs_per_worker: number of jobs after which a process is replaced. Default: 500.
+        workers: number of processes; 0 runs the jobs in this process. With Ray, this is the maximum number of
+            simultaneous processes, and None means one process for each CPU of the cluster. The default is 2.
+        ray: ``"local"``, or the address of a Ray cluster whose nodes all have the output folder at the same path. None
+            runs the jobs without Ray, in processes of this machine. The default is None.
+        time_limit: seconds after which a job counts as hung and runs again in a fresh process. The default is 900.
+        jobs_per_worker: number of jobs after which a process is replaced. The default is 500.
     """
 
     workers: int | None

@@ -24,7 +24,9 @@ TRIES = 3
 
 
 class WorkerStartError(GenSim2Error):
-    """A worker process ended before it was ready for its first job, so no job could ever run."""
+    """A worker process ended before it was ready for its first job. New worker processes would end in the same way, so
+    the executor cannot run any job.
+    """
 
 
 @dataclass(frozen=True)
@@ -89,15 +91,15 @@ HOPELESS = 3
 
 
 class Tries:
-    """Jobs and attempts of one call of ``map_unordered``.
+    """Jobs of one call of ``map_unordered``, with a record of the failed attempts of each job.
 
     Args:
         jobs: jobs of the call.
         on_failure: callback for each failed attempt, also if a later attempt succeeds.
-        ran: whether any job finished in an earlier call.
+        ran: whether any job has finished in an earlier call.
 
     Attributes:
-        ran: whether any job has finished, in this call or an earlier one.
+        ran: whether any job has finished in this call or in an earlier call.
     """
 
     def __init__(
@@ -156,7 +158,7 @@ class Tries:
         return outcomes
 
     def _rest(self) -> Iterator[Job]:
-        """Yield the remaining jobs that are available now."""
+        """Yield the jobs that still have to run, until the iterator of jobs has no further job at the moment."""
         while (job := self.next()) is not None:
             yield job
 
@@ -179,16 +181,16 @@ class Executor(ABC):
         self.close()
 
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
-        """Yield the outcome of ``function(*job.arguments)`` for every job, as soon as it is finished.
+        """Yield the outcome of ``function(*job.arguments)`` for every job, as soon as the job is finished.
 
         A failed job is attempted ``TRIES`` times, each time in a new process, while others continue. If the caller
         stops the iteration early, the running jobs are ended.
 
         Args:
             function: function of a module, so that it is pickled by name.
-            jobs: jobs, taken when workers become free. The iterator may yield None if no job is available yet. The
-                executor then asks the iterator again after the next outcome, so that new jobs can depend on earlier
-                outcomes. If None is yielded while no job is running, the iteration ends.
+            jobs: iterable of jobs. The executor takes the next job when a worker becomes free. If the next job depends
+                on an outcome that is not known yet, the iterable yields None, and the executor asks it again after the
+                next outcome. If the iterable yields None while no job is running, the iteration ends.
 
         Raises:
             WorkerStartError: worker processes cannot start.
@@ -223,7 +225,9 @@ class Executor(ABC):
 
     @abstractmethod
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
-        """Wait until a process answers, but only for a limited time; return the outcomes of the finished jobs."""
+        """Wait until a process sends a message, and return the outcomes of the jobs that are now finished. If no
+        message arrives within a limited time, return an empty list.
+        """
 
     @abstractmethod
     def _abandon(self) -> None:
@@ -254,7 +258,7 @@ def in_order(outcomes: Iterable[Outcome[Result]]) -> Iterator[Outcome[Result]]:
 
 
 def results(outcomes: Iterable[Outcome[Result]], what: str, log: Path | None = None) -> Iterator[tuple[int, Result]]:
-    """Yield (index, result) of every successful job, in any order; errors are raised after the last result.
+    """Yield the index and the result of every successful job, in any order.
 
     Args:
         outcomes: outcomes of ``Executor.map_unordered``.
@@ -262,9 +266,10 @@ def results(outcomes: Iterable[Outcome[Result]], what: str, log: Path | None = N
         log: file with the log of failed attempts.
 
     Raises:
-        WriteError: a job could not write a file; raised at once, because the other jobs would fail too.
-        GenSim2Error: other error of the job with the smallest index, after the last result.
-        NotRunError: some jobs could not be run, after the last result.
+        WriteError: a job could not write a file. This error is raised at once, because the other jobs would fail, too.
+        GenSim2Error: a job raised another error. If several jobs raised errors, this is the error of the job with the
+            smallest index. It is raised after the last result.
+        NotRunError: some jobs could not be run. This error is raised after the last result.
     """
     errors: dict[int, GenSim2Error] = {}
     not_run: dict[int, str] = {}

@@ -15,11 +15,12 @@ _registered_in: int | None = None
 
 
 def start_fork_server() -> None:
-    """Start the fork server unless it is running, with SIGINT blocked in it.
+    """Start the fork server, the process from which workers are forked. If the server is already running, do nothing.
 
-    The server ignores SIGINT only after it has imported its preloaded modules. Until then Ctrl-C, which reaches the
-    whole process group, would end the server with a traceback. SIGINT is also blocked in the caller during the start,
-    and the caller receives the signal afterwards.
+    Ctrl-C sends SIGINT to the whole process group. The server ignores SIGINT only after it has imported its modules;
+    before, the signal would end the server with a traceback. Therefore the server must start with SIGINT blocked. A new
+    process inherits blocked signals, so this function blocks SIGINT in the caller while the server starts. If SIGINT
+    arrives during this time, the caller receives the signal afterwards.
     """
     global _registered_in
     forget_piped_script()
@@ -35,7 +36,9 @@ def start_fork_server() -> None:
 
 
 def forget_piped_script() -> None:
-    """Forget the name of a script that was piped in, because workers would look for a file called ``<stdin>``."""
+    """Delete the file name of the main module if there is no such file. If Python reads a script from a pipe, the file
+    name is ``<stdin>``, and workers would try to open this file.
+    """
     main = sys.modules["__main__"]
     path = getattr(main, "__file__", None)
     if path is not None and not Path(path).is_file():
@@ -54,8 +57,8 @@ def _end_server(registered: int) -> None:
 
 
 def ignore_interrupts() -> None:
-    """Ignore SIGINT (Ctrl-C) in a worker, and unblock this signal, so that programs which the worker starts can receive
-    it.
+    """Ignore SIGINT (Ctrl-C) in a worker process. Also unblock the signal, because a program that the worker starts
+    would inherit the block and could not receive SIGINT.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))

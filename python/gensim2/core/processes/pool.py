@@ -1,8 +1,9 @@
 """Run jobs in worker processes on this machine; the processes share no memory.
 
 Each simulator needs its own process, because SAPIEN runs one environment per process on the CPU. Workers are forked
-from a server process that has imported all modules but has run no job. Forked workers have no state of the parent, like
-spawned processes, but start in 0.1 s instead of 8 s, so that replacing a worker costs little.
+from a server process that has imported all modules but has run no job. A forked worker therefore starts in 0.1 s, and
+replacing a worker costs little. A spawned process would need 8 s. As with spawned processes, no state of the parent is
+copied to a worker.
 """
 
 from __future__ import annotations
@@ -142,11 +143,12 @@ class Worker:
 def start_process(
     target: Callable[..., None], arguments: tuple[Any, ...], *, duplex: bool = True
 ) -> tuple[BaseProcess, Connection]:
-    """Start a worker process; return it and the parent's end of the connection, which closes when the process dies.
+    """Start a worker process. Return the process, and the parent's end of a connection to the process. The connection
+    closes when the process ends.
 
     Args:
         target: function that the process runs, called with the process's end of the connection and ``arguments``.
-        duplex: whether the parent also sends.
+        duplex: whether the parent can also send messages to the process.
 
     Raises:
         WorkerStartError: the process cannot be started.
@@ -158,7 +160,7 @@ def start_process(
             start_fork_server()
             process.start()
             return process, ours
-        except (OSError, EOFError) as error:  # the fork server was killed; the next call starts a new fork server
+        except (OSError, EOFError) as error:  # the fork server was killed; the next attempt starts a new fork server
             ours.close()
             if number == TRIES - 1:
                 raise WorkerStartError(f"worker processes cannot be started: {error}") from error
@@ -211,7 +213,7 @@ def _fate(exitcode: int | None) -> str:
 
 
 def _serve(connection: Connection, environment: Mapping[str, str], prepare: Callable[[], object] | None = None) -> None:
-    """Body of a worker process: run jobs until the parent closes the connection."""
+    """Receive jobs and run them until the parent closes the connection. Every worker process runs this function."""
     ignore_interrupts()  # Ctrl-C reaches the whole process group; the parent handles it
     os.environ.clear()
     os.environ.update(environment)  # the fork server may have older values of the variables
@@ -221,7 +223,7 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
         with contextlib.suppress(Exception):
             prepare()
     gc.freeze()  # exclude imported objects from garbage collection, which saves 7 % of the time
-    with contextlib.suppress(OSError):  # the loop below notices if the parent has ended
+    with contextlib.suppress(OSError):  # if the parent has ended, the loop below returns
         connection.send_bytes(b"ready")
     while True:
         try:
@@ -257,7 +259,7 @@ def answer(payload: bytes) -> bytes:
             return pickle.dumps(("result", result, None, time.process_time() - begin))
         except GenSim2Error as error:
             said = pickle.dumps(("error", error, None, time.process_time() - begin))
-            pickle.loads(said)  # An error that cannot be unpickled is reported as a bug.
+            pickle.loads(said)  # if the parent could not unpickle the error, report a failure instead
             return said
     except BaseException as error:  # noqa: BLE001 - panics of the solver and exits are failures too
         words = " ".join(f"{type(error).__name__}: {error}".split())
@@ -315,7 +317,7 @@ class WorkerPool(Executor):
             yield from super().map_unordered(function, jobs)
             return
         for job in jobs:
-            if job is None:  # there are no more jobs, and no running job can add any
+            if job is None:  # no job is running that could lead to further jobs
                 return
             yield _run_here(function, job)
 

@@ -83,17 +83,18 @@ class _Environment:
 
 
 class Head:
-    """Monitor of the head node of a Ray cluster. Its connection ends when the head node fails.
+    """Monitor of the head node of a Ray cluster. The monitor keeps a connection to the head node, which ends when the
+    node fails.
 
-    Without this monitor, Ray would end this process with code 1 a minute after the head is lost, and requests to Ray
-    would block until then.
+    Ray itself reacts to a lost head node only after a minute. During this minute requests to Ray would block, and then
+    Ray would end this process with code 1.
 
     Args:
         address: ``HOST:PORT`` of the control service on the head node.
 
     Attributes:
         is_there: whether the connection is open.
-        is_gone: whether all attempts to connect have failed for ``GONE_SECONDS``.
+        is_gone: whether the head node has accepted no connection for ``GONE_SECONDS``.
     """
 
     def __init__(self, address: str) -> None:
@@ -147,8 +148,9 @@ class _Place:
 class RayPool(Executor):
     """Executor that runs jobs on a Ray cluster.
 
-    While there are fewer than ``workers`` actors, one extra actor is always requested; Ray starts it on the next node
-    that joins.
+    Each job runs in an actor, which is a worker process of Ray. As long as there are fewer than ``workers`` actors, the
+    pool requests one more actor than Ray has started. Ray starts this actor as soon as a new node joins the cluster, so
+    that the pool grows with the cluster.
 
     Args:
         address: ``"local"`` for a new cluster on this machine, ``"auto"`` or ``HOST:PORT`` for an existing one.
@@ -156,7 +158,7 @@ class RayPool(Executor):
         time_limit, jobs_per_worker, preload, prepare, on_failure: as for :class:`~gensim2.core.processes.WorkerPool`.
 
     Raises:
-        InputError: no cluster answers at the address, or its version differs.
+        InputError: no cluster answers at the address, or the cluster has another version of Ray or Python.
         MissingExtraError: Ray is not installed.
     """
 
@@ -220,8 +222,8 @@ class RayPool(Executor):
                 self._end(place)
 
     def _grow(self) -> None:
-        """Request actors: one for each CPU that the cluster had at the start, and one extra actor, which Ray starts
-        when a CPU becomes free.
+        """Request one actor for each CPU that the cluster had at the start. When all requested actors are ready,
+        request one more. Ray starts this actor when another CPU becomes free.
         """
         waits = any(not place.is_ready for place in self._places)
         wanted = max(self._first, len(self._places) + (not waits))
@@ -240,7 +242,8 @@ class RayPool(Executor):
             raise NotRunError("jobs on Ray", {job.index: reason for job in jobs})
         awaited = {place.awaited: place for place in self._places if place.job is not None or not place.is_ready}
         if not awaited:
-            time.sleep(RETRY_SECONDS)  # Wait, because the head node may answer again.
+            # No actor can answer now. Wait before the next attempt, because the head node may return.
+            time.sleep(RETRY_SECONDS)
             return []
         done, _ = self._ray.wait(list(awaited), num_returns=1, timeout=RETRY_SECONDS, fetch_local=True)
         outcomes: list[Outcome[Any]] = []

@@ -1,17 +1,19 @@
-"""Define the names of frame columns in observation files, in zarr and in LeRobot.
+"""Define the names of frame columns in observation files, zarr exports and LeRobot exports.
 
 | observation file | column, and array in zarr | LeRobot |
 |---|---|---|
 | ``proprioception/*`` | ``state``, ``velocity``, ``tool_pose``, ``gripper`` | ``observation.*`` |
-| | ``action`` | ``action`` |
-| | ``reward``, ``success``, ``done`` | ``next.*`` |
+| none | ``action`` | ``action`` |
+| none | ``reward``, ``success``, ``done`` | ``next.*`` |
 | ``pointcloud/xyz``, ``pointcloud/rgb`` | ``point_cloud`` | ``observation.points`` |
 | ``pointcloud/xyz`` of keypoints | ``environment_state`` | ``observation.environment_state`` |
 | ``cameras/<camera>/rgb`` | ``image_<camera>`` | ``observation.images.<camera>`` |
 | ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
 | ``pointcloud/segmentation`` | ``point_segmentation`` | none |
 
-Names have no slash, because LeRobot's editing tools and Diffusion Policy's replay buffer interpret a slash as a folder.
+An asterisk stands for the names in the middle column. Actions, rewards, ``success`` and ``done`` do not come from an
+observation file but from the recorded episode. Names contain no slash, because LeRobot's editing tools and Diffusion
+Policy's replay buffer interpret a slash as a folder.
 """
 
 from __future__ import annotations
@@ -88,8 +90,8 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
     Args:
         arrays: arrays by name; ``pointcloud/xyz`` in m.
-        known: whether the point cloud consists of true keypoint positions. If so, it is exported as
-            ``environment_state``.
+        known: whether the points are the keypoint positions of the simulator instead of a camera's point cloud. If so,
+            the points are exported as ``environment_state``.
     """
     found: dict[str, npt.NDArray[Any]] = {}
     if (points := arrays.get(XYZ)) is not None:
@@ -127,7 +129,9 @@ def column_in_lerobot(name: str) -> str | None:
 
 
 def current(camera: str) -> str:
-    """Return the current name of a camera. Old exports write ``cameras/left`` for the camera ``left``."""
+    """Return the name of a camera in the current format. Old exports add the prefix ``cameras/`` to the name, for
+    example ``cameras/left``.
+    """
     return camera.removeprefix(f"{_CAMERAS}/")
 
 

@@ -1,7 +1,8 @@
 """Export a data set to other formats.
 
-An export to LeRobot or zarr has the data that policies learn from. Its folder ``gensim2/`` has the original episodes,
-which are a hundred times smaller than point clouds and allow rendering with other cameras, replay, and import.
+An export to LeRobot or zarr contains the observations and actions from which policies learn. Its folder ``gensim2/``
+contains the original episodes. With the original episodes, the data set can be rendered with other cameras, replayed
+and imported again. They are a hundred times smaller than point clouds.
 """
 
 from __future__ import annotations
@@ -88,10 +89,10 @@ def export(
 
 
 def check_apart(path: Path, out: Path, what: str) -> None:
-    """Check that the output folder is not the input folder or inside the input folder.
+    """Check that the output folder ``out`` is outside the input folder ``path``.
 
     Raises:
-        InputError: the output folder is not outside the input folder.
+        InputError: ``out`` is the input folder or lies inside the input folder.
     """
     if Path(os.path.realpath(out)).is_relative_to(os.path.realpath(path)):
         raise InputError(f"lies in {what}", file=out, remedy="choose another folder with --out")
@@ -167,8 +168,8 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """Return the record for ``dataset.json`` of an export. The record is marked incomplete, because an export does not
-    contain all episodes.
+    """Return the contents of ``dataset.json`` for an export of the chosen tasks. The field ``complete`` is false,
+    because an export does not contain all episodes of the data set.
     """
     tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
     return dataset.record.model_copy(update={"tasks": tasks, "complete": False})

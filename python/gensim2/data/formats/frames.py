@@ -30,9 +30,10 @@ class Frames:
 
     Attributes:
         sentence: instruction of the task.
-        columns: (T, ...) by name: ``action`` (m + 1 float32: targets of the arm's joints, and the gripper from -1 to 1;
-            without any added noise), ``reward`` (float32, 1 if the goal is reached after the action), ``success``,
-            ``done`` (bool), and observations named as in :mod:`gensim2.perception.observation`.
+        columns: arrays (T, ...) by name. ``action`` (float32) has the targets of the m joints of the arm and the
+            gripper command from -1 to 1, without the noise that was added during recording. ``reward`` (float32) is 1
+            if the goal is reached after the action. ``success`` and ``done`` are bool. The other columns are
+            observations, named as in :mod:`gensim2.perception.observation`.
     """
 
     sentence: str

@@ -1,10 +1,12 @@
 """Import exported data sets.
 
-A ManiSkill export has all data in its trajectories. A LeRobot or zarr export has frames, and the original episodes
-in a subfolder; an import copies the episodes and checks that the frames agree with them.
+A ManiSkill export stores the complete episodes in its trajectories. A LeRobot or zarr export stores frames, and it
+stores the original episodes in a subfolder. In this case, the import copies the original episodes and checks that the
+frames agree with them.
 
-An export may be untrusted. Its files are listed and compared with its manifest before a process with limited memory
-parses any of them. The number of imported episodes is then counted from the new data set.
+An export may be untrusted. First its files are listed and compared with its manifest. Then a process with limited
+memory parses the files. Finally the episodes of the new data set are counted, and the number is compared with the
+manifest.
 """
 
 from __future__ import annotations
@@ -128,8 +130,8 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """Return the first difference between two episodes, or None. Only the number of clouds and images is compared, not
-    their content.
+    """Return the name of the first part in which two episodes differ (the sentence or a column), or None. The contents
+    of point clouds and images are not compared, only their number.
     """
     if ours.sentence != theirs.sentence:
         return "the sentence"

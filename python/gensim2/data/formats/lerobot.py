@@ -163,7 +163,7 @@ class LeRobotWriter:
             frames: array (T, *shape) of every feature, by name.
 
         Raises:
-            InputError: a feature is missing or has another shape.
+            InputError: a feature is missing, or the shape of its array differs from the declared shape.
         """
         length = self._length(frames)
         number, task_index = len(self._episodes), self._tasks.setdefault(task, len(self._tasks))
@@ -258,7 +258,9 @@ class LeRobotWriter:
         self._in_file += size
 
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
-        """Write a camera's video of one episode, and return the video's columns for the episode's row in the table."""
+        """Write a camera's video of one episode. Return the file number and the times of the video, which are columns
+        in LeRobot's table of episodes.
+        """
         chunk, file = divmod(number, FILES_PER_CHUNK)
         with replacing(
             self._root / "videos" / camera / f"{PATH.format(chunk_index=chunk, file_index=file)}.mp4"
@@ -272,8 +274,8 @@ class LeRobotWriter:
         }
 
     def _task_table(self) -> Any:
-        """Return the table of tasks. Its metadata says that the column of instructions is the index, as LeRobot expects
-        when it reads the table with pandas.
+        """Return LeRobot's table of tasks. The metadata of the table declares the column of instructions as the index,
+        because LeRobot expects this index when it reads the table with pandas.
         """
         table = self._arrow.table({"task_index": list(self._tasks.values()), INDEX_NAME: list(self._tasks)})
         columns = [

@@ -1,8 +1,11 @@
-"""Read and write ``gensim2.json``, the manifest of an export: size and digest of every file, to detect changes.
+"""Read and write ``gensim2.json``, the manifest of an export. The manifest lists the size and digest of every file, so
+that changes can be detected.
 
-The manifest is checked before any other file is parsed. Changes of the card, ``README.md``, are allowed; files that the
-manifest does not list are not read. Exports of older versions of gensim2 have no manifest; point clouds, images and
-depth of such exports are not checked.
+The manifest is checked before any other file is parsed. Only the card, ``README.md``, may be changed by the user. Files
+that the manifest does not list are not read.
+
+Exports of older versions of gensim2 have no manifest. The point clouds, images and depth images of such exports are
+therefore not checked.
 """
 
 from __future__ import annotations

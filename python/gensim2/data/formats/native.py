@@ -1,4 +1,4 @@
-"""Copy and check the original episodes in an export, which may be untrusted."""
+"""Copy and check the original episodes that an export contains. The export may be untrusted."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ Read = tuple[TaskStore, Episode, EpisodeResult]
 
 
 def copy_native(source: Path, out: Path) -> None:
-    """Copy only a data set's own files: records, tasks, strategies, and the episodes listed in its rows.
+    """Copy the files of a data set: its records, tasks, strategies, and the episodes that ``episodes.jsonl`` lists.
+    Other files in the folder are not copied.
 
     Raises:
-        InputError: a file is missing, outside the folder, not a regular file, too large, or cannot be read.
+        InputError: a file is missing, lies outside the folder, is not a regular file, is too large, or cannot be read.
     """
     tree = ForeignTree(source)
     dataset = DataSet.open(source)
