@@ -1,8 +1,10 @@
-"""Plan joint motions that meet keypoint constraints. Units are m, rad, s; poses are (4, 4) row-major float64.
+"""Plan joint motions that meet keypoint constraints. Units are m, rad and s; poses are (4, 4) row-major float64.
 
 A :class:`KeypointProblem` contains a robot, a solver config, keypoints, the object's joint and obstacles. :func:`plan`
-returns a :class:`Plan` with the motion, each constraint's residual, and the reason for a failure. ``__init__.pyi``
-documents shapes and units. Every error is a :class:`KpamError` whose message names the file or field, and a remedy.
+returns a :class:`Plan` with the motion, the residual of each constraint and, if planning has failed, the reason.
+
+The stub file ``__init__.pyi`` documents all functions with the shapes and units of their arguments. Every error is a
+:class:`KpamError`. Its message names the file or the field, and says how to correct the error.
 """
 
 from ._native import (

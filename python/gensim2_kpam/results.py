@@ -63,7 +63,9 @@ class MotionStatus(StrEnum):
 
 
 class Residual(TypedDict):
-    """Error of a constraint at a pose, in metres or radians."""
+    """Result of a constraint at the actuation pose: the error by which the constraint is violated, in metres or
+    radians, and the permitted error.
+    """
 
     name: str
     residual: float
@@ -118,7 +120,9 @@ class Touch(TypedDict):
 
 
 class Guess(TypedDict):
-    """A segment of a motion in which the change of the object's joint value is only estimated."""
+    """A segment of a motion that moves the object's joint by an estimated amount. Because the exact amount is unknown,
+    some overlap of bodies is tolerated.
+    """
 
     toward: str
     """Name of the keyframe at the end of the segment."""
@@ -129,7 +133,9 @@ class Guess(TypedDict):
 
 
 class TriedPose(TypedDict):
-    """Result of an attempt to plan a motion through one actuation pose: status and costs."""
+    """Result of planning a motion that passes through one of the possible actuation poses. The poses are ranked by
+    cost.
+    """
 
     q: Array
     """Joint values (n,), rad or m."""
@@ -168,8 +174,8 @@ class ActuationPose(TypedDict):
 
 
 class Clearances(TypedDict):
-    """Minimum signed distances (m) between pairs of bodies along a motion, for each kind of pair. None: no pair of this
-    kind is closer than 1 m.
+    """Minimum signed distances (m) of the robot along a motion: between the robot's own links (``self``), to the table,
+    and to the object. A value is None if the distance is never below 1 m.
     """
 
     self: float | None

@@ -1,4 +1,6 @@
-"""Show a scene and a motion in the browser: collision shapes, arm and the hand's path (extra ``viz``)."""
+"""Show a scene and a motion in the browser: the collision shapes, the arm, and the path of the hand. The page needs the
+package extra ``viz``.
+"""
 
 from __future__ import annotations
 
@@ -98,8 +100,8 @@ def add_text(server: Any, *lines: str) -> Any:
 def plain_markdown(*lines: str) -> str:
     """Return Markdown that shows lines of plain text unchanged.
 
-    Viser executes HTML and expressions in Markdown, and reads the files that images name, so untrusted text must be
-    escaped.
+    Untrusted text must be escaped, because viser executes HTML and expressions in Markdown, and opens the files to
+    which image links refer.
     """
     return "\n\n".join(_plain_line(" ".join(line.split())) for line in lines)
 

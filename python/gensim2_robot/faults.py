@@ -72,8 +72,8 @@ class Fault:
 
 
 class FullDisk:
-    """A simulated disk that can become full. When the disk becomes full, one write fails; afterwards only the space
-    that the log has reserved is available.
+    """A simulated disk that can become full. When it becomes full, the first write fails. After this failure, only as
+    much space is available as the log has reserved, because the log gives its reserved space back.
 
     Attributes:
         full: whether the disk is full.

@@ -190,7 +190,8 @@ class _Part:
             share = covariance / max(variance, 1e-12)
             if 0.02 < share < 0.995:
                 found.append(lag / np.sqrt(-4.0 * np.log(share)))
-        # A Gaussian of less than a third of a pixel cannot be distinguished from white noise.
+        # No value is found if the errors of neighbouring pixels are hardly correlated. A blur with a standard deviation
+        # below a third of a pixel cannot be distinguished from uncorrelated noise, so 0 is returned.
         return (float(np.mean(found)) if found else 0.0), int(which.sum())
 
     def lost(self, mask: npt.NDArray[np.bool_]) -> tuple[float, int]:
@@ -207,14 +208,16 @@ class _Part:
         depths = self._depths[:, self.edges]
         room = np.minimum(0.2 * (far - near), 0.02)
         between = (depths > near + room) & (depths < far - room)
-        # If mixed depths are uniformly distributed, only this fraction of them differs enough from both sides of the
-        # edge to be detected.
+        # A mixed depth is detected only if it is farther than ``room`` from the depths on both sides of the edge. If
+        # mixed depths are uniformly distributed between these depths, the fraction ``shows`` of them is detected.
         shows = (far - near - 2.0 * room) / (far - near)
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 
     def shadowed(self) -> tuple[float, int]:
-        """Return the fraction of pixels without a measured depth among the pixels beside an edge that one camera of the
-        stereo pair cannot see, and the number of pixels used.
+        """Return how many pixels in stereo shadows have no measured depth, as a fraction, and the number of pixels
+        used.
+
+        A stereo shadow is the area beside the edge of an object that one camera of the stereo pair cannot see.
         """
         filled = self._median.copy()
         for row in filled:

@@ -1,9 +1,12 @@
 """Check and limit every command to an arm.
 
-For every requested command, a complete stop from this command is computed and checked: positions, velocities,
-accelerations, jerks, speed and workspace of the tool, distances between the robot's links, and distances to the table.
-If the check fails, the next command of the last checked stop is sent instead, or an interpolated command between this
-stop and the request, if the interpolated command passes the check. So no request can make the arm exceed a limit.
+For every requested command, a complete stop from this command is computed. The check covers the positions, velocities,
+accelerations and jerks of the stop, the speed and the workspace of the tool, the distances between the robot's links,
+and their distances to the table.
+
+If the check passes, the command is sent. If the check fails, commands between the request and the last checked stop are
+tried. If none of these commands passes the check, the next command of the last checked stop is sent. A request can
+therefore never make the arm exceed a limit.
 """
 
 from __future__ import annotations
@@ -44,16 +47,20 @@ class Commands:
         return Commands(*(np.empty((0, size)) for _ in range(3)))
 
     def after(self, count: int) -> Commands:
-        """Return the commands after the first ``count``."""
+        """Return the sequence without its first ``count`` commands."""
         return Commands(self.q[count:], self.v[count:], self.a[count:])
 
 
 @cache
 def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
-    """Return pairs of acceleration profiles of stops that last ``count`` cycles, each pair with the sums of its
-    profiles.
+    """Return acceleration profiles for stops that last ``count`` cycles.
 
-    The first kind of profile decays linearly to zero; the second kind is a trapezoid that ends at zero.
+    The acceleration during a stop is the sum of two profiles. One profile reduces the present acceleration linearly to
+    zero. The other profile is a trapezoid that ends at zero and brakes the arm.
+
+    Returns:
+        One tuple for each shape of the trapezoid: the linear profile (count, 1), the trapezoid (count, 1), the sum of
+        the linear profile, and the sum of the trapezoid.
     """
     cycle = np.arange(1, count + 1, dtype=np.float64)
     away = (count - cycle) / count
@@ -200,8 +207,8 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
 def limit(
     sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0, measured: Array | None = None
 ) -> Sent:
-    """Return the next command: the target, or, if the target exceeds a limit, a command towards the target within all
-    limits.
+    """Return the next command. The command is the target if the target respects all limits; otherwise it leads towards
+    the target and respects all limits.
 
     This is a pure function.
 
@@ -213,7 +220,8 @@ def limit(
         measured: (m,) last measured positions, rad or m; None if unknown.
 
     Returns:
-        The command 10 ms after ``sent``, its checked stop, and the names of the limits that changed the command.
+        The command 10 ms after ``sent``. It contains its checked stop, and the names of the limits that changed the
+        command.
 
     Raises:
         RefusedError: the target is not finite, or the contact force exceeds its limit.

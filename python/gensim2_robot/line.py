@@ -1,8 +1,9 @@
-"""Run the control loop: receive states and images, request actions, and send commands within the limits.
+"""Run the control loop of an arm. The loop receives states and images, requests actions, and sends commands that
+respect the limits.
 
-A cycle takes 10 ms, a period has ten cycles. In each period the loop requests the actions of the next period from the
-controller, which is a policy or the planner. A period can be one cycle shorter or longer, so that requests follow soon
-after the arrival of images.
+The loop runs in cycles of 10 ms. Ten cycles form a period. In each period the loop requests the actions of the next
+period from the controller, which is a policy or the planner. Single periods are one cycle shorter or longer. The loop
+uses them to shift its requests until they follow soon after new images, so that the controller gets fresh images.
 """
 
 from __future__ import annotations
@@ -100,10 +101,10 @@ class LoopFigures:
 
 
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
-    """Return by how many cycles (-1, 0 or 1) to change a period, so that requests follow the arrival of images.
+    """Return the number of cycles (-1, 0 or 1) by which the current period should become longer.
 
-    The function chooses shorter or longer periods, whichever need fewer changes until requests follow images. It
-    chooses shorter periods if images would otherwise be too old.
+    Changed periods shift the requests until they follow soon after new images. The function lengthens or shortens
+    periods, whichever needs fewer changed periods. It always shortens periods if images would otherwise be too old.
 
     Args:
         waited: number of cycles from the arrival of the newest complete set of images to a request.
@@ -118,7 +119,7 @@ def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> i
 
 
 class Line:
-    """The control loop of a controller, an arm and its cameras.
+    """The control loop that connects an arm, its cameras and a controller.
 
     Args:
         arm: arm with its limits.
@@ -131,10 +132,12 @@ class Line:
 
     Attributes:
         pace: control steps per second.
-        commands: if set, a list that gets every command.
-        in_phase: whether the period has been shifted such that requests follow soon after the arrival of images.
-        stopped_ms, standing_ms: times after the watchdog held or stopped the arm: until the last command that moves the
-            arm (``stopped_ms``), and until the measured standstill (``standing_ms``); None before a hold or stop.
+        commands: list to which every command is appended; None if commands are not collected.
+        in_phase: whether requests already follow soon after new images.
+        stopped_ms: time (ms) from the watchdog's last hold or stop to the last command that moves the arm; None before
+            a hold or stop.
+        standing_ms: time (ms) from the watchdog's last hold or stop to the measured standstill; None before a hold or
+            stop.
     """
 
     def __init__(
@@ -226,8 +229,8 @@ class Line:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Request actions again after a pause. The number of control steps includes the steps of the pause, so that the
-        controller drops outdated actions.
+        """Request actions again after :meth:`pause`. The control steps during the pause are counted as executed, so
+        that the controller drops the actions that it had planned for these steps.
         """
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
@@ -310,7 +313,7 @@ class Line:
         self.watch.check_answer(sent is not None and not sent.is_at_rest, now)
 
     def _ask(self, due: float, now: float) -> None:
-        """Request the actions of the next period that the controller has not sent yet."""
+        """Request actions up to the end of the next period, except actions that the controller has already sent."""
         if self._open is not None:
             return
         step = 1.0 / self.pace
@@ -337,14 +340,15 @@ class Line:
             self.watch.answered()
             self._journal.answer(now, answer)
             self._note(answer)
-        if answer.error is not None and answer.number >= self._first_number:  # an error counts even if it is late
+        # an error in this episode holds the arm, even if another request is open
+        if answer.error is not None and answer.number >= self._first_number:
             self._failed = True
             self.watch.hold(now, answer.error)
             return
         if not is_open:
             return
         self.done = answer.done
-        if self._paused_at is not None:  # requested before the pause: ignore the answer
+        if self._paused_at is not None:  # The actions were requested before the pause and are outdated.
             return
         step, targets = 1.0 / self.pace, []
         for action in answer.actions:

@@ -47,16 +47,18 @@ PATIENT = WatchRules(
 
 
 class LivePage:
-    """Web page that receives the same data as a log, and draws the newest data in a separate thread.
+    """Web page that shows a run live. The page gets the same data as a log, and a separate thread draws the newest
+    data.
 
     Args:
         robot_name: name of the robot.
         title: title of the page.
         host: address to listen on.
-        port: port of the page; if it is in use, the next free port is used.
+        port: port of the page; if the port is in use, the next free port is used.
 
     Attributes:
-        trouble: always None, so that a failure of the page does not stop a run.
+        trouble: failure of the page, in the form in which logs report failures. Always None, because a failure of the
+            page must not stop a run.
 
     Raises:
         InputError: a file of the robot cannot be used.
@@ -196,10 +198,10 @@ def _show_points(handle: Any, points: npt.NDArray[np.float32], colors: npt.NDArr
 
 
 class Looking:
-    """Controller that only observes and keeps the arm in place.
+    """Controller for watching only. It makes observations, and its actions keep the arm where the episode started.
 
     Args:
-        arm: number of the arm's joints.
+        arm: how many joints the arm has.
         cameras: names of the cameras to use; None: the default cameras.
         clouds: whether to compute point clouds, which need calibrated cameras.
     """

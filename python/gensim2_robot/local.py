@@ -22,10 +22,12 @@ WAITING = 0.1
 
 
 class LocalArm:
-    """Simulated arm that runs in this process with a simulated clock.
+    """Simulated arm that runs in this process with a simulated clock. The simulation regularly checks the goal and
+    whether the scene is at rest.
 
     Attributes:
-        goal: whether the goal was reached at the last check. at_rest: whether the scene was at rest at the last check.
+        goal: whether the goal was reached at the most recent check.
+        at_rest: whether the scene was at rest at the most recent check.
     """
 
     def __init__(self, world: SimulatedWorld, clock: SimulatedClock) -> None:

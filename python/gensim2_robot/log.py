@@ -1,8 +1,11 @@
 """Log all observations, requests, answers, commands and watchdog states to MCAP files.
 
-At a given size a file is closed and a new file is started; if the folder exceeds its size limit, the oldest files are
-removed. The files stay readable after any failure: space for closing a file is reserved in an unnamed file, so a full
-disk ends the log without damage, and a killed run leaves no temporary file.
+A file that reaches a given size is closed, and a new file is started. If the folder exceeds its size limit, the oldest
+files are removed.
+
+Files stay readable after a failure. The log reserves disk space for closing a file, so a full disk ends the log without
+damage. The reserved space belongs to a file without a name, which the operating system removes even if the run is
+killed.
 """
 
 from __future__ import annotations
@@ -141,7 +144,7 @@ class _Whole:
             self._file.seek(self._length)
             self._put(block)
         self._length += len(block)
-        # Someone removed the file's name: its content is lost when the file is closed.
+        # If the file has no name left, it was deleted while it was open, and its content is lost when it is closed.
         if os.fstat(self._file.fileno()).st_nlink == 0:
             raise FileNotFoundError(errno.ENOENT, "the file was removed")
         return len(block)
@@ -331,7 +334,7 @@ class Log:
         self._writer.add_message(channel, 0, pack(self._about, {}), 0)
 
     def _close_file(self) -> None:
-        if self._file.closed:  # the next file could not be opened
+        if self._file.closed:  # The next file could not be opened, so there is nothing to close.
             return
         self._writer.finish()
         self._file.close()

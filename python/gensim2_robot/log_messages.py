@@ -53,7 +53,8 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
-                # The product is capped, because a later dimension of size 0 would hide an overflow.
+                # The count is capped, so that data that are too short raise a ValueError. A huge count would raise an
+                # OverflowError, which is not handled.
                 count = min(count * size, len(data) + 1)
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message in memory
@@ -68,7 +69,7 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
 
 
 def _whole(digits: str) -> int:
-    """Convert digits to an integer. Raise an error for more than 64 bits, which floats and arrays cannot represent."""
+    """Convert digits to an integer. Integers of more than 64 bits raise an error: arrays cannot store them."""
     if len(digits) > 20 or not -(2**63) <= (value := int(digits)) < 2**64:
         raise ValueError("an integer has more than 64 bits")
     return value
@@ -97,8 +98,8 @@ Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
 
 
 class LogMessage(BaseModel):
-    """Base class of messages. Arrays of a mapping are stored under the field's name, ``/`` and the key: ``posed/left``
-    is ``posed["left"]``.
+    """Base class of messages. If a field is a mapping with arrays, each array is stored under the name of the field and
+    its key, separated by ``/``. For example, the array ``posed["left"]`` is stored as ``posed/left``.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
@@ -109,11 +110,12 @@ class About(LogMessage):
 
     Attributes:
         robot: name of the robot.
-        language: instruction that the policy got.
-        pixels: minimum number of pixels of each image from which observations were computed; None: all pixels, as in
-            version 0.1.
+        language: instruction that was given to the policy.
+        pixels: resolution for observations. An image with more pixels is reduced, but keeps at least this number of
+            pixels. None: images are not reduced, as in version 0.1.
         observation: observation spec of the policy, as returned by :meth:`ObservationSpec.to_dict`.
-        cameras: cameras with images in the log. The pose of a camera on a link is in the link's frame.
+        cameras: cameras with images in the log. The pose of a camera that is mounted on a link is given in the link's
+            frame.
         task, controller, arm, speed, margin, seed: settings of the run, for information only.
     """
 

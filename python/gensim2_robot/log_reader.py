@@ -1,6 +1,8 @@
-"""Read logs, which may be untrusted: check sizes before memory is allocated, and checksums before content is parsed.
+"""Read logs. Logs may be untrusted, so sizes are checked before memory is allocated, and checksums are checked before
+content is parsed.
 
-The log of a killed run has no end record; the reader then reads all complete records as a stream.
+The log of a killed run has no end record. The reader then reads the file from the start, up to the last complete
+record.
 """
 
 from __future__ import annotations
@@ -44,7 +46,10 @@ _REMEDY = "restore the file, or leave it out"
 
 
 def log_files(folder: Path) -> list[Path]:
-    """Return the files of a log folder in the order of writing; for a path of one file, return only this file.
+    """Return the files of a log, in the order in which they were written.
+
+    Args:
+        folder: folder of the log. If this is the path of a file, only this file is returned.
 
     Raises:
         InputError: the folder has no log file.
@@ -171,15 +176,26 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
                     raise _damaged(path, "its checksum is another")
                 ended = True
             checksum = zlib.crc32(content, zlib.crc32(struct.pack("<BQ", opcode, len(content)), checksum))
-            if not ended:  # The summary section, which repeats channels for seeking, is not read.
+            # After the end of the data, the file repeats the channels in a summary for quick access. The summary is not
+            # read.
+            if not ended:
                 yield from read(opcode, content)
         if closed and not ended:
             raise _damaged(path, "it has no end of data")
 
 
 def _records(stream: BinaryIO, at: int, end: int, path: Path, *, whole: bool) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of each record from ``at`` to ``end``; with ``whole``, a truncated record raises an
-    error.
+    """Yield opcode and content of each record of a file.
+
+    Args:
+        stream: file, at the position ``at``.
+        at: start of the first record, bytes.
+        end: end of the last record, bytes.
+        path: path of the file, for error messages.
+        whole: whether a truncated last record is an error. If False, the record is left out.
+
+    Raises:
+        InputError: a record is too large, or is truncated although ``whole`` is set.
     """
     while at < end:
         head = stream.read(min(9, end - at))
@@ -258,10 +274,12 @@ class LogReplay:
     Attributes:
         questions: number of answered requests.
         compared: number of compared arrays.
-        clouds: number of point clouds among the compared arrays.
-        different: names of the first 1000 differing arrays, with the number of the request.
-        missing: number of requests whose images are in a removed file or are no longer in memory.
-        unclosed: names of files without an end record, because the run was killed; the comparison includes these files.
+        clouds: number of compared arrays that are point clouds.
+        different: names of the arrays that differ, each with the number of its request; the first 1000 only.
+        missing: number of requests that were not compared, because their images are in a file that was removed, or are
+            no longer in memory.
+        unclosed: names of the files that have no end record, because the run was killed while they were written. The
+            comparison includes these files.
     """
 
     questions: int

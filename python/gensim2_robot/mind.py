@@ -1,5 +1,5 @@
-"""Run a controller in the rollout loop of the simulation, and connect the controller to the control loop, which
-requests chunks of actions.
+"""Connect a controller to the control loop of an arm. The controller runs in the same rollout loop as in simulation.
+That loop asks for one action at a time, whereas the control loop requests chunks of actions.
 """
 
 from __future__ import annotations
@@ -93,7 +93,8 @@ class ControllerAnswer:
 
 @dataclass(frozen=True)
 class MindSpec:
-    """Description of a controller and its observations, which can be sent to the controller's process.
+    """Everything that the process of a controller needs to create the controller and its observations. The object can
+    be sent to that process.
 
     Attributes:
         controller: specification of the controller.
@@ -109,7 +110,9 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return a controller's observation spec; if the controller uses no camera, return a spec with all cameras."""
+    """Return the observation spec for display and logs. It is the controller's own spec, or a spec with all cameras if
+    the controller uses no camera.
+    """
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
@@ -118,8 +121,8 @@ class _OverError(GenSim2Error):
 
 
 class LineBody:
-    """Adapter between the rollout loop and the control loop: ``observe`` waits for a request, and ``step`` collects the
-    actions of its answer.
+    """Adapter that lets the rollout loop act as a controller of the control loop. The control loop requests chunks of
+    actions. ``observe`` waits for a request, and ``step`` collects actions until the answer to the request is complete.
 
     Args:
         spec: description of the controller.
@@ -131,10 +134,12 @@ class LineBody:
     Attributes:
         faults: injected faults of the controller.
         remote: the controller, if it runs on a policy server; else None.
-        next: message that ended the episode.
+        next: the message that was received instead of a request and ended the episode.
     """
 
-    waits = True  # The loop waits for each action; the control loop of the arm measures the delays.
+    # The rollout loop waits for each action of the controller, because the control loop of the arm already measures the
+    # delays.
+    waits = True
 
     def __init__(
         self,
@@ -207,14 +212,16 @@ class LineBody:
         observation = self._eyes_of(spec).observe(sight)
         shown = observation
         if self._truth is not None and spec.is_proprioceptive:
-            # A planner needs no camera, but log and web page show the point cloud.
+            # A planner uses no camera. The point cloud is computed all the same, because the log and the web page show
+            # it.
             shown = self._eyes_of(ObservationSpec(cameras=tuple(each.name for each in self._spec.cameras))).observe(
                 sight
             )
         if shown.cloud is not None:
             self._encoding_ms = 1e3 * (time.perf_counter() - begun)
             self._cloud_ms = 1e3 * (self._now() - max(frame.captured for frame in sight.frames))
-        self._shown |= inputs(shown)  # a controller may request several observations of an instant
+        # A controller may request several observations for one control step, so their arrays are merged for the log.
+        self._shown |= inputs(shown)
         return observation
 
     def _eyes_of(self, spec: ObservationSpec) -> Eyes:

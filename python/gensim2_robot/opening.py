@@ -57,7 +57,7 @@ class DryArm:
         """Do nothing."""
 
     def stand(self) -> None:
-        """Stop the arm, also in a dry run."""
+        """Stop the arm through its driver. A stop is the only thing that a dry run sends to the arm."""
         self._driver.stand()
 
     def close(self) -> None:
@@ -145,7 +145,8 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
                 )
     calibration = None
     if config.calibration is not None:
-        asked = cameras if source.is_rendered else ()  # Real cameras report their image size when they are opened.
+        # Real cameras report their image sizes only when they are opened, and are checked against the calibration then.
+        asked = cameras if source.is_rendered else ()
         calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
     elif not source.is_rendered and not config.dry:
         raise InputError(
@@ -259,11 +260,12 @@ def _serials(cameras: tuple[Camera, ...], real: ProcessCameras | None) -> Mappin
 
 
 def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
-    """Return the description of a control loop for logs and results.
+    """Return the description of a run for its log and its result.
 
     Args:
         prepared: checked inputs.
-        believed: cameras of the loop with their calibrated poses, which can differ from the true poses in simulation.
+        believed: cameras with the poses that the control loop uses. In simulation, these calibrated poses can differ
+            from the true poses.
     """
     config, given, controller = prepared.config, prepared.given, prepared.controller
     try:

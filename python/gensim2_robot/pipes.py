@@ -1,4 +1,6 @@
-"""Exchange messages by pipes, and images by shared memory, between device processes and the control loop."""
+"""Exchange data between device processes and the control loop: messages through pipes, and images through shared
+memory.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +80,8 @@ class MessagePipe:
             raise DeviceGoneError(f"the process of the {self._what} does not answer")
         found = []
         while (message := self._next()) is not None:
-            found.append(pickle.loads(message))  # trusted: sent by a child process
+            # Unpickling is safe, because the message comes from a process that this program has started.
+            found.append(pickle.loads(message))
         if not found and self._is_over:
             raise DeviceGoneError(f"the process of the {self._what} has ended")
         return found
@@ -162,12 +165,14 @@ class SharedPicture:
 
 
 class PictureSlots:
-    """Access of one process to shared memory with a slot for each image.
+    """Gives a process access to images in shared memory. The memory is divided into slots, each for one image.
 
-    A slot belongs to one process at a time. The reader owns a slot from the message about a new image until the reader
-    returns the slot; at all other times the writer owns the slot. The creator sends the memory's name to the other
-    process. Once both processes have opened the memory, the name is removed, so the memory is freed when both processes
-    have ended, even if they were killed.
+    A slot belongs to one process at a time, the writer or the reader. The writer fills a slot and sends a message about
+    it. From then on the slot belongs to the reader, until the reader returns it to the writer.
+
+    The process that creates the memory sends the memory's name to the other process. As soon as both processes have
+    opened the memory, its name is deleted. The operating system therefore frees the memory when both processes have
+    ended, even if they are killed.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:
@@ -196,7 +201,8 @@ class PictureSlots:
         try:
             memory = SharedMemory(create=True, size=size)
             try:
-                # Without the allocation, a full /dev/shm would kill the control loop by SIGBUS at a later write.
+                # Memory is allocated now, so that a full /dev/shm raises an error here. Otherwise a later write to the
+                # memory would fail with SIGBUS, which kills the control loop.
                 os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]
             except OSError:
                 memory.close()

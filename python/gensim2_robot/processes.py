@@ -1,7 +1,8 @@
-"""Run devices in their own processes: simulated arm and controller with the machine's clock. No call blocks.
+"""Run the simulated arm and the controller in a process each, with the machine's clock. No function of this module
+blocks its caller.
 
-Stop signals to the process group end only the supervising process, which ends the device processes once the arm has
-stopped.
+Signals that ask the whole process group to stop end only the supervising process. The supervising process ends the
+device processes after the arm has stopped.
 """
 
 from __future__ import annotations
@@ -100,7 +101,8 @@ class DeviceProcess:
     def close(self) -> list[Any]:
         """End the process within four seconds, by force if necessary, and return the messages that were not read yet.
 
-        A message about shared memory must still be read, because only its reader removes the memory's name.
+        The caller must still open the shared memory that an unread message describes. Only then is the memory's name
+        deleted, so that the memory can be freed.
         """
         self.tell(None)
         self._process.join(timeout=ENDING)
@@ -130,14 +132,16 @@ def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> No
 
 
 class ProcessArm:
-    """Simulated arm in its own process.
+    """Simulated arm in its own process. The process regularly checks the goal and whether the scene is at rest.
 
     Args:
         scene: settings of the scenes.
 
     Attributes:
-        goal, at_rest: whether, at the last check, the goal was reached and the scene was at rest.
-        eyes, truth: pipe ends with which the cameras and a privileged controller request the world's state.
+        goal: whether the goal was reached at the most recent check.
+        at_rest: whether the scene was at rest at the most recent check.
+        eyes: pipe through which the cameras request the state of the simulated world.
+        truth: pipe through which a privileged controller requests the state of the simulated world.
     """
 
     def __init__(self, scene: SceneConfig) -> None:
@@ -265,7 +269,9 @@ class ProcessMind:
         self._gone = False
 
     def send(self, message: Begin | Question) -> None:
-        """Send a message or a request; if no image slot is free, a request is dropped and gets no answer."""
+        """Send the start of an episode, or a request for actions. The images of a request need free slots in shared
+        memory. If a slot is missing, the request is dropped and gets no answer.
+        """
         if isinstance(message, Begin):
             self._process.tell(message)
             return

@@ -1,4 +1,4 @@
-"""Let another program control an arm by joint targets, with the same limits and watchdog as for a controller."""
+"""Let another program control an arm with joint targets. The limits and the watchdog are the same as for a policy."""
 
 from __future__ import annotations
 
@@ -74,12 +74,13 @@ class GivenActions:
 
 
 class Puppet:
-    """A control loop in its own thread that follows joint targets, each of which the arm should reach within 0.1 s.
+    """A control loop that follows joint targets from another program. The loop runs in its own thread, and the arm
+    should reach each target within 0.1 s.
 
-    If the arm moves and no target arrives for 200 ms, the watchdog holds the arm, as with any controller.
+    If no target arrives for 200 ms while the arm moves, the watchdog holds the arm, as it does with any controller.
 
     Args:
-        task: task whose scene a simulated arm sees.
+        task: task that provides the scene for a simulated arm.
         move: whether to send commands to the arm.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`;
             ``policy`` is ignored.

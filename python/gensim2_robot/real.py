@@ -1,4 +1,4 @@
-"""Open real devices, given by their command-line names; cameras run in their own process."""
+"""Open real devices by the names that are given on the command line. The cameras run in their own process."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _serve(pipe: Connection, make: Callable[..., Any], *arguments: Any) -> None:
             time.sleep(POLL)
     except (EOFError, ConnectionError, DeviceGoneError):
         raise
-    except Exception as error:  # libraries raise any exception
+    except Exception as error:  # The libraries of devices may raise exceptions of any type.
         raise DeviceGoneError(f"the connection to the cameras is lost: {error}") from error
     finally:
         driver.close()

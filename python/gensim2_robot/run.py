@@ -45,16 +45,16 @@ def run(
     Args:
         task: name of a library task, or a folder with a task.
         minutes: time limit of the run.
-        episodes: maximum number of episodes. None: no maximum, or one episode if a person must lay out the scene. A
-            real arm that moves runs only one episode.
+        episodes: maximum number of episodes. None: no maximum for a simulated arm, one episode for a real arm. A real
+            arm that moves can run only one episode, because a person must lay out each scene.
         faults: faults to inject.
         log: folder of the log; None for no log.
-        keys: keyboard of a person who resumes or stops.
-        watching: additional logs, such as a web page.
+        keys: keyboard with which a person resumes or stops the arm.
+        watching: additional receivers of the log's data, such as a web page.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
 
     Returns:
-        Plain data, as described in docs/guides/robot.md.
+        Result as plain data, described in docs/guides/robot.md.
 
     Raises:
         InputError: an argument is invalid.

@@ -74,7 +74,8 @@ class Devices:
     Attributes:
         arm, cameras, mind, clock: arm, cameras, controller and clock of the loop.
         stage: arranges the scene of each episode.
-        failing: functions that inject faults. The key is the first word of the fault's name; empty for real devices.
+        failing: functions that inject faults into devices, by the first word of the fault's name. The mapping is empty
+            for real devices.
     """
 
     arm: ArmDriver
@@ -106,14 +107,15 @@ class Layout:
 
 @dataclass(frozen=True)
 class Ended:
-    """Result of an episode at its end.
+    """Result of an episode.
 
     Attributes:
         goal: whether the goal was reached at the end; None if only a person can tell.
-        over: whether the controller ended the episode, rather than the goal or the time limit.
+        over: whether the controller ended the episode. False if the goal or the time limit ended it.
         seconds: duration, s.
         at_rest: whether the scene was at rest at the end; None if only a person can tell.
-        lost: whether the goal was reached for long enough, but no longer held after the scene had settled.
+        lost: whether the goal was reached long enough to end the episode, but was no longer reached after the scene had
+            settled.
     """
 
     goal: bool | None
@@ -178,9 +180,9 @@ class Session:
 
         Args:
             seconds: time limit, s.
-            layouts: scenes of the episodes; the next layout is requested after the previous episode.
-            goal_ends: whether to end an episode early, once the goal has been reached for some time and is still
-                reached after the scene has settled.
+            layouts: scenes of the episodes. The iterator is advanced when an episode has finished.
+            goal_ends: whether an episode ends as soon as its goal is reached. The goal must be reached for some time,
+                and must still be reached after the scene has settled.
             ended: callback that is called after each finished episode.
         """
         try:
@@ -188,7 +190,7 @@ class Session:
                 self._go_through(seconds, layouts, goal_ends, ended)
         except GenSim2Error as error:
             self._line.watch.stop(self._devices.clock.now(), str(error), at_once=True)
-            self._line.arm.release()  # Release the arm now, because no later control cycle could stop it.
+            self._line.arm.release()  # The loop has ended and cannot stop the arm any more, so the arm is released now.
 
     def _go_through(
         self, seconds: float, layouts: Iterable[Layout], goal_ends: bool, ended: Callable[[Ended], None]
@@ -255,12 +257,15 @@ class Session:
         return f"pictures of camera {slowest} are {old:.0f} ms old, the arm's last word is {word:.0f}"
 
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
-        """Run one episode. Count its result if the episode ended by itself. Return whether the time limit of the run is
-        reached.
+        """Run one episode, and return whether the run must end.
+
+        The result is added to ``_outcomes`` only if the controller, the goal or the time limit of the episode ended the
+        episode. It is not added if the time limit of the run or the watchdog ended the episode.
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
-        # The time limit includes the time in which the scene settles, as in a simulated rollout.
+        # After the goal is reached, the scene needs time to settle. The episode's time limit includes this time, as it
+        # does in a simulated rollout.
         most = self._episode_limit - (MAX_SETTLE_SECONDS if goal_ends else 0.0)
         while True:
             self._cycle()
@@ -303,8 +308,11 @@ class Session:
         return self._given.spec.max_seconds * self._devices.arm.profile.control_hz / self._line.pace
 
     def _settle(self) -> float | None:
-        """Keep the arm in place until the scene settles. Return the total duration (s) of the watchdog's holds in this
-        time; None if the person did not resume after a hold.
+        """Keep the arm in place until the scene has settled.
+
+        Returns:
+            Total time (s) for which the watchdog held the arm while the scene settled; None if the person did not
+            resume after a hold.
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
@@ -366,10 +374,13 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Wait until a person resumes after the watchdog has held the arm. Return the time since ``since``, s; None if
-        the person did not resume.
+        """Wait until a person resumes after the watchdog has held the arm.
 
-        The duration does not count towards the task's time limit.
+        Args:
+            since: time at which the watchdog held the arm, s.
+
+        Returns:
+            Duration of the hold, s, which does not count towards the time limits; None if the person did not resume.
         """
         self._come_to_rest()
         if not self._resumed():

@@ -41,12 +41,12 @@ _MODES: Mapping[str, ArmMode] = {"arm-reflex": "reflex", "arm-refusing": "refusi
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """State of the simulated world at one instant, from which cameras render.
+    """State of the simulated world at one instant. Simulated cameras render their images from this state.
 
     Attributes:
         time: time of the state, s.
         episode: number of resets before this state.
-        states: ManiSkill's ``env_states``, with one row in each array.
+        states: the state in the format of ManiSkill's ``env_states``; each array has one row.
         models: object models by the name of the object in the task.
         q: (n,) all active joints.
     """

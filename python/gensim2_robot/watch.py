@@ -1,6 +1,7 @@
-"""Watchdog of the arm, as a state machine: idle, armed, running, holding, stopped.
+"""Decide whether an arm may move. The watchdog is a state machine with the states idle, armed, running, holding and
+stopped.
 
-The watchdog is a software stop and not safety-rated (see docs/guides/robot.md).
+The watchdog is only a software stop; it is not safety-rated (see docs/guides/robot.md).
 """
 
 from __future__ import annotations
@@ -43,14 +44,15 @@ class WatchRules:
         apart: maximum time between the captures of the newest images of two cameras.
         no_action: time limit for an answer of the controller while the arm moves.
         thinking: time limit for an answer of the controller while the arm stands still.
-        late_answers: number of consecutive answers whose actions all arrive too late, after which the arm is held.
-        state_age: maximum age of the last state that the arm has sent.
-        behind: maximum distance (rad or m) of the arm from the nearest command of the last ``window``. Above the
-            contact force ``pressed`` only the force limit applies.
-        pressed: contact force above which the arm may be held back by an obstacle, N.
-        window: time span of the past commands with which the arm's position is compared.
+        late_answers: the arm is held after this number of consecutive answers in which all actions are too late.
+        state_age: maximum age of the newest state received from the arm.
+        behind: maximum distance (rad or m) between the arm's joints and the recent command that is nearest to them.
+            This limit does not apply while the contact force exceeds ``pressed``.
+        pressed: contact force (N) above which an obstacle may be holding the arm back. The arm then has only the limit
+            of the contact force.
+        window: age up to which commands are recent, so that the arm's joints are compared with them.
         overrun: maximum tolerated delay of the start of a period.
-        overruns: number of consecutive delays larger than ``overrun``, after which the arm is stopped.
+        overruns: the arm is stopped after this number of consecutive delays that are larger than ``overrun``.
     """
 
     frame_age: float = 0.150
@@ -86,13 +88,13 @@ class StateChange:
 
 @dataclass
 class Watch:
-    """State machine of the watchdog, which derives its state from events and sends no commands.
+    """State machine of the watchdog. Events change its state; it sends no commands itself.
 
-    Only a person can resume, and only after a hold. After a stop the run has to be started again.
+    After a hold, a person can resume the run. After a stop, a new run must be started.
 
     Attributes:
         rules: tolerances of the watchdog.
-        serials: expected serial number by camera.
+        serials: expected serial number by camera name.
     """
 
     rules: WatchRules = field(default_factory=WatchRules)
@@ -121,7 +123,7 @@ class Watch:
         self._change(now, State.ARMED, "ready")
 
     def run(self, now: float) -> None:
-        """Let the controller move the arm."""
+        """Enter the state ``running``, in which the controller may move the arm."""
         self._require(State.ARMED)
         self._change(now, State.RUNNING, "begun")
 
@@ -135,13 +137,19 @@ class Watch:
             self._change(now, State.HOLDING, reason)
 
     def stop(self, now: float, reason: str, *, at_once: bool = False) -> None:
-        """Enter the state ``stopped`` from any state; ``at_once`` stops the arm by its own controller."""
+        """Enter the state ``stopped`` from any state.
+
+        Args:
+            now: current time, s.
+            reason: reason for the stop, as text.
+            at_once: whether the arm's own controller must stop the arm. If False, the control loop brakes the arm.
+        """
         if self.state is not State.STOPPED:
             self._change(now, State.STOPPED, reason, at_once)
 
     @property
     def stops_at_once(self) -> bool:
-        """Whether the arm must stop by its own controller."""
+        """Whether the arm must be stopped through its own controller, not by commands of the control loop."""
         return self.state is State.STOPPED and self.changes[-1].at_once
 
     def resume(self, now: float, person: str) -> None:
@@ -168,10 +176,10 @@ class Watch:
         self.changes.append(StateChange(now, state, reason, at_once))
 
     def saw_frame(self, frame: CameraFrame, now: float) -> None:
-        """Check a received image.
+        """Check a received image, and hold the arm if the image is faulty.
 
-        Every camera has noise. An image equal to the previous image is therefore frozen, and an image that repeats some
-        rows of the previous image is torn.
+        Every camera has noise, so two images are never equal. If an image equals the previous image, the camera is
+        frozen. If some rows of an image equal the rows of the previous image, the image is torn.
         """
         expected = self.serials.get(frame.camera)
         if expected is not None and frame.serial != expected:
@@ -213,8 +221,12 @@ class Watch:
         self._asked = None
 
     def came(self, late: bool, now: float) -> None:
-        """Record that actions arrived. ``late`` means that all actions came too late, which is normal once at the start
-        of a motion.
+        """Record that actions have arrived.
+
+        Args:
+            late: whether all actions came too late. One such answer is normal when a motion starts; several in a row
+                hold the arm.
+            now: current time, s.
         """
         self._late_answers = self._late_answers + 1 if late else 0
         if self._late_answers >= self.rules.late_answers:
@@ -245,11 +257,12 @@ class Watch:
             )
 
     def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
-        """Hold the arm if it sends no states, or is too far from the recent commands.
+        """Hold the arm if its state is missing or old, or if its joints are too far from all recent commands.
 
         Args:
-            state: last state of the arm.
-            arm: (m,) joints of the arm in this state.
+            state: last state of the arm; None if the arm has not sent a state.
+            arm: (m,) positions of the arm's joints in this state, rad or m.
+            now: current time, s.
         """
         if self.state is not State.RUNNING:
             return
@@ -265,8 +278,8 @@ class Watch:
         """Hold the arm if the controller has not answered in time."""
         if self._asked is None or self.state is not State.RUNNING:
             return
-        # If the arm has moved since the request, the time limit of a moving arm applies, even if the arm has meanwhile
-        # stopped because it had no more actions.
+        # The shorter time limit for a moving arm applies if the arm has moved at any time since the request. The arm
+        # may have stopped since then because it had no more actions.
         self._moved_since |= moves
         waited = now - self._asked
         if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):
@@ -274,7 +287,7 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Return the number of image rows with so many measurements that noise practically never produces the same row
-    twice.
+    """Return the number of image rows that identify themselves by their noise. Such a row has at least ``TOLD_APART``
+    measurements, so two images practically never contain the same row by chance.
     """
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

@@ -1,3 +1,3 @@
-"""Run trials on a real or simulated arm as a protocol file describes, with object placements drawn from a seed, and
-record the results.
+"""Run trials on a real or simulated arm, and record the results. A protocol file describes the trials, and the seed
+determines where the objects are placed.
 """

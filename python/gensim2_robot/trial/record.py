@@ -38,10 +38,10 @@ class PlacementRange(BaseModel):
     """Ranges from which the placement of one object is drawn.
 
     Attributes:
-        at: centre of the ranges, m: distance in front of the robot's base and to the left of the base.
+        at: centre of the ranges, given as two distances (m): in front of the robot's base, and to the left of the base.
         x, y: ranges (m) of the offset to the front and to the left; a single number r stands for -r to r.
-        yaw: maximum rotation, degrees. The sign of the rotation depends on the side of the centre on which the object
-            stands, so that the object faces the robot.
+        yaw: maximum rotation, degrees. The object is rotated towards the robot, so the sign of the rotation depends on
+            whether the object stands to the left or to the right of the centre.
         openness: range of the openness (0 to 1) of the object's joint; None without a joint.
     """
 
@@ -65,7 +65,8 @@ class Placed:
     """Placement of one object in one trial.
 
     Attributes:
-        x, y: distance in front of the robot's base and to the left of the base, m.
+        x: distance of the object in front of the robot's base, m.
+        y: distance of the object to the left of the robot's base, m.
         offset: displacement from the centre of the ranges: to the front (m), to the left (m), and rotation about the
             vertical axis (rad).
         openness: openness (0 to 1) of the object's joint; None without a joint.
@@ -89,15 +90,15 @@ class Placed:
 
 
 class TrialProtocol(BaseModel):
-    """Content of ``protocols/TASK.yaml``.
+    """Content of a protocol file, for example ``protocols/TASK.yaml``.
 
     Attributes:
         task: name of the task.
         objects: description of each object, for the person who lays out the scene.
         placements: placement ranges of each object.
         sentence: instruction for the policy.
-        verdict: question to the person; the answer yes means success.
-        causes: causes of failure that the person can choose from.
+        verdict: question to the person who judges the trial; the answer "yes" means that the trial succeeded.
+        causes: causes of failure from which the person can choose.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -146,7 +147,7 @@ class TrialProtocol(BaseModel):
 
 
 def reset_options(placed: Mapping[str, Placed]) -> dict[str, Any]:
-    """Return reset options with which a simulator lays out the given placements."""
+    """Return the reset options that make a simulator place the objects as given."""
     return {
         "offset": {name: list(each.offset) for name, each in placed.items()},
         "openness": {name: each.openness for name, each in placed.items() if each.openness is not None},

@@ -1,4 +1,4 @@
-"""Lead a person through seeded trials, and store each result at once (``gensim2 robot trial``)."""
+"""Guide a person through trials, and write the result of each trial to disk immediately (``gensim2 robot trial``)."""
 
 from __future__ import annotations
 
@@ -92,8 +92,8 @@ class Terminal:
 
     @contextlib.contextmanager
     def _asking(self) -> Iterator[None]:
-        """Restore the terminal for a question. The arm is released during a question, so Ctrl-C ends the program at
-        once.
+        """Prepare the terminal for a question. The control loop does not run during a question and the arm is released,
+        so Ctrl-C may end the program at once.
         """
         with self._progress.paused(), self._keys.let_go(), _interruptible():
             yield
@@ -135,10 +135,10 @@ def trial(
     progress: Progress = NULL_PROGRESS,
     **line: Unpack[LineArguments],
 ) -> dict[str, Any]:
-    """Run trials of one protocol and write the table of all trials in ``out``.
+    """Run trials of one protocol, and write the table of all trials in ``out``.
 
     Finished trials are always kept. If the watchdog holds or stops a simulated arm, the trial counts as failed, and the
-    next trial starts with new devices. If the watchdog holds or stops a real arm, the run ends, so that a person can
+    next trial starts with new devices. If the watchdog holds or stops a real arm, the run ends, because a person must
     check the arm.
 
     Args:
@@ -148,10 +148,11 @@ def trial(
         verdict: who judges success: ``"person"`` or ``"simulator"``.
         person: person who lays out objects and judges; None if a simulator does both.
         resume: whether to continue the trials in the folder.
-        logged: whether to write a log; each time the devices are opened, a new log is started.
+        logged: whether to write a log. A log ends when the devices are closed, so devices that are opened again get a
+            new log.
         name: name of the subfolder of ``out``; None: the task's name.
         keys: keyboard with which the person resumes or stops the arm.
-        watching: additional logs, such as a web page.
+        watching: additional receivers of the log's data, such as a web page.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
 
     Returns:
