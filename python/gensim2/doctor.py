@@ -158,7 +158,9 @@ def mujoco_renderer() -> Check:
 
 
 def ray_casting() -> Check:
-    """Check whether Embree and farthest point sampling work, which point clouds need."""
+    """Check whether Embree (for ray casting) and farthest point sampling work. Without them, point clouds cannot be
+    computed.
+    """
     name, remedy = "Ray casting", "pip install --force-reinstall embreex fpsample"
     try:
         from gensim2.perception.cloud import farthest_points
@@ -180,9 +182,9 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
 
     Args:
         name: name of the check.
-        which: name of the extra.
-        packages: import names of its packages.
-        without: message about the functions that work without the extra.
+        which: name of the extra (optional dependencies).
+        packages: import names of the extra's packages.
+        without: message that states what still works without the extra.
     """
     remedy = f"pip install 'gensim2[{which}]'; {without}"
     absent = [DISTRIBUTIONS.get(each, each) for each in packages if importlib.util.find_spec(each) is None]
@@ -202,9 +204,9 @@ def _versions(packages: Sequence[str]) -> str:
 
 
 def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:
-    """Check whether a language model answers; without an endpoint nothing is sent.
+    """Check whether a language model answers. If no endpoint is configured, no request is sent.
 
-    A model that the user names and that does not answer counts as missing.
+    If the user names a model and this model does not answer, the status of the check is "missing".
     """
     name, without = "Language model", "the offline designer works without"
     absent = [each for each in ("openai", "json_repair") if importlib.util.find_spec(each) is None]

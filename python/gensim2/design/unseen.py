@@ -13,15 +13,17 @@ from gensim2.tasks.spec import TaskSpec
 
 @dataclass(frozen=True)
 class Apart:
-    """Division of the instances of a task's objects into search and test instances.
+    """Division of the instances of a task's articulated objects: some instances are used by the search for strategies,
+    and others test the result of the search.
 
     Attributes:
         library: object library.
-        classes: class of each articulated object, by its name in the task; rigid classes have a single instance and are
-            left out.
-        kind: instances used by verifications. ``"new"``: unlisted ids of generated classes; ``"test"``: test split of a
-            folder; ``"all"``: all instances, because a class has too few instances to divide.
-        search: ``--instances`` value for the search.
+        classes: class of each articulated object, by the object's name in the task. Rigid classes have a single
+            instance each and are left out.
+        kind: instances that test the result. ``"new"``: new objects, which the library generates for generated classes.
+            ``"test"``: the test split, for classes of real objects. ``"all"``: all instances, because a class has too
+            few instances for a test split.
+        search: instances that the search uses, as a value of ``--instances``.
     """
 
     library: Library
@@ -30,7 +32,11 @@ class Apart:
     search: str
 
     def verification(self, episodes: int, seed: int) -> list[Drawn]:
-        """Return the ``instances`` value of each verification episode: ids of new objects, or the name of a split."""
+        """Return the instances that each verification episode may use.
+
+        If ``kind`` is ``"new"``, an episode gets the id of a new object for each articulated object of the task.
+        Otherwise an episode gets the name of a split.
+        """
         if self.kind != "new":
             return [self.kind] * episodes
         drawn = {name: self.library.sample(each, episodes, seed) for name, each in self.classes.items()}

@@ -24,8 +24,8 @@ class TaskRow:
 
     Attributes:
         task: the task.
-        runs: number of runs with equally many episodes.
-        episodes: episodes of all runs, run after run.
+        runs: number of runs. All runs have the same number of episodes.
+        episodes: episodes of all runs, in the order of the runs.
     """
 
     task: TaskSpec
@@ -78,7 +78,11 @@ class TaskRow:
 
 
 def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
-    """Return the number of episodes and of successes by each verdict, for each combination of object instances."""
+    """Count the episodes and the successes for each combination of object instances.
+
+    A verdict is a definition of success (``paper``, ``held`` or ``strict``). Each verdict has its own number of
+    successes.
+    """
     found: dict[str, list[Episode]] = {}
     for episode in episodes:
         name = " + ".join(f"{record.asset_class}/{record.id}" for record in episode.objects.values())
@@ -139,10 +143,12 @@ def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str,
 
 
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
-    """Return the mean success rate by each verdict, its standard deviation between runs, and its 95 % interval.
+    """Return the mean success rate, its standard deviation between runs, and its 95 % confidence interval.
 
-    The interval over several tasks is computed as if all episodes were of one task; this overestimates its
-    width.
+    The result has these three figures for each verdict, that is, for each definition of success.
+
+    The interval for several tasks is computed as if all episodes belonged to one task. This makes the interval wider
+    than necessary.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

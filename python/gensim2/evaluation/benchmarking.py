@@ -63,14 +63,14 @@ def benchmark(
     Args:
         tasks: names of library tasks, or folders with task.yaml and strategies/; empty for all tasks of ``origin``. A
             task whose object classes are not available is skipped and listed in the result.
-        origin: origin of the tasks if none is named; None: the paper's suite.
+        origin: origin of the tasks if ``tasks`` is empty; None: the tasks of the GenSim2 paper.
         runs: number of runs, from which the standard deviation is computed.
         episodes: number of episodes of each task in each run.
-        seed: seed of the scenes, which differ from the scenes of all searches.
+        seed: seed of the scenes. No search for strategies uses these scenes.
         attempts: maximum number of attempts in an episode; every attempt begins in the same scene, and the episode ends
             after the first successful attempt.
-        one_plan: plan each step only once, before its execution and with its first strategy: the paper's method with
-            gensim2's solver.
+        one_plan: use the method of the GenSim2 paper, but with the solver of gensim2. Each step is then planned only
+            once, before the step is executed, and only with the first strategy of the step.
         disturbance: ``"push"`` or ``"drop"``: disturb each episode once, at a moment that depends on the seed. Tasks
             that grasp no rigid object are skipped.
         out: run folder; default ``runs/<date>-<time>``.
@@ -135,7 +135,7 @@ class BothEngines:
     """Benchmarks of the same scenes in both physics engines.
 
     Attributes:
-        results: result by engine, the engine of the arguments first.
+        results: result of each engine. The engine that the arguments name comes first.
     """
 
     results: Mapping[Engine, BenchmarkResult]
@@ -186,8 +186,9 @@ def benchmark_both(
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
     """Return the tasks that grasp a rigid object, and the names of all other tasks.
 
-    If no task grasps a rigid object and the run exists already, return all tasks. Such a run was started without a
-    disturbance; the later comparison with the run's record then reports this difference.
+    If no task grasps a rigid object but the run exists already, return all tasks. The run was then started without a
+    disturbance. The arguments are later compared with the record of the run, and this comparison reports that the
+    disturbance has changed.
 
     Raises:
         InputError: no task of a new run grasps a rigid object.
@@ -201,8 +202,11 @@ def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskI
 
 
 def _perceivable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], dict[str, str], dict[str, str]]:
-    """Return the tasks whose scene the planner can get, the digests of the estimators for a resumed run, and the names
-    of all other tasks with the reasons.
+    """Select the tasks whose scene the planner can get, from the simulator or from an estimator.
+
+    Returns:
+        The selected tasks; the digests of their estimators, which a resumed run compares; and for each task that is not
+        selected, its name and the reason.
 
     Raises:
         InputError: no task remains.

@@ -64,7 +64,7 @@ def evaluate(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[EvaluationArguments],
 ) -> EvaluationResult:
-    """Run a controller in the scenes of the benchmark with the same seed, and apply the same verdicts.
+    """Run a controller in the same scenes as a benchmark with the same seed, and judge success by the same verdicts.
 
     Example:
         ```python
@@ -79,12 +79,13 @@ def evaluate(
         arguments: keyword arguments of the controller, as JSON data.
         data: rendered data set that the controller was trained on; the controller must have the observation spec of
             this data set.
-        stop: ``"goal"``: an episode ends when the controller returns None, when the goal has been reached for half a
-            second and is still reached after the scene has settled, or at the step limit. The verdicts are computed at
-            this end. ``"controller"``: an episode fails if the controller does not return None before the step limit.
+        stop: what ends an episode. With ``"goal"``, an episode ends when the controller returns None, at the step
+            limit, or when the goal is reached. The goal is reached if it has been met for half a second and is still
+            met after the scene has settled. With ``"controller"``, only the controller can end an episode, by returning
+            None; if it does not do so before the step limit, the episode fails.
         runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
-        videos: number of episodes of each task that are recorded as videos by ray casting, with the controller's point
-            cloud next to the image.
+        videos: number of episodes of each task that are recorded as videos. The videos are rendered by ray casting and
+            show the controller's point cloud next to the image.
 
     Returns:
         A table with one row per task (the success rate by each of the three verdicts with its 95 % interval), and the

@@ -70,7 +70,9 @@ class Table:
 
 @dataclass(frozen=True)
 class TableExtent:
-    """Number of episodes for each task of a table: ``runs`` times ``episodes`` scenes, derived from ``seed``."""
+    """Episodes for each task of a table: ``runs`` runs of ``episodes`` episodes each. Their scenes are derived from
+    ``seed``.
+    """
 
     runs: int
     episodes: int
@@ -102,13 +104,13 @@ def tabulate(
     """Run all episodes of the tasks, and write a run folder with their table.
 
     Args:
-        given: tasks to run, which share the object library and the options.
-        told: further arguments of the episodes. They are stored in the run's record.
+        given: tasks to run. All tasks share the object library and the options.
+        told: arguments of the command that the run's record stores, in addition to those in ``extent``.
         identity: digests of all inputs that determine the results.
         function: function of :mod:`gensim2.rollout.worker` that runs one episode.
         arguments: function that returns the episode arguments for a task, its configuration and its folder.
         make: function that makes the command's result from the table.
-        after: callback with each task's finished episodes.
+        after: function that is called with the finished episodes of each task.
     """
     from gensim2.data.runfolder import RunFolder, default_run_dir
     from gensim2.rollout.identity import versions

@@ -1,4 +1,4 @@
-"""Check objects and make pictures of them, with the simulator if it is installed."""
+"""Check objects and make pictures of them. Without the simulator SAPIEN, only the checks of geometry are available."""
 
 from __future__ import annotations
 

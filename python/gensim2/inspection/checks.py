@@ -49,7 +49,7 @@ def distance_to_link(instance: ArticulatedObject, name: str) -> float:
 
 
 def world_rotation(instance: ArticulatedObject) -> Array:
-    """Return the rotation (3, 3), root to world, of the default placement."""
+    """Return the rotation (3, 3) from the object's root frame to the world frame in the object's default placement."""
     return instance.placement.rotation
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
 VIEWS = 8
-SIZE = 176  # pixels, edge of one view
+SIZE = 176  # width and height of one view in pixels
 WROTE = "give a file that `gensim2 assets validate --json` wrote"
 FORMAT_VERSION = "1"  # format of the gallery; after a change all images are rendered again
 
@@ -54,7 +54,7 @@ class _Card:
     picture: str | None
     facts: str
     rows: tuple[str, ...] = ()  # captions of the picture's rows
-    keypoints: list[tuple[str, str, str]] = field(default_factory=list)  # name, colour, description
+    keypoints: list[tuple[str, str, str]] = field(default_factory=list)  # name, colour and description of each keypoint
     notes: tuple[str, ...] = ()
     findings: list[dict[str, Any]] | None = None  # None if the object was not validated
     error: str | None = None
@@ -70,7 +70,9 @@ def build_gallery(
     size: int = SIZE,
     progress: Progress = NULL_PROGRESS,
 ) -> Gallery:
-    """Make an HTML page with a turntable picture of every object, at openness 0, 0.5 and 1 or at rest.
+    """Make an HTML page with a turntable picture of every object.
+
+    The picture shows an articulated object at openness 0, 0.5 and 1, and a rigid object at rest.
 
     Pictures of unchanged objects are kept, so the same call continues an interrupted run.
 
@@ -78,9 +80,9 @@ def build_gallery(
         libraries: object libraries; the page shows each library's articulated objects first.
         out: folder for ``index.html`` and ``pictures/``.
         classes: classes to show; None: all.
-        findings: JSON files of ``gensim2 assets validate --json``.
-        views: number of views around an object.
-        size: width and height of a view, pixels.
+        findings: JSON files that ``gensim2 assets validate --json`` wrote.
+        views: number of directions from which each object is shown.
+        size: width and height of each view in pixels.
 
     Raises:
         InputError: no library has one of ``classes``; two folders have the same name; a findings file is invalid; the
@@ -131,7 +133,10 @@ def build_gallery(
 
 
 class _Maker:
-    """Makes the page's cards and the missing pictures; the studio is set up only when a picture is missing."""
+    """Makes a card (picture and facts) for each object on the page, and renders the pictures that do not exist yet.
+
+    The renderer starts only if a picture is missing.
+    """
 
     def __init__(self, out: Path, views: int, size: int) -> None:
         self.made = self.kept = 0
@@ -160,11 +165,11 @@ class _Maker:
         return _Card(asset_class, name, None, "cannot be loaded", error=str(error))
 
     def _picture(self, place: str, content: str, draw: Callable[[pictures.Studio], Image.Image]) -> str:
-        """Return the path of a picture; draw the picture if it is missing, and remove outdated versions.
+        """Return the path of a picture. If the picture is missing, render it and remove its outdated versions.
 
         Args:
-            content: string that identifies the content: the name of the prepared object's folder, made from digests of
-                files and code.
+            content: name of the folder with the prepared object. The name contains digests of the object's files and of
+                the code that prepared the object, so it changes if the picture may have changed.
         """
         text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
         picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"
@@ -175,7 +180,8 @@ class _Maker:
         self._studio = self._studio or pictures.Studio(self._size)
         stream = io.BytesIO()
         draw(self._studio).save(stream, "WEBP", quality=82, method=4)
-        # The pattern is exact, because files of the object 1 must not include files of the object 1-2.
+        # The pattern matches pictures of this object only. A looser pattern for object 1 would also match, and delete,
+        # pictures of object 1-2.
         own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")
         for outdated in file.parent.glob("*.webp"):
             if own.fullmatch(outdated.name):

@@ -25,7 +25,8 @@ HALF_OPEN = 0.5
 FIELD_OF_VIEW = np.radians(30)
 ELEVATION = 26.0  # degrees, elevation of the camera above the table
 THREE_QUARTER = 32.0  # degrees, azimuth of the camera to the right of the robot's side
-OVERSAMPLING = 2  # SAPIEN's rasterizer does not smooth edges
+# images are rendered larger by this factor and then reduced, because SAPIEN's rasterizer does not smooth edges
+OVERSAMPLING = 2
 MARGIN = 1.04
 PAPER, INK = "#ffffff", "#1c2430"
 MARK_COLOURS = ("#d6273a", "#1f6fd1", "#1b8f4c", "#b5661a", "#7b3fb0", "#0f8f99")
@@ -193,7 +194,10 @@ class Studio:
 
 
 def camera_pose(center: Array, distance: float, azimuth: float, elevation: float) -> tuple[Array, Array]:
-    """Return rotation (3, 3) with columns forward, left, up, and position (3,) of a camera that looks at ``center``."""
+    """Return the rotation (3, 3) and the position (3,) of a camera that looks at ``center``.
+
+    The columns of the rotation are the forward, left and up directions of the camera.
+    """
     a, e = np.radians(azimuth), np.radians(elevation)
     ahead = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), -np.sin(e)])
     left = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -201,8 +205,8 @@ def camera_pose(center: Array, distance: float, azimuth: float, elevation: float
 
 
 def _clear_distance(points: Array, azimuth: float) -> float:
-    """Return the minimum distance of the camera from its target at which all points (N, 3), relative to the target, are
-    visible.
+    """Return the distance from which a camera just sees all points. The distance is measured to the target of the
+    camera, and the points (N, 3) are given relative to the target.
     """
     R, _ = camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
     ahead, left, up = R.T @ points.T

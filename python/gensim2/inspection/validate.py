@@ -31,15 +31,17 @@ BUDGET: kpam.Options = {
     "candidates": 4,
     "samples": 50,
     "extra_seeds": 0,
-}  # the solver needs few candidates and samples here, because every tested motion is either short or impossible
+}  # few candidates and samples suffice, because the solver finds a path to the keypoint quickly or not at all
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
-    """Return a finding for each tested openness at which the fingertips cannot reach the head keypoint while the hand
-    stays above the table.
+    """Check whether the robot's fingertips can reach an object's head keypoint, at several values of openness.
 
-    The head is ``articulated_object_head``, or else the first keypoint. A finding states the remaining distance in mm,
-    or that the hand would hit the table.
+    The hand must stay above the table. Each openness at which the fingertips cannot reach the keypoint gives one
+    finding. The finding states the remaining distance in mm, or that the hand would hit the table.
+
+    The head keypoint is ``articulated_object_head``. If the object lacks this keypoint, its first keypoint is used
+    instead.
 
     Raises:
         MissingExtraError: the robot's files are in a package that is not installed.
@@ -59,7 +61,9 @@ def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Fin
 
 
 def in_base(instance: ArticulatedObject, name: str, openness: float, robot: RobotProfile) -> Array:
-    """Return a keypoint (3,) of an object in its default placement, m in the robot's base frame."""
+    """Return the position (3,) of a keypoint in the robot's base frame, in metres. The object is in its default
+    placement.
+    """
     keypoint = instance.keypoints[name]
     point = keypoint.position
     if keypoint.link == instance.joint.child_link:
@@ -104,10 +108,10 @@ def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
 
 REST_SECONDS = 5.0
 REST_DRIFT = 0.02  # maximum change of openness at rest
-LOAD_FACTOR = 1.5  # The joint must move under a force of this multiple of the load by gravity and friction.
+LOAD_FACTOR = 1.5  # The joint must move if the force on it is this many times the resistance by gravity and friction.
 SWEEP_SECONDS = 6.0
 PUSH_ON_SECONDS = 0.5  # s, duration of the final push against the joint limit
-BODY_DRIFT = 1e-4  # m, maximum motion of the fixed body
+BODY_DRIFT = 1e-4  # m; under load, the fixed body must not move by more than this
 TIME_STEP = 0.01
 CONTROL_STEPS = 5
 
@@ -216,9 +220,10 @@ def family(check: str) -> str:
 
 
 def physical_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Check an object in simulation: its hulls, its drift at rest, and its motion over the joint range.
+    """Check an object in simulation: its convex hulls, its drift at rest, and the motion of its joint over the whole
+    range.
 
-    The joint is driven by 1.5 times the force or torque that its gravity and friction require.
+    The joint is driven by 1.5 times the force or torque that is needed to overcome gravity and the joint's friction.
 
     Raises:
         MissingExtraError: SAPIEN is not installed.
@@ -310,9 +315,10 @@ class _Stage:
         return self._openness() - openness
 
     def sweep(self, start: float, goal: float) -> float:
-        """Push the joint from ``start`` towards ``goal`` with 1.5 times the load of gravity and friction.
+        """Push the joint from ``start`` towards ``goal``, and return the openness that the joint reached.
 
-        Return the openness that the joint reached. At the end the joint is also pushed against its limit.
+        The force is 1.5 times the resistance by gravity and friction. When the joint has reached ``goal``, it is pushed
+        against its limit for a moment.
         """
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)

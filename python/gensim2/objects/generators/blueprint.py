@@ -1,7 +1,8 @@
 """Blueprint of an instance of a generated class, in the object's model frame.
 
-The model frame follows PartNet-Mobility: origin near the middle of the body, x to the right seen from the front, y up,
-z out of the front. All geometry is described at joint value zero.
+The model frame follows PartNet-Mobility. Its origin lies near the middle of the body. For a viewer in front of the
+object, x points to the right, y points up, and z points towards the viewer. All geometry is described at joint value
+zero.
 """
 
 from __future__ import annotations

@@ -58,8 +58,9 @@ class GeneratedShelf(ArticulatedShelf):
         return f"a number from 0 to {LARGEST_NUMBER}"
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Return a fixed number of ids of new instances. They are the numbers after the ids of the built-in
-        instances.
+        """Return the ids of a fixed number of instances that can be generated but are not built in.
+
+        An id is a number. These ids follow the ids of the built-in instances.
         """
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))

@@ -1,4 +1,6 @@
-"""Cache prepared objects on disk for all of the user's processes; an object's folder is complete or absent."""
+"""Cache prepared objects on disk. All processes of a user share the cache, and no process ever sees an incomplete
+object.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +50,8 @@ DAMAGE = (
 )
 
 
-# Modules whose code affects every prepared object. The cache key contains the digests of these modules and of further
-# modules for each kind of source.
+# Modules whose code affects every prepared object. An object's cache key contains the digests of these modules. It also
+# contains the digests of the modules that read or generate this object.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
     "gensim2.core.foreign.tree",
@@ -67,8 +69,8 @@ _Model = TypeVar("_Model", ArticulatedObject, RigidObject)
 
 
 def file_name(word: str) -> str:
-    """Return the first 40 characters of a word in a form for file names: every character except ``A-Za-z0-9_.-``
-    becomes ``_``.
+    """Convert a word so that it can be part of a file name. Every character except ``A-Za-z0-9_.-`` becomes ``_``, and
+    only the first 40 characters are kept.
     """
     return re.sub(r"[^A-Za-z0-9_.-]", "_", word)[:40]
 
@@ -135,7 +137,8 @@ def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
 
 
 def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> ArticulatedObject:
-    """Return the cached object under ``key``; if missing or damaged, ``make(folder)`` creates the object first.
+    """Return the object that the cache stores under ``key``. If the object is missing or damaged, ``make(folder)``
+    creates it.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -150,11 +153,13 @@ def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> Articulated
 
 
 def folder_once(key: str, make: Callable[[Path], None]) -> Path:
-    """Return an object's folder in the cache; if missing or damaged, ``make(folder)`` creates its content first.
+    """Return an object's folder in the cache. If the folder is missing or damaged, ``make(folder)`` creates its
+    content.
 
-    ``make`` fills a temporary folder, which is then renamed: if two processes race, both get a complete folder. The
-    file ``MANIFEST`` holds a digest of every file; a folder with a wrong digest is discarded. Other files in the cache
-    folder are not touched.
+    ``make`` fills a temporary folder, which is renamed when it is complete. Two processes can therefore create the same
+    object at the same time, and both get a complete folder. The file ``MANIFEST`` in the folder contains the digest of
+    every other file. A folder is damaged if a digest is wrong; it is then discarded. Other files in the cache are not
+    touched.
 
     Raises:
         InputError: the cache folder cannot be written to.

@@ -1,4 +1,6 @@
-"""Define libraries of articulated classes with their instances, and of rigid objects."""
+"""Define object libraries. A library contains classes of articulated objects, which have several instances, and classes
+of rigid objects, which have a single instance.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,11 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
     Args:
         asset_class: name of the class.
         name: name of the split.
-        listed: ids of the class in the library.
+        listed: ids of the class's instances in the library.
 
     Returns:
-        The ids of the split; None if the class has no such split. All ids of ``listed`` if some ids of the GenSim2
-        release are missing in it, because splits are defined only for complete copies of the release.
+        The ids of the split; None if the class has no such split. Splits are defined only for complete copies of the
+        GenSim2 release. If ``listed`` lacks an id of the split, the function therefore returns all ids in ``listed``.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:
@@ -76,8 +78,8 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Combine sources of objects that have no class in common. If no source in ``shelves`` has a class, its objects
-        come from ``stand_in``.
+        """Combine the object sources ``shelves``, which must not have a class in common. The objects of all other
+        classes come from ``stand_in``.
         """
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
@@ -135,7 +137,7 @@ class Library:
         return self._shelf(asset_class).describe(asset_class)
 
     def instances(self, asset_class: str) -> tuple[str, ...]:
-        """Return the instance ids of a class, sorted (numbers by value).
+        """Return the instance ids of a class in sorted order. Ids that are numbers are sorted by their value.
 
         Raises:
             InputError: the class is unknown.
@@ -190,14 +192,16 @@ class Library:
             )
 
     def split(self, asset_class: str, which: Split, tenth: int = 0) -> tuple[str, ...]:
-        """Return the training ids (90 %) or test ids (10 %) of a class by a seeded rule; classes with fewer than 10
-        instances are for training only.
+        """Return the training ids (90 %) or the test ids (10 %) of a class. The instances are divided at random with a
+        fixed seed, so the result is always the same. All instances of a class with fewer than 10 instances are for
+        training.
 
         Args:
             asset_class: name of the class.
             which: ``"train"``, ``"test"`` or ``"all"``.
-            tenth: which tenth of the instances, in a seeded order, is used as the test split (0 to 9). Tenths are
-                rounded up, so the last tenths may reuse instances from the start of the order.
+            tenth: number (0 to 9) of the tenth of the instances that is the test split. The instances are numbered in
+                the random order. The size of a tenth is rounded up, so the last tenths may include instances from the
+                start of the order again.
 
         Raises:
             InputError: the class is too small for a test split, or the split or tenth does not exist.
@@ -227,11 +231,12 @@ class Library:
         """Return the ids that an ``--instances`` value selects.
 
         Args:
-            asset_class: name of the class. For a rigid class, any value except an unknown id selects its only object.
-            which: ``train``, ``test``, ``train-1`` to ``train-9`` and ``test-1`` to ``test-9`` (the same splits, but
-                with another tenth of the instances for testing), ``all``, ``new`` (generated instances that are not
-                listed), ``random`` (one instance, determined by the seed), a split of the release
-                (:mod:`~gensim2.objects.library.catalogue`) or an id.
+            asset_class: name of the class. A rigid class has a single object, which any value except an unknown id
+                selects.
+            which: value of ``--instances``. ``train``, ``test`` and ``all`` select a split. ``train-1`` to ``train-9``
+                and ``test-1`` to ``test-9`` select the splits that use another tenth of the instances for testing.
+                ``new`` selects generated instances that the library does not list. ``random`` selects one instance
+                with the seed. Any other value is the name of a split of the GenSim2 release, or an id.
             seed: seed of ``random``.
 
         Raises:
@@ -367,8 +372,8 @@ def _shelves(folder: Path) -> list[Shelf]:
 def load_all(
     library: Library, items: Sequence[tuple[str, str]], workers: int = 0
 ) -> Iterator[tuple[tuple[str, str], str | None]]:
-    """Prepare objects (class, id) in worker processes; yield each object with the error that prevents its use, or with
-    None.
+    """Prepare objects in worker processes. For each object (class, id), yield the error that prevents the use of the
+    object, or None if the object can be used.
     """
     from gensim2.core.processes import WorkerPool, enumerated, in_order
 

@@ -13,13 +13,15 @@ from gensim2.objects.types import AssetError
 
 @contextlib.contextmanager
 def as_urdf(source: Path) -> Iterator[tuple[Path, bool]]:
-    """Convert an MJCF or USD file to a temporary URDF file; other files are yielded unchanged.
+    """Convert an MJCF or USD file to a URDF file that exists until the ``with`` block ends. Any other file is yielded
+    unchanged.
 
     Yields:
         The URDF file, and whether all collision shapes are known to be convex.
 
     Raises:
-        InputError: the file cannot be imported; errors inside the block also name ``source``.
+        InputError: the file cannot be imported. If the ``with`` block raises an error about the temporary file, the
+            error names ``source`` instead.
         MissingExtraError: the format's reader is not installed.
     """
     if source.suffix not in (*mjcf.SUFFIXES, *usd.SUFFIXES) or source.is_dir():

@@ -96,11 +96,12 @@ def maniskill_data() -> Path:
 
 
 def find_source(where: str) -> Path:
-    """Return the path of an object to import: a URDF, MJCF or USD file, or the folder of a PartNet-Mobility model.
-    ManiSkill may have downloaded this model.
+    """Return the path of an object to import.
+
+    The object is a URDF, MJCF or USD file, or the folder of a PartNet-Mobility model.
 
     Args:
-        where: path of the file or the folder, or number of the downloaded model.
+        where: path of the file or the folder, or number of a PartNet-Mobility model that ManiSkill has downloaded.
 
     Raises:
         InputError: there is no such file, folder or model.
@@ -110,7 +111,7 @@ def find_source(where: str) -> Path:
         if file.suffix in MODELS and not file.is_dir():
             return file
     except (OSError, RuntimeError, ValueError):
-        pass  # ``where`` cannot be a path, which the error below reports.
+        pass  # ``where`` is not a valid path; the code below raises the error
     try:
         return existing_folder(where)
     except AssetError as error:

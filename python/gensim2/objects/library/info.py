@@ -158,8 +158,8 @@ def _convex(value: Any, file: Path) -> bool:
 
 
 COLOURS = ("blue", "red", "yellow", "green")
-# m. In old files keypoints are named after colours; such a keypoint can be the contact point only if its distance from
-# the moving link is smaller than this.
+# Keypoints in old files are named after colours, so the names do not show which keypoint is the contact point. The
+# nearest keypoint to the moving link becomes the contact point if its distance from the link is at most this (m).
 NEAR = 0.03
 HEAD = "articulated_object_head"
 
@@ -173,11 +173,11 @@ def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
 
 
 def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
-    """Derive the contact point (3,) from the hulls of the moving link, in the link's frame, in which the joint axis
-    passes through the origin.
+    """Derive the contact point (3,) from the hulls of the moving link. All arguments and the result are in the link's
+    frame, and the joint axis passes through the origin of this frame.
 
-    For a revolute joint this is the middle of the part farthest from the axis, for a prismatic joint the middle of the
-    end that is in front when the joint opens.
+    For a revolute joint, the contact point is the middle of the region that is farthest from the axis. For a prismatic
+    joint, it is the middle of the end that is in front when the joint opens.
     """
     points = np.concatenate(list(hulls))
     along = points @ axis
@@ -196,17 +196,19 @@ def read_keypoints(
     hulls: Sequence[Array],
     warnings: list[str],
 ) -> dict[str, Keypoint]:
-    """Return the keypoints of ``info.json`` in metres, fixed to ``link``, or to the root if the name contains ``base``.
+    """Return the keypoints of ``info.json`` in metres. A keypoint is fixed to the root if its name contains ``base``,
+    and to ``link`` otherwise.
 
     Args:
         info: content of ``info.json``.
         scale: length in metres of one unit of the keypoints' coordinates.
-        T_link_object: (4, 4) pose, in the moving link's frame, of the frame in which the keypoints are given.
+        T_link_object: (4, 4) pose of the object frame relative to the moving link's frame. The keypoints are given in
+            the object frame.
         link: name of the moving link.
         kind: joint type, ``"revolute"`` or ``"prismatic"``.
         axis: (3,) unit joint axis in the moving link's frame.
         hulls: collision hulls of the moving link, each (N, 3) in its frame.
-        warnings: list; the function appends a line for each keypoint that it derives by a rule.
+        warnings: list to which the function appends a line for each keypoint that it derives by a rule.
     """
     # Import late: naming objects does not need SciPy.
     from scipy.spatial import cKDTree

@@ -24,7 +24,11 @@ DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
 
 
 class ObjFile(NamedTuple):
-    """Meshes of an OBJ file, one for each material, and whether each material file named in it exists."""
+    """Content of an OBJ file.
+
+    ``meshes`` contains one mesh for each material. ``materials`` states for each material file that the OBJ file names
+    whether the material file exists.
+    """
 
     meshes: list[Mesh]
     materials: dict[str, bool]
@@ -107,7 +111,8 @@ def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], 
 def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
     """Write meshes as an OBJ file and an MTL file in the same folder, with one material for each appearance.
 
-    MTL has no roughness, so the specular colour encodes it, as :func:`read_materials` expects.
+    An MTL file has no field for roughness. The roughness is therefore stored in the specular colour, from which
+    :func:`read_materials` computes the roughness again.
     """
     looks = list(dict.fromkeys(mesh.look for mesh in meshes))
     lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1
@@ -146,8 +151,9 @@ class MeshReader:
         self._materials: dict[str, bool] = {}
 
     def get(self, element: ShapeElement, scale: float, T: Array) -> list[Mesh]:
-        """Return the scaled meshes of an element. ``T`` (4, 4) is the unscaled pose of the element's link; the meshes
-        are in the frame to which this pose refers.
+        """Return the meshes of an element, transformed by the pose of its link and then scaled.
+
+        ``T`` (4, 4) is the pose of the link before scaling, relative to the frame in which the meshes are needed.
 
         Raises:
             AssetError: the file has no ``.obj`` suffix or is not a regular file inside the folder, or the object has

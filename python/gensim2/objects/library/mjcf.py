@@ -1,13 +1,13 @@
 """Convert an MJCF file to a URDF file with meshes, which :mod:`gensim2.objects.library.importer` reads.
 
-MuJoCo's reader resolves classes, angles, frames and inertias. This reader never opens a file: this module passes only
-the elements of ``ELEMENTS`` to the reader, and reads included files and meshes itself, with the limits for untrusted
-objects. These rules apply:
+This module reads the MJCF file, the files that it includes, and the meshes, with the limits for untrusted objects.
+MuJoCo's parser then resolves default classes, angles, frames and inertias. The parser gets only the elements listed in
+``ELEMENTS``, as text in memory, and never opens a file. The conversion follows these rules:
 
-- The object is the only body below the world that contains a hinge or a slide; its pose in the world is ignored.
-- Geoms that can touch, by ``contype`` and ``conaffinity`` or in a contact pair, are collision elements, and meshes
-  among them are convex hulls as in MuJoCo. All other geoms are visual. If a body has only one kind of geoms, they serve
-  both purposes.
+- The object is the only body below the world that contains a hinge or a slide. Its pose in the world is ignored.
+- A geom becomes a collision element if it can touch other geoms, according to ``contype``, ``conaffinity`` or a contact
+  pair. Meshes among the collision elements become convex hulls, as in MuJoCo. All other geoms become visual elements.
+- If a body has only collision elements or only visual elements, each of them becomes an element of both kinds.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class _Converter:
         in_default = in_default or element.tag == "default"
         element.attrib.pop("texture", None)
         for name, value in element.items():
-            if "nan" in value.lower().split():  # MuJoCo's reader only warns of NaN.
+            if "nan" in value.lower().split():  # MuJoCo's reader accepts NaN with a warning, so this code refuses it
                 raise AssetError("is not a number", file=self._file, field=f"<{element.tag}> {name[:40]}")
         if "builtin" in element.attrib:  # Built-in meshes are refused, because they can have any number of triangles.
             raise AssetError(
@@ -136,7 +136,9 @@ class _Converter:
                 self._check(child, in_default)
 
     def _mesh(self, name: str) -> tuple[Array, Array]:
-        """Return vertices (3 V,) and triangles (3 F,) of a mesh file in the folder."""
+        """Read a mesh file in the folder. Return the coordinates of its vertices and the vertex indices of its
+        triangles, as two flat arrays with three entries for each vertex and for each triangle.
+        """
         self._tree.read(name, MAX_OBJECT)  # refuses files outside the folder
         with opened_mesh(self._tree.inside(name)) as scene:
             mesh = scene.to_geometry()
@@ -173,8 +175,10 @@ class _Converter:
         return self._urdf.write()
 
     def _add_body(self, body: int, is_root: bool) -> None:
-        """Add one link for each joint of a body. A link's origin is at the anchor of its joint. The shapes of the body
-        belong to the last of these links.
+        """Add a body as a chain of links, one link for each joint of the body.
+
+        A link's origin is at the anchor of its joint. All joints move the last link of the chain, so this link gets the
+        shapes of the body.
         """
         model, urdf = self._model, self._urdf
         name = urdf.name(model.body(body).name, "link")
@@ -222,7 +226,9 @@ class _Converter:
         return self._urdf.link(child)
 
     def _fill(self, link: ET.Element, body: int, at: Array) -> None:
-        """Add inertial and shapes of a body to a link. ``at`` (3,) is the link's origin in the body's frame."""
+        """Add the mass, the inertia and the shapes of a body to a link. ``at`` (3,) is the link's origin in the body's
+        frame.
+        """
         model = self._model
         if model.body_mass[body] > 0:
             T = _pose(model.body_ipos[body] - at, model.body_iquat[body])

@@ -24,7 +24,8 @@ Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
 CREASE = np.cos(np.radians(35))
-EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # dummy limits, which the release lacks but urdf-rs requires
+# placeholders: urdf-rs requires these limits, but the objects of the release have none
+EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0
 
 
 def rpy_from_matrix(R: Array) -> Array:

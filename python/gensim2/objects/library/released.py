@@ -1,15 +1,20 @@
 """Read the GenSim2 release's folder layout: ``<class>/<id>/{mobility.urdf, info.json, textured_objs/}``.
 
-The reader repairs irregular files by these rules, and records each repair in the instance's warnings:
+The reader applies the following rules. It records each repair of an irregular file in the warnings of the instance.
 
-- Links connected by fixed joints are merged, so that two remain: the body (root frame) and the moving link.
-- A missing or unreadable mesh file is left out and counted; a missing material file is counted.
-- A collision file with a single slanted triangle, which PhysX would ignore, is replaced by a thin plate and counted.
-- ``joint_position_range`` replaces the joint limits and is not scaled; prismatic limits from the URDF are scaled.
+- Links that are connected by fixed joints are merged. Two links remain: the body (root frame) and the moving link.
+- A mesh file that is missing or unreadable is left out. A missing material file is replaced by a default material. The
+  warnings state the numbers of these files.
+- A collision file that consists of one triangle at an angle to the coordinate axes is replaced by a thin plate, because
+  PhysX would ignore the triangle. The warnings state the number of these files.
+- ``joint_position_range`` in ``info.json`` replaces the joint limits of the URDF file. Its values are not multiplied by
+  the scale. Without ``joint_position_range``, the limits of a prismatic joint in the URDF file are multiplied by the
+  scale.
 - A missing ``scale`` is replaced by the median scale of the class.
-- If all keypoints have colour names, the one nearest to the moving link becomes ``articulated_object_head``; if none
-  lies within 3 cm of the link, ``articulated_object_head`` is computed from the moving link's geometry.
-- A missing ``axis`` is replaced by the axis of the object frame closest to the joint axis.
+- In some files, all keypoints have the names of colours. The keypoint nearest to the moving link then becomes
+  ``articulated_object_head``, if its distance from the link is at most 3 cm. Otherwise ``articulated_object_head`` is
+  computed from the geometry of the moving link.
+- A missing ``axis`` is replaced by the axis of the object frame that is closest to the joint axis.
 """
 
 from __future__ import annotations
@@ -48,7 +53,8 @@ Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
-# m or rad from the origin. Larger values are mistakes; the grids for decomposition would exhaust the memory.
+# Maximum absolute value of coordinates (m) and joint values (m or rad). Larger values are mistakes. They would also
+# exhaust the memory, because the decomposition into convex parts uses grids that cover the object.
 FARTHEST = 10.0
 SOLID_CORNERS = 4  # a collision file with fewer vertices has no volume
 HULL_MODULES = (
@@ -78,7 +84,7 @@ def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
             try:
                 others.append(read_info(ObjectFolder(other)).scale)
             except AssetError:
-                others.append(None)  # the error in that file is reported when the other object is loaded
+                others.append(None)  # loading the other object reports the error in its file
     known = [scale for scale in others if scale is not None]
     scale = statistics.median(known) if known else FALLBACK_SCALE
     warnings.append(f"no scale: {scale:g}, {'the median of its class' if known else 'the default'}")
@@ -122,8 +128,8 @@ def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str,
 def _engines_drop(meshes: list[Mesh]) -> bool:
     """Return whether PhysX would ignore a collision file.
 
-    PhysX ignores a mesh with fewer than four distinct vertices. A mesh that is flat along a coordinate axis is an
-    exception: PhysX replaces it by a box.
+    PhysX ignores meshes that have fewer than four distinct vertices, unless the meshes are flat along a coordinate
+    axis. PhysX replaces such flat meshes by a box.
     """
     if not meshes:
         return False
@@ -134,9 +140,9 @@ def _engines_drop(meshes: list[Mesh]) -> bool:
 def license_of(folder: ObjectFolder) -> str:
     """Return the licence terms of an object.
 
-    The terms come from ``info.json``. If they are missing there, an object of a class of the GenSim2 release with a
-    file ``meta.json`` has the terms of PartNet-Mobility. A faulty ``info.json`` is ignored here, because loading the
-    object reports it.
+    The terms are those stated in ``info.json``. If ``info.json`` states no terms, the terms of PartNet-Mobility apply
+    to an object that has a file ``meta.json`` and whose class occurs in the GenSim2 release. A faulty ``info.json`` is
+    ignored here, because loading the object reports the fault.
     """
     try:
         stated = read_info(folder).license
@@ -239,10 +245,11 @@ def read_model(
 
 @dataclass(frozen=True)
 class _Geometry:
-    """Scaled visual (``seen``) and collision (``solid``) meshes of the body and the moving link.
+    """Scaled meshes of the body and the moving link, by link: visual meshes (``seen``) and collision meshes
+    (``solid``).
 
-    ``T_object`` (4, 4) is the unscaled pose of the moving link's first collision element; ``unread`` lists unreadable
-    files.
+    ``T_object`` (4, 4) is the pose of the moving link's first collision element before scaling. ``unread`` lists
+    warnings about files that could not be read.
     """
 
     seen: dict[str, list[Mesh]]
@@ -290,7 +297,7 @@ def _read_geometry(
 
 
 def within(what: str, value: float, file: Path, field: str) -> None:
-    """Check that ``value`` lies within ``FARTHEST`` of the origin.
+    """Check that the largest coordinate or joint value of an object is at most ``FARTHEST`` (m or rad).
 
     Raises:
         AssetError: the value is too large.

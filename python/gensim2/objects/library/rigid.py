@@ -114,7 +114,8 @@ class FolderRigidShelf(RigidShelf):
             point: (info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
             for point, at in info.keypoints.items()
         }
-        # A scale outside this range means that the file's unit is not metres, so that the true size is unknown.
+        # A known mass applies only to an object of known size. If the scale is outside the range ``NATURAL``, the file
+        # does not use metres, and the true size is unknown.
         mass = known_mass(asset_class, info.scale) if NATURAL[0] <= info.scale <= NATURAL[1] else None
         terms = info.license or _usual_license(asset_class)
         return load_from_meshes(

@@ -41,7 +41,8 @@ from gensim2.objects.types import (
 FILE = "rigid.json"
 #: An object that tips over at a smaller tilt than this (rad) is laid on its side instead of standing upright.
 STEADY = np.radians(10)
-#: Tilt (rad) up to which an object counts as upright, since scanned feet are not level.
+#: An object counts as upright up to this tilt (rad). The base of a scanned object is uneven, so the object never stands
+#: exactly upright.
 LEAN = np.radians(5)
 #: Vertices up to this height (m) above the lowest vertex count as the object's foot, because scanned feet are uneven.
 FOOT = 2e-3
@@ -54,10 +55,10 @@ FINGER = 0.018
 
 
 def steadiness(points: Array, center: Array) -> float:
-    """Return the tilt in rad at which a body that stands on its lowest vertices tips over.
+    """Return the smallest tilt in rad that makes a body tip over. The body stands on its lowest vertices.
 
-    ``points`` (N, 3) are its vertices, ``center`` (3,) is the centre of mass. The result is negative if the body falls
-    over by itself.
+    ``points`` (N, 3) are the vertices of the body, and ``center`` (3,) is its centre of mass. The result is negative if
+    the body falls over without being tilted.
     """
     low = float(points[:, 2].min())
     foot = points[points[:, 2] < low + FOOT][:, :2]
@@ -84,14 +85,17 @@ def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
 
 
 def resting_sides(points: Array, center: Array) -> Array:
-    """Return the outward normals (K, 3) of the sides on which the hull of (N, 3) points can rest, most probable first.
+    """Return the sides on which a body can rest, as outward normals (K, 3), the most probable side first.
 
-    A body dropped in a random orientation lands on a triangle with a probability proportional to the solid angle of the
-    triangle seen from the centre of mass (3,). The body then topples until its centre of mass is above a triangle.
+    The body is the convex hull of ``points`` (N, 3), and ``center`` (3,) is its centre of mass. The probabilities
+    assume that the body is dropped in a random orientation. It then lands on a triangle of the hull with a probability
+    that is proportional to the solid angle of this triangle, as seen from the centre of mass. Next, the body topples
+    from triangle to triangle until its centre of mass is above the triangle on which it lies.
     """
     shell = trimesh.convex.convex_hull(points).convex_hull
     corners, normals = np.asarray(shell.triangles), np.asarray(shell.face_normals)
-    # For each corner of each triangle: index of the neighbouring triangle at the edge opposite to this corner.
+    # ``across[t, k]`` is the index of the triangle that shares an edge with triangle ``t``: the edge opposite to corner
+    # ``k``.
     across = np.zeros(shell.faces.shape, dtype=int)
     for column, alone in enumerate(shell.face_adjacency_unshared.T):
         here, beyond = shell.face_adjacency[:, column], shell.face_adjacency[:, 1 - column]
@@ -128,7 +132,9 @@ def _share(*corners: Array) -> float:
 
 
 def _least_turn(down: Array) -> Array:
-    """Return the smallest rotation that turns the direction ``down`` (3,) of the object to point up."""
+    """Return the smallest rotation (3, 3) that turns the vector ``down`` (3,) of the object frame to the direction +z
+    of the world.
+    """
     axis = np.cross(down, [0, 0, 1])
     angle = float(np.arccos(np.clip(down[2], -1, 1)))
     if np.linalg.norm(axis) < 1e-9:
@@ -137,11 +143,13 @@ def _least_turn(down: Array) -> Array:
 
 
 def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip:
-    """Return the best grasp with two parallel fingers from above, over all directions, heights and parts.
+    """Return the best grasp from above with two parallel fingers.
 
-    The best grasp is narrow and close to the centre of mass. It is at the height of the centre of mass, because round
-    objects slip out of higher grasps. The width of the grasp is the extent of the object in a slab around the plane of
-    the fingers, which is ``FINGER`` thick.
+    The search compares grasps in all directions, at all heights and on all parts of the object.
+
+    The best grasp is narrow and close to the centre of mass. Its vertical distance from the centre of mass counts most,
+    because round objects slip out of higher grasps. The width of a grasp is the extent of the object between the
+    fingers, within a slab that is as thick as a finger (``FINGER``).
     """
     R = resting.rotation
     placed = [hull @ R.T + resting.position for hull in hulls]
@@ -181,7 +189,9 @@ def _slice(hull: Array, height: float) -> Array | None:
 
 
 def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[tuple[float, float]]:
-    """Return the merged intervals along ``u`` of the material within half a finger of the line ``v = middle``."""
+    """Return the intervals along ``u`` in which the object has material closer than half a finger's width to the line
+    ``v = middle``. Intervals that overlap or almost touch are merged.
+    """
     spans = []
     for corners in slices:
         along, across = corners @ u, corners @ v - middle
@@ -203,11 +213,12 @@ class RigidModel:
     """A rigid object at its final size, before preparation.
 
     Attributes:
-        hulls: convex parts, each (N, 3) metres in the object frame.
-        meshes: visual meshes, same frame.
-        keypoints: (position (3,) in metres, same frame; description) by name.
-        mass: kg; None: ``density`` (kg/m³) times the volume of the hulls. The inertia is always computed from the
-            hulls.
+        hulls: convex parts. Each is an array (N, 3) of points in metres in the object frame.
+        meshes: visual meshes in the object frame.
+        keypoints: position (3,) and description of each keypoint, by name. The position is in metres in the object
+            frame.
+        mass: mass in kg. If the mass is None, it is computed as ``density`` (kg/m³) times the volume of the hulls. The
+            inertia is always computed from the hulls.
     """
 
     asset_class: str

@@ -25,14 +25,15 @@ def select(
 
     Args:
         library: object library.
-        words: selections: ``CLASS`` (all its instances), or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``new``,
-            ``all`` or ``random``.
-        every: also select all objects of the library itself (of ``kind``). This is the default if ``words`` and
-            ``drawn`` are not given.
-        drawn: number of additional random objects of each class in ``words`` (without ``words``: of every class). For
-            generated classes these are new objects; for a folder they are any of its objects.
+        words: selections. ``CLASS`` selects all instances of a class. ``CLASS/WHICH`` selects some instances of the
+            class, where ``WHICH`` is an id, ``train``, ``test``, ``new``, ``all`` or ``random``.
+        every: whether to select all objects of the library's own classes as well. This is the default if neither
+            ``words`` nor ``drawn`` is given.
+        drawn: number of random objects that are selected additionally from each class in ``words``, or from every class
+            if ``words`` is empty. Random objects of a generated class are new objects. Random objects of a folder can
+            be any objects in the folder.
         seed: seed of ``random`` and ``drawn``.
-        kind: restrict the selection to this kind; None: both.
+        kind: kind of the selected objects; None: both kinds.
 
     Raises:
         InputError: a class or instance is unknown or of the other kind, or a class is too small for a test split.

@@ -11,7 +11,7 @@ from gensim2.objects.generators.blueprint import ObjectClass
 
 @cache
 def object_classes() -> dict[str, ObjectClass]:
-    """Return all classes that this package's modules define, by name and sorted."""
+    """Return all classes that the modules of this package define, by class name in alphabetical order."""
     values = (value for name in class_modules() for value in vars(importlib.import_module(name)).values())
     return dict(sorted((each.name, each) for each in values if isinstance(each, ObjectClass)))
 

@@ -1,5 +1,7 @@
-"""Shared parts of generated classes: materials, handles, and the rotation that turns a part from its closed pose to its
-pose at joint value zero.
+"""Functions and materials that several generated classes share.
+
+Some classes describe their moving part in the closed pose. A function of this module rotates the part to its pose at
+joint value zero.
 """
 
 from __future__ import annotations
@@ -144,7 +146,9 @@ _SECTION = 2 * np.pi * np.arange(8) / 8
 
 
 def extra(rng: Rng) -> Rng:
-    """Return a separate random generator for visual details, so that they do not affect the object's shape."""
+    """Return a separate random generator for visual details. The shape of the object then does not depend on how many
+    random numbers the details use.
+    """
     return np.random.default_rng(rng.bit_generator.random_raw())
 
 
@@ -192,7 +196,8 @@ def upright_lid(
 ) -> Blueprint:
     """Return the blueprint of a box or laptop whose lid is upright at joint value zero and closed at -90 degrees.
 
-    ``lid``, ``head`` and ``tail`` are given for the closed lid.
+    The arguments ``lid``, ``head`` and ``tail`` describe the closed lid. This function rotates them to joint value
+    zero.
     """
     axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     moved = {
@@ -212,8 +217,8 @@ def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | Non
 
 
 def lifted(parts: list[Solid], head: Vec3, description: str, **keypoints: Keypoint) -> Blueprint:
-    """Return the blueprint of an object that can be lifted at the point ``head``: all parts move on one vertical
-    prismatic joint.
+    """Return the blueprint of an object that can be lifted at the point ``head``. Lifting moves a vertical prismatic
+    joint, to which all parts of the object belong.
     """
     return sliding([], parts, (0, 1, 0), (0.0, 0.2), head=(head, description), **keypoints)
 

@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a handbag with a swinging strap, or a handbag to be lifted or pushed."""
+"""Define three classes of generated handbags: lifted bags, pushed bags, and bags whose strap swings."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def rotate(rng: np.random.Generator) -> Blueprint:
     lid += on_lid
 
     head, tail = (0, top + GAP + plate / 2, reach), (0, top + GAP, back)
-    # Most boxes of the GenSim2 release are also closed at a joint value of -90 degrees.
+    # As in most boxes of the GenSim2 release, a joint value of -90 degrees means that the box is closed.
     return c.upright_lid(
         body,
         lid,

@@ -69,9 +69,11 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
     front_look = wood if rng.random() < 0.6 else c.pick(rng, c.WOODS + c.PAINTS)
     handles = int(rng.bit_generator.random_raw())
 
-    # y of the lower face of the carcass, and of the lower face of its top board
+    # ``floor`` is the height (y) of the lower face of the carcass, and ``under`` the height of the lower face of the
+    # top board.
     floor, under = -rise / 2 + foot, rise / 2 - top
-    # y of the middle of the row of bays, and of the middle of the board below the row
+    # ``y`` is the height of the middle of the drawer bays, and ``shelf`` the height of the middle of the board below
+    # the bays.
     y, shelf = under - row / 2, under - row - WALL / 2
     body: list[Solid] = [box((0, rise / 2 - top / 2, 0), (width + 2 * over, top, depth + 2 * over), wood)]
     for side in (-1, 1):

@@ -102,7 +102,7 @@ def mixer(rng: np.random.Generator) -> Blueprint:
     highest = top - tube - 0.004  # the spout stays below the turning lever
     root = np.array([0.0, min(bottom + at * height, highest), z])
     end = root + spout * np.array([0, np.sin(slope), np.cos(slope)])
-    mouth = bottom + 0.06  # leaves free space below the mouth
+    mouth = bottom + 0.06  # the mouth of the spout is this high, so that there is free space below it
     drop = min(c.between(rng, 0.012, 0.035), highest - mouth)
     end[1] = np.clip(end[1], mouth + drop, highest)
     body += path([root, end, end - np.array([0, drop, 0])] if droops else [root, end], tube, look)
@@ -140,16 +140,17 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
         cone((0, bottom + 0.008, z), (0, top, z), radius, c.between(rng, 0.85, 1.0) * radius, look),
     ]
     root = max(bottom + at * height, bottom + tube + 0.002)
-    highest = max(top + climb, bottom + 0.06 + sag + drop)  # leaves free space below the mouth
+    highest = max(top + climb, bottom + 0.06 + sag + drop)  # high enough for free space below the mouth of the spout
     base = top + GAP
     start = np.array([0.0, base + max(0.6 * cap, 0.012), z])
     points = []
     for share in np.linspace(0, 1, LEGS + 1):
         out = share * spout
         y = root + (highest - root) * np.sin(share * np.pi / 2) - sag * max(0.0, share - 0.6) / 0.4
-        if out - spout / LEGS < 1.4 * radius + tube:  # A segment that lies wholly above the column must stay above it.
+        # Close to the column, the spout stays below the lever on top of the column.
+        if out - spout / LEGS < 1.4 * radius + tube:
             y = min(y, top - tube - 0.006)
-        # A segment in the range of the lever must stay out of the lever's path.
+        # Farther out, but still within reach of the lever, the spout stays below the path of the lever.
         elif out - spout / LEGS < lever + 0.03:
             y = min(y, start[1] + (crook if shape == 0 else out * np.tan(rise)) - tube - 0.022)
         points.append(np.array([0.0, y, z + out]))

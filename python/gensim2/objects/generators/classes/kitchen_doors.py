@@ -51,7 +51,9 @@ def carcass(size: FoldDown, look: Look) -> list[Solid]:
 def fold_down_door(
     size: FoldDown, look: Look, metal: Look, rng: np.random.Generator, window: bool
 ) -> tuple[list[Solid], Vec3, np.ndarray]:
-    """Return a door hinged at its lower edge, with a bar handle: its parts, hinge and middle of the handle."""
+    """Return the parts of a door with a bar handle that is hinged at its lower edge, a point on the hinge, and the
+    middle of the handle.
+    """
     low, high = size.opening
     z = size.front + GAP
     span, tall = size.width - 0.004, high - low - 0.004

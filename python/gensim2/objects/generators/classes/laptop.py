@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a laptop with a screen that opens, or a laptop to be pushed."""
+"""Define two classes of generated laptops: laptops whose screen is opened and closed, and laptops that are pushed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ GAP = 0.001
 
 
 def keyboard(width: float, depth: float, top: float, keys: Look) -> list[Solid]:
-    """Return visual keys and touch pad on the surface at height ``top``."""
+    """Return the keys and the touch pad on the surface at height ``top``. These parts have no collision shape."""
     rows, columns = 5, 13
     field_w, field_d = 0.88 * width, 0.42 * depth
     pitch_x, pitch_z = field_w / columns, field_d / rows
@@ -101,7 +101,7 @@ def move(rng: np.random.Generator) -> Blueprint:
     whole = rotate(rng)
     low, high = c.bounds(whole.body)
     head = (0.0, 0.3 * low[1] + 0.7 * high[1], high[2])
-    # 70 % of the laptops to be pushed have an open screen, as when a person clears space on a desk.
+    # 70 % of the laptops have an open screen, like a laptop that a person pushes aside on a desk.
     share = 0.9 if c.extra(rng).random() < 0.7 else 0.0
     screen = whole.limits[0] + share * (whole.limits[1] - whole.limits[0])
     return c.pushed(c.at(whole, screen), 0.25, "the middle of the laptop's near edge", head)

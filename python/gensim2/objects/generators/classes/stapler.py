@@ -1,4 +1,8 @@
-"""Define a class of generated objects: a desk stapler to be pushed or pressed. Its front faces +z."""
+"""Define two classes of generated desk staplers: staplers that are pushed over the table, and staplers whose arm is
+pressed down.
+
+The front of a stapler faces +z.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,11 @@ from gensim2.objects.shapes import Array, Solid, box, convex, rod, rounded_box
 
 @dataclass(frozen=True)
 class Stapler:
-    """Parts of a stapler with its arm level; ``hinge`` (3,) lies on the axis, ``tip`` on top of the arm's front end."""
+    """Parts of a stapler whose arm is level.
+
+    ``hinge`` (3,) is a point on the rotation axis of the arm. ``tip`` (3,) is a point on the upper side of the arm, at
+    its front end.
+    """
 
     base: list[Solid]
     arm: list[Solid]

@@ -13,8 +13,8 @@ from gensim2.objects.shapes import Array, Solid, box, path, rounded_box, tray
 
 @dataclass(frozen=True)
 class Suitcase:
-    """Parts of a closed suitcase; ``hinge`` (3,) is the midpoint of the lid's lower edge, and ``edge`` (3,) the
-    midpoint of its upper edge.
+    """Parts of a closed suitcase. ``hinge`` (3,) is the midpoint of the lid's lower edge, and ``edge`` (3,) is the
+    midpoint of the lid's upper edge.
     """
 
     shell: list[Solid]

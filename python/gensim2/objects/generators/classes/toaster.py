@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a toaster, to be pushed, or operated by pressing its lever down."""
+"""Define two classes of generated toasters: toasters that are pushed, and toasters whose lever is pressed down."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def draw(rng: np.random.Generator) -> Toaster:
     half = height / 2
     slot_w, slot_d, slot_h = 0.022, 0.72 * depth, 0.6 * height
     body: list[Solid] = []
-    # The body around the slots consists of a floor and vertical slabs between and beside them.
+    # The body consists of a floor below the slots, and of vertical slabs between the slots and on all sides of them.
     floor_top = half - slot_h
     body.append(rounded_box((0, (floor_top - half) / 2, 0), (width, floor_top + half, depth), look, 0.02))
     centers = [0.0] if slots == 1 else [-0.2 * width, 0.2 * width]

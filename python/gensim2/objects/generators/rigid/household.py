@@ -59,7 +59,8 @@ def _soccer_ball() -> RigidBlueprint:
     parts = [sphere(radius, WHITE)]
     for corner in [c for x in corners for c in (x, np.roll(x, 1), np.roll(x, 2))]:
         n = np.asarray(corner, float) / np.linalg.norm(corner)
-        # Each patch is a flat pentagon that is projected onto the ball and raised slightly above its surface.
+        # Each black patch of the soccer ball is made from a flat pentagon. The pentagon is projected onto the ball and
+        # raised slightly above the surface of the ball.
         flat = ring((0, 0, 0), n, 0.34, 5)
         edges = np.concatenate([a + np.linspace(0, 1, 4)[:, None] * (b - a) for a, b in pairwise([*flat, flat[0]])])
         patch = np.concatenate([n + share * edges for share in (1.0, 0.75, 0.5, 0.25, 0.001)])

@@ -13,11 +13,14 @@ from gensim2.objects.shapes import Array, Look, Mesh, Solid, Vec3, box, convex, 
 
 @dataclass(frozen=True)
 class RigidBlueprint:
-    """Geometry of a rigid object: z up, origin near its middle, in metres before ``scale``.
+    """Geometry of a rigid object.
+
+    The z axis points up, and the origin is near the middle of the object. Lengths are in metres. The field ``scale`` of
+    the object's class scales the lengths later.
 
     Attributes:
         parts: convex parts with their materials.
-        head, tail: keypoints, each (position, description); ``tail`` may be None.
+        head, tail: keypoints, each with position (3,) and description; ``tail`` may be None.
     """
 
     parts: list[Solid]
@@ -75,14 +78,17 @@ def scaled(solid: Solid, factor: float | Vec3) -> Solid:
 
 
 def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, smooth: int = 6) -> list[Solid]:
-    """Return a solid of revolution about z. Its visual mesh is smooth; for collisions there is one frustum between
-    every two profile points.
+    """Return a solid of revolution about the z axis.
+
+    The visual mesh is smooth. The collision shape is a stack of convex hulls. Each hull spans as many consecutive
+    profile points as possible; it ends where the outline is no longer convex.
 
     Args:
         profile: (radius, height) from the bottom up, metres.
         look: material.
-        sides: number of sides of the collision frustums.
-        smooth: number of additional points of the visual mesh between two profile points (monotone interpolation).
+        sides: number of sides of the collision hulls.
+        smooth: number of interpolated points of the visual mesh for each interval between two consecutive profile
+            points. The interpolation is monotone.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -118,14 +124,16 @@ def _circle(radius: float, height: float, sides: int) -> Array:
 
 
 def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, sides: int = 12) -> list[Solid]:
-    """Return a round vessel that is open at the top. It consists of a floor, and of flat wall segments (staves) between
-    every two points of its outline.
+    """Return a round vessel that is open at the top.
+
+    The vessel has a floor and a wall. The wall consists of rings of flat segments (staves), one ring between each two
+    consecutive points of the outline.
 
     Args:
         outline: (outer radius, height) from the foot to the rim, metres.
         wall: thickness of wall and floor, m.
         look: material.
-        sides: number of staves around the vessel.
+        sides: number of staves in each ring.
     """
     parts = []
     for (r0, z0), (r1, z1) in pairwise(outline):
@@ -216,8 +224,8 @@ def shifted(parts: Sequence[Solid], by: Vec3) -> list[Solid]:
 
 
 def curved(points: Sequence[Vec3], radii: Sequence[float], look: Look, sides: int = 10) -> list[Solid]:
-    """Return a round bar of varying radius along a polyline: with one collision hull for each segment and one smooth
-    visual surface.
+    """Return a round bar of varying radius along a polyline. The bar has one collision hull for each segment of the
+    polyline, and one smooth visual surface.
     """
     from gensim2.objects.shapes import loft
 
