@@ -8,8 +8,8 @@
    from the best rate are simulated further. This comparison stops when one candidate leads, or when the candidates
    have their maximum number of episodes and count as equally good.
 4. The designer varies the best candidates, and the variants are compared in the same way. These refinements are
-   repeated until success rates remain too low for another refinement, the designer has no more variants, or the budget
-   is spent.
+   repeated until a candidate succeeds often enough, all success rates remain too low, the designer has no more
+   variants, or the budget is spent.
 
 Candidates are ranked by success rate. If the rates of the leading candidates do not differ significantly, the `strict`
 success rate decides, which also requires that the hand has retreated.
@@ -72,7 +72,7 @@ class Budget:
             ``enough_episodes`` episodes. A low strict rate alone causes at most one refinement.
         enough_episodes: minimum number of episodes for a candidate that ends or wins the search.
         hopeless: success rate that a candidate must exceed to be worth another refinement. The designer's ``patience``
-            is the number of refinements that take place even if all candidates are below this rate.
+            is the number of refinements that take place even if no candidate exceeds this rate.
         max_physics_episodes: total number of simulated episodes after which the search stops comparing and refining.
     """
 

@@ -152,7 +152,7 @@ def hand_overs(thing: Affordance, direction: str) -> Strategies:
 def _stands(thing: Affordance) -> bool:
     """Return whether the tail keypoint of a rigid object marks the bottom of the object.
 
-    This is the case if the object is more than half as tall as it is wide.
+    This is the case if the object has a tail keypoint and is more than half as tall as it is wide.
     """
     return "rigidbody_object_tail" in thing.keypoints and thing.size[2] > 0.5 * max(thing.size[:2])
 
