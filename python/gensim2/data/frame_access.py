@@ -63,20 +63,26 @@ class _Open:
 class FrameAccess:
     """Sequence of the frames of all successful episodes.
 
-    ``frames[i]`` is a mapping with observations, named as in :class:`~gensim2.perception.Observation`; ``action``,
-    ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. Each file's
-    checksum is checked at first use; after that, reading a frame reads only the chunk with this frame. The object can
-    be pickled. For a PyTorch ``DataLoader`` use :meth:`torch`.
+    ``frames[i]`` is a mapping with the following entries:
+
+    - observations, named as in :class:`~gensim2.perception.Observation`
+    - ``action``, ``reward``, ``success`` and ``done``
+    - ``language``, the instruction of the task
+    - ``task_index``, ``episode_index`` and ``frame_index``
+
+    When a file is used for the first time, its checksum is checked. After that, only the part of the file that contains
+    the requested frame is read. The object can be pickled. For a PyTorch ``DataLoader`` use :meth:`torch`.
 
     Args:
         stores: stored episodes of each task; at least one task.
         robot_name: robot of the episodes.
         observations: whether to include rendered observations; None includes them if any exist.
-        horizon: number of future actions with each frame. With more than 1, ``action`` is (horizon, m + 1), the last
-            action of the episode is repeated, and ``action_is_pad`` marks repetitions. With 1, ``action`` is (m + 1,).
+        horizon: number of future actions with each frame. If ``horizon`` is 1, ``action`` has the shape (m + 1,) for an
+            arm with m joints. If ``horizon`` is larger, ``action`` has the shape (horizon, m + 1). Near the end of an
+            episode, the last action is then repeated, and ``action_is_pad`` marks the repetitions.
 
     Raises:
-        InputError: the collection is not finished, or only some episodes have observations, or their specs differ.
+        InputError: the collection is not finished, only some episodes have observations, or their specs differ.
     """
 
     def __init__(
@@ -213,7 +219,7 @@ class FrameAccess:
             self._spec.require(spec, str(path), of="the rest of the data set")
             found = frame_arrays(path, episode.row.control_steps)
             self._arrays[number] = next((known for known in self._arrays.values() if known == found), found)
-        # HDF5's cache is switched off: a chunk contains one frame, which is seldom read twice.
+        # Disable HDF5's cache. Each chunk contains one frame, and programs seldom read the same frame twice.
         file = h5py.File(path, "r", rdcc_nbytes=0)
         self._files[number] = _Open(file, {name: file[name] for name in self._arrays[number]})
         if len(self._files) > OPEN_FILES:

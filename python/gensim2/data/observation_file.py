@@ -47,10 +47,12 @@ class ObservedEpisode:
     """Observations of an episode of T steps.
 
     Attributes:
-        description: origin and settings as JSON data: ``task``, ``index``, ``episode_digest``, ``language``, ``steps``
-            and all fields of the spec.
-        arrays: arrays (T + 1, ...) by name. ``intrinsic``, the ``T_base_camera`` of fixed cameras and the
-            ``T_link_camera`` of cameras on the robot have no time axis.
+        description: JSON data about the origin and the settings of the observations. It has the keys ``task``,
+            ``index``, ``episode_digest``, ``language`` and ``steps``, and all fields of the observation spec.
+        arrays: arrays by name. Most arrays have the shape (T + 1, ...), because there is an observation before the
+            first step and one after each step. Three arrays of a camera have no time axis: its matrix ``intrinsic``,
+            its pose ``T_base_camera`` if the camera is fixed, and its pose ``T_link_camera`` if the camera is on the
+            robot.
     """
 
     description: dict[str, Any]

@@ -47,10 +47,10 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
 
 
 def segmentation_ids(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> dict[str, list[str]]:
-    """Return the meaning of each segmentation id: its owner (object name, robot or ``table``) and its link.
+    """Return the owner and the link for each segmentation id. The owner is an object's name, the robot or ``table``.
 
-    The ids are strings, because JSON keys must be strings. The result is empty if the observation spec contains no
-    point cloud, depth image or segmentation image.
+    The keys of the result are strings, because the result is stored as JSON. The result is empty if the observation
+    spec contains no point cloud, depth image or segmentation image.
 
     Raises:
         InputError: an object's files cannot be used.

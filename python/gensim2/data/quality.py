@@ -33,18 +33,21 @@ class TaskQuality:
     Attributes:
         name, sentence: name and instruction of the task.
         tried: number of episodes.
-        held, strict: number of episodes that pass the verdict of this name; `held` means success.
-        whole: number of successful episodes without partial motions.
+        held: number of successful episodes, which pass the verdict `held`.
+        strict: number of episodes that also pass the stricter verdict `strict`.
+        whole: number of successful episodes in which every motion was executed completely.
         causes: number of failed episodes by cause.
-        places: for each episode, x, y (m) and yaw (rad) of the first step's object, and whether the episode succeeded.
-        openness: initial openness of the first step's object in successful episodes; empty if the object has no joint.
-        lengths: control steps of successful episodes.
+        places: placement of the first step's object in each episode: x and y in m, yaw in rad, and whether the episode
+            succeeded. The first step's object is the object on which the first step of the task acts.
+        openness: initial openness of the first step's object in each successful episode; empty if the object has no
+            joint.
+        lengths: number of control steps in each successful episode.
         jerks: root mean square of the arm's jerk (rad/s^3) in each successful episode.
         clearances: smallest clearance of each successful episode, m (:mod:`gensim2.data.clearance`).
         nearest: nearest obstacle of each successful episode: ``"table"``, ``"itself"`` or an object's name.
         instances: number of uses of each object in successful episodes.
-        same_scene: successful episodes whose scene equals the scene of an earlier episode within a millimetre.
-        same_actions: successful episodes whose actions equal the actions of an earlier episode.
+        same_scene: number of successful episodes whose scene is the same as in an earlier episode, within a millimetre.
+        same_actions: number of successful episodes whose actions are the same as in an earlier episode.
     """
 
     name: str

@@ -1,6 +1,6 @@
-"""Manage a collection's folder: find the missing episodes, run them, and write the report.
+"""Manage the folder of a collection. Find the episodes that were not run yet, run them, and write the report.
 
-Memory use grows by only one byte per episode.
+For each episode, this module keeps only one byte in memory, so that a collection can have many episodes.
 """
 
 from __future__ import annotations
@@ -62,14 +62,14 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
 
     Args:
         path: the folder; it is created if missing.
-        record: settings of the collection. When resuming, only the number of episodes and the list of tasks may grow;
-            nothing else may differ.
+        record: settings of the collection. A resumed collection may have more episodes and more tasks than before, but
+            its other settings must be the same.
         resume: continue an existing data set.
         process: facts about this call (such as the number of workers), stored in ``run.json``.
 
     Raises:
-        InputError: the folder has a data set and ``resume`` is false; or the folder has a different data set or other
-            files, is used by another process, or cannot be written to.
+        InputError: the folder has a data set and ``resume`` is false, or this data set has other settings. This error
+            is also raised if the folder has other files, is used by another process, or cannot be written to.
     """
 
     def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:
@@ -144,8 +144,8 @@ class Queue:
             if any(task.status.held for task in self._tasks):
                 card(self._folder.path)
         except BaseException:
-            # If the disk is full, this report cannot be written. Ignore the second error, so that the first one is
-            # raised.
+            # Writing this report can fail, too, for example on a full disk. Suppress this second error, so that the
+            # error that ended the collection is raised.
             with contextlib.suppress(InputError):
                 self._report()
             raise
@@ -201,12 +201,13 @@ class Queue:
         self._add_objects(task)
 
     def _add_objects(self, task: TaskQueue) -> None:
-        """Store a task's results and the objects of its episodes in the record of the data set."""
+        """Copy the results of a task, and the objects of the task's episodes, into the record ``dataset.json``."""
         objects = self._record.objects
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                # Read each object again, because the record must contain the hash of the content that the run used.
+                # Read each object again from the library. The hash of its current content is compared with the hash
+                # that the episode recorded.
                 if key not in self._objects:
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]

@@ -47,10 +47,11 @@ class TaskRecord(_Record):
     Attributes:
         digest: digest of ``task.yaml`` and the strategies.
         instances: name of the set of objects.
-        objects: number of generated objects of each articulated class that replace ``instances``; None uses
-            ``instances``.
-        tried, held, strict: number of all episodes, number of successful episodes (verdict `held`), and number of
-            episodes that pass `strict`; None until all episodes are finished.
+        objects: number of generated objects for each articulated class. These objects are used instead of
+            ``instances``. If the number is None, the objects of ``instances`` are used.
+        tried: number of all episodes; None until all episodes are finished.
+        held: number of successful episodes, which pass the verdict `held`; None until all episodes are finished.
+        strict: number of episodes that pass the verdict `strict`; None until all episodes are finished.
         causes: number of failed episodes by cause.
     """
 
@@ -122,8 +123,9 @@ class DatasetRecord(RunSettings):
             yield from differing(f"tasks.{name}", was, given)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record ``now`` of the resuming command, extended by the objects of this record. If no episodes
-        were added, the results of this record are copied, too.
+        """Return the new record of the data set when a command with the settings ``now`` resumes the collection. The
+        new record has the settings of ``now`` and the objects of this record. If ``now`` adds no tasks and no episodes,
+        the new record also has the results of this record.
         """
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):

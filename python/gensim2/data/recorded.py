@@ -22,14 +22,15 @@ ROOT = 13
 
 
 def check_recording(recording: Recording, episode: Episode, file: Path | str, at: str = "") -> None:
-    """Check that a recording fits its episode and, if the episode succeeded, has only finite numbers.
+    """Check that a recording belongs to an episode. The number of steps, the seed, the objects, and the types and
+    shapes of the arrays must match. If the episode succeeded, all numbers of the recording must be finite.
 
     Args:
         file: file of the recording, for error messages.
         at: position of the recording in the file, for error messages.
 
     Raises:
-        InputError: the recording does not fit; the message names the field.
+        InputError: the recording does not match, or has a number that is not finite; the message names the field.
     """
     steps = len(recording.actions) if recording.actions.ndim else 0
 

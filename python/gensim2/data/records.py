@@ -50,7 +50,9 @@ FIXED_ARGUMENTS = (
 
 
 class Effort(Record):
-    """CPU time and wall time of designing and verifying a task. Only the call that finished the task is counted."""
+    """CPU time and wall time of designing and verifying a task. If the task was resumed, this is the time of the last
+    call only.
+    """
 
     cpu_s: Annotated[float, Field(ge=0)]
     wall_s: Annotated[float, Field(ge=0)]
@@ -74,8 +76,8 @@ class RunRecord(RunSettings):
     effort: dict[str, Effort] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences between this record and ``now`` that would change results; the number of tasks and
-        episodes may grow.
+        """Yield the differences between this record and ``now`` that would change the results. The number of tasks and
+        the number of episodes are not compared, because a resumed run may increase them.
         """
         was, given = ({name: each.arguments.get(name) for name in FIXED_ARGUMENTS} for each in (self, now))
         yield from differing("arguments", was, given)
@@ -83,13 +85,17 @@ class RunRecord(RunSettings):
         yield from differing("versions", self.versions, now.versions)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the current arguments and without a result."""
+        """Return the record for the run that resumes this run. The new record has the arguments of ``now``, and neither
+        an end time nor a result.
+        """
         update = {"arguments": now.arguments, "finished": None, "result": None, "resumed": self.resumed + 1}
         return self.model_copy(update=update)
 
 
 class SecondEngineRecord(Record):
-    """Part of ``verification.json``: episodes on the same scenes in the other physics engine."""
+    """Episodes that verify a task in the other physics engine, in the same scenes as the first engine. This record is a
+    part of ``verification.json``.
+    """
 
     engine: Engine
     held: Annotated[int, Field(ge=0)]
@@ -214,9 +220,10 @@ class Verification:
     Attributes:
         episodes: episodes in the order of the seeds.
         threshold: smallest success rate for keeping the task.
-        instances: set of objects. ``"new"`` (generated objects that are not listed) and ``"test"`` were not used in the
-            search; ``"all"`` is used if a class is too small to be split.
-        second: episodes on the same scenes in the other engine; None if only one engine is used.
+        instances: set of objects. With ``"new"`` (generated objects that are not listed) and ``"test"``, the
+            verification uses no object of the search. ``"all"`` includes the objects of the search; this set is used if
+            a class has too few objects for a test split.
+        second: episodes in the same scenes in the other physics engine; None if only one engine is used.
     """
 
     episodes: tuple[Episode, ...]
@@ -234,7 +241,9 @@ class Verification:
 
     @property
     def kept(self) -> bool:
-        """Whether the success rate reaches the threshold in every engine."""
+        """Whether the success rate of the episodes reaches the threshold. If the task was verified in two physics
+        engines, the success rate in the second engine must reach the threshold, too.
+        """
         return self.rate >= self.threshold and (self.second is None or self.second.rate >= self.threshold)
 
     def to_dict(self) -> dict[str, Any]:
@@ -280,13 +289,13 @@ class TaskOutcome:
         asset_class: classes of its objects, separated by commas.
         goal: types of the success criteria.
         kept: whether the success rate reaches the threshold.
-        verification: counts over the verification's episodes.
-        fresh: counts over all episodes that were run after the search: verification and demonstrations.
+        verification: numbers of successful and failed episodes in the verification.
+        fresh: the same numbers for all episodes after the search, which are the verification and the demonstrations.
         demos: number of collected demonstrations.
         cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.
-        checker: how often the success criteria were wrong in mutated worlds (docs/reference/tasks.md); None in records
-            of earlier versions.
+        checker: how often the success criteria were true in mutated worlds, which are scenes in which the task is not
+            done (docs/reference/tasks.md). None in records of earlier versions.
     """
 
     name: str
@@ -330,8 +339,10 @@ class PipelineResult:
     Attributes:
         run_dir: run folder.
         tasks: designed tasks in the order in which they were finished.
-        rejected: proposals for which no candidate passed the screening, with the reason.
-        notes: remarks for the user, for example fewer tasks than requested, or objects left out.
+        rejected: proposed tasks that were not verified, with the reason. For example, the planner found no motion for
+            any of the candidate strategies.
+        notes: remarks for the user. For example, the run designed fewer tasks than requested, or could not use some
+            objects.
     """
 
     run_dir: str

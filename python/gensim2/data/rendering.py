@@ -191,7 +191,8 @@ class _Rendering:
             self._size += path.stat().st_size
 
     def _scene(self, store: TaskStore) -> SceneConfig:
-        # The scene needs no list of instances: each episode records the objects that it used.
+        # Each episode records the objects that it used. Therefore the scene is built without a set of objects to choose
+        # from.
         return self._dataset.scene.with_task(store.spec())
 
     def _failed(self, failure: Failure) -> None:

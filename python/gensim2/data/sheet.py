@@ -70,9 +70,10 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
 
 
 def picture(observation: ObservedEpisode, step: int) -> Frame | None:
-    """Return an image (H, W, 3) of one time step: a camera's image, else a drawing of the point cloud, else None.
+    """Return an image (H, W, 3) of one time step, or None. The image comes from a camera. If no camera has colour
+    images, the image is a drawing of the point cloud. The result is None if there is no point cloud either.
 
-    The right camera is preferred, because it sees the side of the object that the robot acts on.
+    The camera ``right`` is preferred, because it shows the side of the object on which the robot acts.
     """
     arrays = observation.arrays
     names = sorted(
@@ -84,7 +85,7 @@ def picture(observation: ObservedEpisode, step: int) -> Frame | None:
     if XYZ not in arrays:
         return None
     intrinsic, T_base_camera = (arrays[f"cameras/{names[0]}/{what}"] for what in ("intrinsic", "T_base_camera"))
-    if T_base_camera.ndim == 3:  # a camera on the robot
+    if T_base_camera.ndim == 3:  # the pose of a camera on the robot has a time axis
         T_base_camera = T_base_camera[step]
     return _splatted(arrays[XYZ][step], arrays[RGB][step], intrinsic, T_base_camera)
 

@@ -17,9 +17,10 @@ class TaskStatus:
         name: name of the task.
         total: number of episodes to run.
         tried, held, strict: number of finished episodes, number of successful episodes (verdict `held`), and number of
-            episodes that pass `strict`, all including earlier runs.
+            episodes that pass `strict`. The numbers include episodes of earlier calls.
         causes: number of failed episodes by cause, most frequent first.
-        engines: number of episodes that pass `held` in each engine, with ``engines="both"``.
+        engines: number of episodes that pass `held` in each physics engine. Given only if every scene is run in both
+            engines (``engines="both"``).
         disagreed: seeds of the scenes in which only one engine passes `held`.
     """
 

@@ -87,8 +87,8 @@ class TaskStore:
         a time.
 
         Raises:
-            InputError: the file is missing because the collection is incomplete, it cannot be read, or an episode has
-                other objects than the task.
+            InputError: the file is missing because the collection is incomplete, or the file cannot be read. The error
+                is also raised if the objects of an episode differ from the objects of the task.
         """
         path = self.rows_path
         last, objects = -1, self.spec().objects.keys()

@@ -1,7 +1,7 @@
 """Track the finished and missing episodes of one task in a collection.
 
-The quota of a queue is the number of episodes, or of successful episodes, that a task needs. Data sets and
-demonstrations use this queue with different quotas.
+A task needs episodes until its quota is full. For a data set, the quota is a number of episodes. For demonstrations of
+a verified task, the quota is a number of successful episodes.
 """
 
 from __future__ import annotations
@@ -104,9 +104,9 @@ class TaskQueue:
 
     @property
     def needed(self) -> int | None:
-        """Number of episodes that the task needs to fill its quota.
+        """Number of episodes that the task needs to fill its quota, counted from the episode with index 0.
 
-        Episodes count in the order of their indices. None if the number still depends on an unfinished episode.
+        The number is None as long as it depends on the result of an episode that is not finished.
         """
         if self.quota.held is None:
             return self.quota.limit if self.tried == self.quota.limit else None
@@ -187,11 +187,12 @@ class TaskQueue:
             pass
 
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
-        """Yield the remaining jobs, numbered from ``first``. Yield None as long as the running episodes decide whether
-        another job is needed.
+        """Yield a job for each missing episode, numbered from ``first``. Yield None as long as the results of running
+        episodes will decide whether another episode is needed.
 
-        An episode is started only if the quota would stay unfilled even if all running episodes succeed. Therefore the
-        same indices are run with any number of workers and in any order of completion.
+        A new episode is started only if the quota would not be full even if all running episodes succeeded. Therefore
+        the same episodes are run with any number of workers, and the order in which the episodes finish does not
+        matter.
         """
         config = evaluator.config(self.task, self.instances)
         last = self._done.rfind(1)

@@ -1,13 +1,15 @@
 """Write demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
-Each finished episode is first written atomically to its own file under ``episodes/``. At the end, the episodes are
-merged into these two files in the given order. An interruption therefore loses no finished episode, and the number of
-workers does not change the bytes.
+Each finished episode is first written atomically to its own file under ``episodes/``, so that an interruption loses no
+finished episode. At the end, the episodes are merged into the two files in the given order. Therefore the bytes of the
+files do not depend on the number of workers.
 
-ManiSkill's own command replays the result, because the environment's id names the module that registers the
-environment:
+ManiSkill's own command can replay the result:
 
     python -m mani_skill.trajectory.replay_trajectory --traj-path trajectory.h5
+
+This command finds the environment because the environment id in ``trajectory.json`` begins with a module name. The
+module is imported and registers the environment.
 """
 
 from __future__ import annotations
@@ -73,9 +75,10 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
     if not episodes:
         raise InputError("there is no finished episode to merge", file=folder)
     used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
-    # The data file is renamed before the JSON file, so that the JSON file never refers to missing data. The JSON file
-    # begins with the objects, which are known only after the last episode; the entries therefore wait in a temporary
-    # file, so that each episode is read only once.
+    # ``trajectory.h5`` is renamed before ``trajectory.json``, so that the JSON file never refers to missing data. In
+    # the JSON file, the list of used objects comes before the episodes, but the list is complete only after the last
+    # episode. Therefore the entries of the episodes are first written to a temporary file, and each episode is read
+    # only once.
     with (
         replacing(folder / JSON_NAME) as json_path,
         replacing(folder / H5_NAME) as h5_path,
@@ -147,7 +150,9 @@ def env_kwargs(
         "instances": {name: list(ids) for name, ids in instances.items()},
         **environment,
     }
-    if not _env_id(task).endswith(task.env_id):  # A task that is not in the library has no environment id of its own.
+    # A task of the library has an environment id that ends with its own id. For any other task, the arguments must
+    # contain the definition of the task.
+    if not _env_id(task).endswith(task.env_id):
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs
 

@@ -108,8 +108,8 @@ class Replay:
     def stored(trajectory: Path, episode: int = 0) -> Replay:
         """Read the replay of an episode from ``trajectory.h5`` and the JSON file in the same folder.
 
-        The environment is built from the task, because gymnasium would import the module named in the file's
-        environment id.
+        The environment is built from the task definition in the file. The environment id in the file is not used,
+        because gymnasium would import the module that this id names, which can run foreign code.
 
         Raises:
             InputError: the file or the episode is missing or cannot be used.
@@ -124,7 +124,8 @@ class Replay:
         if found is None:
             raise InputError(f"there is no episode {episode}", file=path, field="episodes")
         reset = found.reset_kwargs
-        # Reject other options in untrusted files: ManiSkill has reset options that set any state.
+        # The file may be untrusted. Other reset options of ManiSkill can set any state of the simulation, so only
+        # ``RESET_OPTIONS`` are accepted.
         if unknown := reset.options.keys() - RESET_OPTIONS:
             raise InputError(f"has the unknown option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
@@ -184,16 +185,17 @@ class Film:
 
 
 def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
-    """Record an episode as an mp4 of 640 x 480 pixels, with H.264, which browsers play.
+    """Record an episode as a video of 640 x 480 pixels. The file is an mp4 with the codec H.264, which browsers can
+    play.
 
     SAPIEN's renderer needs 2.2 GB of memory and 10 s for its first frame, so call this function in a worker process.
 
     Args:
         video: file to write, atomically.
-        still: also write an image of the moment when an object's keypoint is farthest from its start; the suffix
-            selects the format.
-        stride: control steps between frames; None: 1, or 2 for long episodes.
-        speed: 1 plays in real time, 2 twice as fast.
+        still: file of an image to write, too. The image shows the moment when an object's keypoint is farthest from its
+            start. The suffix selects the format.
+        stride: number of control steps between frames. None means 1, or 2 for long episodes.
+        speed: playback speed. 1 plays in real time, and 2 plays twice as fast.
     """
     shown = _Shown()
     chosen = renderer(replay.scene.engine)
@@ -209,7 +211,9 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
 
 class _Shown:
-    """Data about the frames that are already in the video file; the frames themselves would need too much memory."""
+    """Summary of the frames that were written to the video file. The summary keeps only the frame for the still image,
+    because all frames together would need too much memory.
+    """
 
     def __init__(self) -> None:
         self.frames = 0
@@ -297,13 +301,14 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
 
     Args:
         path: file to write.
-        frames: (H, W, 3), all of the same size, at least one.
+        frames: at least one image (H, W, 3); all images have the same size.
         frames_per_second: frame rate of the video.
-        exact: keep the frame size (see :func:`pixel_format`) and make every second frame a key frame for fast random
-            access. By default sides are scaled to multiples of 16, which all browsers play.
+        exact: whether to keep the frame size (see :func:`pixel_format`) and to make every second frame a key frame, so
+            that programs can read single frames quickly. By default, both sides are scaled to multiples of 16, because
+            all browsers can play videos of such a size.
 
     Raises:
-        OSError: the encoder ended early, as on a full disk.
+        OSError: the encoder ended early, for example because the disk was full.
     """
     import imageio_ffmpeg
 
@@ -326,7 +331,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
             except OSError as error:
                 raise OSError(errno.EIO, _ENDED_EARLY) from error
             count += 1
-    try:  # the writer does not check the encoder's exit status
+    try:  # the writer does not check the encoder's exit status, so count the frames in the file
         found = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
     except RuntimeError as error:
         raise OSError(errno.EIO, _ENDED_EARLY) from error

@@ -34,13 +34,14 @@ MOVES = 0.005
 
 @dataclass(frozen=True)
 class KeypointFacts:
-    """Geometry at a keypoint, averaged over instances before randomization.
+    """Geometry at a keypoint. The values are means over several instances (objects of one class) in their poses before
+    randomization.
 
     Attributes:
-        position: (3,) metres in the world.
+        position: (3,) position in the world, m.
         opening: (3,) unit direction in the world in which the keypoint moves as the joint opens; None if the joint does
             not move the keypoint.
-        part: (3,) extents in metres along the world's axes of the convex part nearest to the keypoint.
+        part: (3,) size of the convex part that is nearest to the keypoint, along the axes of the world, m.
     """
 
     position: Triple
@@ -57,19 +58,20 @@ class Affordance:
         kind: ``"articulated"`` or ``"rigid"``.
         noun: everyday name of an object of the class.
         description: phrase that describes the class.
-        size: (3,) extents in metres in the resting pose with the joint at zero: depth (away from the robot), width,
-            height.
-        mass: kg.
-        keypoints: description by name, for the keypoints that every sampled instance has. The last keypoint is the
-            measured keypoint, which distance criteria use.
-        lever_arms: distance in metres from the joint axis by keypoint name, for the keypoints on the moving link; zero
-            for a prismatic joint, empty for a rigid object.
-        joint_type: the more frequent joint type of the instances, ``"revolute"`` or ``"prismatic"``; None for a rigid
-            object. All values about the joint are means over the instances of this type.
+        size: (3,) depth, width and height in metres, in the resting pose with the joint at zero. The depth is measured
+            away from the robot.
+        mass: mass, kg.
+        keypoints: description of each keypoint, by name. A keypoint is included if every sampled instance has it. The
+            last keypoint is the measured keypoint, to which the distance criteria of tasks refer.
+        lever_arms: distance in metres from the joint axis to each keypoint on the moving link, by keypoint name. The
+            distances are zero for a prismatic joint. The mapping is empty for a rigid object.
+        joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object. If the instances have different joint
+            types, this is the more frequent type, and all values about the joint are means over the instances of this
+            type.
         joint_range: lower and upper joint limit, rad or m, at openness 0 and 1.
-        joint_axis: ``"vertical"`` or ``"level"``: direction of the hinge axis, or of the motion of a prismatic joint.
+        joint_axis: direction of the hinge axis, or of the motion of a prismatic joint: ``"vertical"`` or ``"level"``.
         default_openness: mean openness at the start of an episode.
-        grip_width: distance in metres between the fingertips that hold a rigid object across its narrowest side.
+        grip_width: distance in metres between the fingertips when they hold a rigid object across its narrowest side.
         picture: picture of one instance with labelled keypoints, or None.
         samples: the articulated instances that the values summarize.
     """
@@ -231,7 +233,9 @@ def _facts(
 
 
 def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
-    """Return the extents of the free space at the measured keypoint; None if an instance has no free space there."""
+    """Return the mean size of the free space around the keypoint ``name`` of the instances. The result is None if an
+    instance has no free space there.
+    """
     from gensim2.objects.meshwork.interior import inner_box
 
     sizes = []

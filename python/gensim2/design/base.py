@@ -28,7 +28,8 @@ class RobotSummary:
         robot: name of the robot.
         base: x and y of the robot's base in the world, m. The table's top is at z = 0, and x points away from the
             robot.
-        reach: horizontal distance in metres from the base up to which the hand, pointing down, reaches the table.
+        reach: maximum horizontal distance from the base, m. Within this distance, the hand can touch the table while it
+            points down.
         stroke: maximum distance between the finger pads, m.
         tool_keypoints: description of each keypoint of the hand, by name.
     """
@@ -47,7 +48,8 @@ class Known:
     Attributes:
         task: task spec.
         strategies: strategies of the task's steps, by name.
-        held, episodes: number of successful and of all episodes in the task's last verification; zero if unknown.
+        held, episodes: number of successful episodes, and number of all episodes, in the latest verification of the
+            task; zero if the task has no verification.
     """
 
     task: TaskSpec
@@ -58,16 +60,17 @@ class Known:
 
 @dataclass(frozen=True)
 class Brief:
-    """Input of a designer: the robot, the objects and the existing tasks.
+    """Information for a designer about the robot, the objects and the existing tasks.
 
     Attributes:
         settings: summary of the robot.
         classes: affordance (summary) of each articulated or rigid object class, by class name.
         known: existing tasks. A proposal must not repeat one of them, and long tasks may be built from them. The run
             appends each kept task, so that later proposals can build on earlier tasks.
-        familiar: tasks that count as already solved.
-        refused: reasons why success criteria of proposals were refused, by the name of the task; the run fills this
-            mapping.
+        familiar: tasks that count as already solved. A proposal may repeat such a task but does not count towards the
+            number of requested tasks.
+        refused: for each proposed task whose success criteria were refused, the reason by the task's name. The run adds
+            an entry after each refusal.
     """
 
     settings: RobotSummary
@@ -87,8 +90,8 @@ class Candidate:
 
     Attributes:
         label: phrase that describes the candidate in the report.
-        steps: for each step, its strategies by name in order of preference; a kept task uses these names. Steps may
-            share a strategy.
+        steps: for each step, a mapping from names to strategies, with the preferred strategy first. If the task is
+            kept, its steps use the same names. Several steps may use the same strategy.
         provenance: origin of the strategies: search parameters, or prompt and answer.
     """
 
@@ -117,7 +120,8 @@ class StageResult:
         causes: number of failures by cause.
         strict: fraction of episodes that also pass the strict verdict; 0 without episodes.
         diagnoses: descriptions of failures with measured values, the most frequent first.
-        by_object: numbers of successful and of all episodes with each instance of the first object, by its id.
+        by_object: for each instance of the task's first object, by its id, the number of successful episodes and the
+            number of all episodes.
     """
 
     name: Literal["plan", "physics"]
@@ -163,7 +167,9 @@ class CandidateResult:
 
     @property
     def by_object(self) -> dict[str, tuple[int, int]]:
-        """Numbers of successful and of all episodes with each instance of the first object, over all stages."""
+        """For each instance of the task's first object, by its id, the number of successful episodes and the number of
+        all episodes, over all stages.
+        """
         found: dict[str, tuple[int, int]] = {}
         for stage in self._physics:
             for instance, (held, count) in stage.by_object.items():
@@ -173,7 +179,7 @@ class CandidateResult:
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """Diagnoses of failures in the last stage with failures."""
+        """Descriptions of the failures in the latest stage in which a trial failed."""
         return next((stage.diagnoses for stage in reversed(self.stages) if stage.diagnoses), ())
 
     @property
@@ -192,9 +198,10 @@ class Designer(Protocol):
 
     Attributes:
         name: name of the designer in run.json and in the provenance of its tasks.
-        notes: remarks for the reader of the report; read at the end of the run.
-        patience: number of refinements that the search allows before it gives up a task whose candidates nearly always
-            fail. A designer that learns from the text of a diagnosis needs more than one.
+        notes: remarks for the report. The run reads the remarks at its end.
+        patience: number of refinements before the search may give up a task. The search gives up if nearly all episodes
+            of all candidates still fail. A designer that learns from descriptions of failures needs more than one
+            refinement.
     """
 
     @property

@@ -28,7 +28,9 @@ def check_criteria(
     files: TaskFolder | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> CheckerResult:
-    """Count how often the success criteria of a task hold in mutated worlds, in which the task is not done.
+    """Check the success criteria of a task in mutated worlds. A mutated world is a scene that was changed so that the
+    task is not done (docs/reference/tasks.md). Criteria that are true in such a scene are wrong, and this function
+    counts how often they are true.
 
     Args:
         task: task to check; its strategies are not used.

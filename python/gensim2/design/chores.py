@@ -1,5 +1,5 @@
-"""Draft tasks of several steps that move joints: either two joints for one purpose, or one joint to an end of its range
-and back.
+"""Draft tasks of several steps that move joints. A task either moves two joints for one purpose, or moves one joint to
+an end of its range and back.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ def again(brief: Brief) -> Iterator[Draft]:
 
 
 def pairs(brief: Brief) -> Iterator[Draft]:
-    """Draft tasks that move two joints for one purpose; the purposes alternate."""
+    """Draft tasks that move two joints for one purpose. The drafts take turns among the purposes, so that early drafts
+    differ.
+    """
     there = _narrow(brief)
     choices = list(in_turn(_pairs_for(purpose, there) for purpose in purposes()))
     used: Counter[tuple[str, str]] = Counter()
@@ -104,7 +106,9 @@ def _pair(purpose: Purpose, first: Piece, second: Piece) -> Draft:
 
 
 def _both(first: Piece, second: Piece) -> str:
-    """Return one phrase for two actions, with a shared verb only once."""
+    """Return one phrase for the actions of two tasks. If both actions have the same verb, the phrase contains this verb
+    only once, as in "open the drawer and the box".
+    """
     said = [piece.known.task.description for piece in (first, second)]
     parts = [
         sentence.partition(f" the {noun(piece.asset_class)}")

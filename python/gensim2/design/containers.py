@@ -38,8 +38,8 @@ CLOSED_AFTER = ("stow", "shut")
 #: Maximum width (m) of a container that leaves space on the table for a second container beside it.
 NARROW = 0.36
 
-#: Containers whose longest side exceeds this length (m) have a shelf or a turntable inside, and no space for two
-#: objects.
+#: A container gets no second object if its longest side exceeds this length (m). Such a large container has a shelf or
+#: a turntable inside, and no space for two objects.
 LARGE = 0.34
 
 
@@ -210,7 +210,11 @@ def _support_for(thing: Affordance, number: int) -> str:
 
 
 def _about(openness: tuple[float, float] | None = None) -> Randomization:
-    """Return the randomization of a container; ``openness`` is (mean, spread), None selects the object's default."""
+    """Return the random ranges for a container's start position and openness.
+
+    Args:
+        openness: mean and spread of the openness; None selects the default of the object.
+    """
     if openness is None:
         return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05))
     return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=openness[0], openness_spread=openness[1])

@@ -99,7 +99,9 @@ def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
 
 
 def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
-    """Return a task's success rates: as published in the paper, of the paper's code, and measured with gensim2."""
+    """Return three kinds of success rates of a task: the rate that the paper states, the rate of the paper's code, and,
+    if ``measured`` is true, the rates of gensim2.
+    """
     published, released = paper_of(task), released_of(task)
     return {
         "paper": None if published is None else {"mean": published[0], "deviation": published[1]},

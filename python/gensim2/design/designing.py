@@ -24,9 +24,10 @@ class Chosen:
     Args:
         designer: designer that proposes tasks and writes candidates.
         accepts: function that returns whether to accept a proposal.
-        left_out: phrase in the notes about rejected proposals, such as ``"are not wanted"``.
-        wish: name of the filter; a resumed run must use a filter with this name. None: a resumed run may use any
-            filter.
+        left_out: predicate of the note about rejected proposals. With ``"are not wanted"``, the note says "3 proposals
+            are not wanted".
+        wish: name of the filter. A run that is resumed must use a filter with this name. None allows the resumed run to
+            use any filter.
     """
 
     def __init__(
@@ -107,15 +108,16 @@ def model_designer(
     """Return a designer that queries a language model.
 
     Args:
-        model: model name at its endpoint; None: the name in ``config`` or ``replay``.
+        model: name of the model, as the provider names it. None selects the name in ``config`` or ``replay``.
         asking: mode, targets and number of trials.
         scene: scene options of the run, for the pictures shown to the model.
         prompts: folder of the user's own prompts.
-        replay: run folder whose recorded answers are used instead of querying a model. Its record overrides ``model``
-            and ``asking``.
+        replay: run folder whose recorded answers are used instead of a model. The settings of the recorded run then
+            replace ``model`` and ``asking``.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
-        review: function that returns whether to accept a proposal; None: accept all proposals.
-        **options: fields of :class:`~gensim2.design.llm.ModelOptions`, which override ``config``; None: not given.
+        review: function that returns whether to accept a proposal; None accepts all proposals.
+        **options: fields of :class:`~gensim2.design.llm.ModelOptions`. A value replaces the value in ``config``, unless
+            it is None.
 
     Raises:
         InputError: an argument cannot be used.

@@ -53,8 +53,9 @@ def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagno
     """Return the ``KEPT`` most frequent kinds of failure.
 
     Args:
-        failures: cause and measured values of each failed trial. The values are the ``diagnosis`` of an episode, or the
-            ``detail`` of a plan with ``step`` and ``strategy`` added.
+        failures: cause and measured values of each failed trial. If the trial is an episode, the values are its
+            ``diagnosis``. If the trial is a plan, the values are its ``detail``, together with the ``step`` and the
+            ``strategy`` of the plan.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
     example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}
@@ -104,7 +105,9 @@ def _of_plan(detail: Mapping[str, Any]) -> list[str]:
 
 
 def _length(residual: Mapping[str, Any], name: str = "residual") -> str:
-    """Format the residual: in millimetres for a point constraint, in radians for any other."""
+    """Format the remaining error of a constraint. The error of a point constraint is a distance in millimetres, and the
+    error of any other constraint is an angle in radians.
+    """
     value = float(residual[name])
     return f"{1000 * value:.0f} mm" if str(residual["name"]).startswith("point2point") else f"{value:.2f} rad"
 

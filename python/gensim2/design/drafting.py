@@ -1,7 +1,7 @@
 """Draft tasks of several steps, and check that earlier steps establish each step's preconditions.
 
-Picking up needs an empty hand and fills it. Putting down needs a full hand and an open container, and empties the hand.
-A joint is not moved to a state that it already has (:func:`chains`).
+A step that picks up an object needs an empty hand. A step that puts an object down needs this object in the hand and an
+open container. A step that moves a joint must change the state of the joint. :func:`chains` checks these rules.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ def is_known(brief: Brief, asset_class: str, goal: str) -> bool:
 
 
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
-    """Return the strategies of the known task that moves this class's joint to ``goal``; empty without such a task."""
+    """Return the strategies of the known task that moves this class's joint to ``goal``. The result is empty if there
+    is no such task.
+    """
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):
             wanted = known.task.steps[0].strategies
@@ -62,7 +64,9 @@ def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
 
 
 def _own_name(strategy: str, task: TaskSpec) -> str:
-    """Return a strategy's name; a generic name is replaced by a name that is unique among joint tasks."""
+    """Return a strategy's name for use in a longer task. A name that begins with ``designed`` says nothing about the
+    step, so it is replaced by a name with the step and the object's class.
+    """
     (thing,) = task.objects.values()
     number = strategy.removeprefix(DESIGNED)
     return f"{task.steps[0].name}_{thing.asset_class}{number}" if number != strategy else strategy
@@ -76,10 +80,12 @@ ALIKE = 3
 #: Number of control steps by which each step of a long task extends the task's time limit.
 STEPS_EACH = 300
 
-#: Start positions (x, y) in the world, m, of a rigid object: right and left of its destination, as seen from the robot.
+#: Start positions (x, y) of a rigid object in the world, m. As seen from the robot, ``BESIDE`` is on the right of the
+#: object's destination, and ``OTHER_SIDE`` is on the left.
 BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
 
-#: Random offsets in m that are added to start positions. The smaller offsets are for tasks with several rigid objects.
+#: Ranges (m) of the random offsets that are added to start positions. ``CLOSE_ABOUT`` is for tasks with several rigid
+#: objects.
 ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
 CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
 
@@ -105,7 +111,11 @@ class Draft:
     goal: list[Criterion] = field(default_factory=list)
 
     def joint(self, verb: str, role: str, criterion: Criterion, lasting: bool = True) -> None:
-        """Add a step that moves a joint; ``lasting`` adds the criterion to the goal of the task, too."""
+        """Add a step that moves a joint.
+
+        Args:
+            lasting: whether the criterion of the step must also be true at the end of the task.
+        """
         self._step(f"{verb}_{role}", role, HAND, (criterion,))
         if lasting:
             self.goal.append(criterion)
@@ -140,7 +150,9 @@ Family = Callable[[Brief], Iterator[Draft]]
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """Return a sentence for each precondition of a step that no earlier step establishes."""
+    """Return a message for each precondition that is not met when its step begins, because no earlier step establishes
+    it.
+    """
     held: str | None = None
     openness: dict[str, str] = {}
     wrong = []

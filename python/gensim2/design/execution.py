@@ -169,11 +169,12 @@ REPORT_EVERY = 60.0
 
 @dataclass(frozen=True)
 class Wanted:
-    """Number of tasks that a run should keep.
+    """Number of tasks that a run should design and keep.
 
     Attributes:
         total: number of tasks of any kind.
-        single, long: maximum number of single-step tasks, and of tasks with several steps; None: no limit.
+        single: maximum number of single-step tasks; None means no limit.
+        long: maximum number of tasks with several steps; None means no limit.
     """
 
     total: int
@@ -208,12 +209,13 @@ SEARCHED = "search"
 
 
 class _Kept:
-    """Runs the trials of a search and stores the results, so that a resumed search does not repeat trials.
+    """Runner for a search that stores the results of all trials. A resumed search reads the stored results instead of
+    running the trials again.
 
     Args:
         runner: runner that plans and runs episodes.
-        folder: folder of the results, with one file for each call. A search reuses a result only if the arguments of
-            the call are equal.
+        folder: folder of the results, with one file for each method call. A stored result is used only if the arguments
+            of the method call are the same.
     """
 
     def __init__(self, runner: EpisodeRunner, folder: Path) -> None:
@@ -251,9 +253,9 @@ class PipelineRun:
         seed: seed of all random choices.
         extent: amount of work on each task.
         known: tasks that the designer knows.
-        familiar: tasks that count as already solved. A proposal that repeats such a task can become a part of longer
-            tasks, but does not count towards the requested number.
-        budget: budget of each search; None: the default for the task.
+        familiar: tasks that count as already solved. The designer may propose such a task again and use it in longer
+            tasks, but the task does not count towards the requested number.
+        budget: maximum numbers of candidates and episodes in each search; None selects the default for the task.
         progress: progress listener.
     """
 
@@ -372,7 +374,9 @@ class PipelineRun:
         return first_alike(task, self._familiar) is not None
 
     def _to_verify(self, task: TaskSpec) -> int:
-        """Return the number of verification episodes; at most the default for a task that counts as already solved."""
+        """Return the number of verification episodes, which is not smaller than the number of demonstrations. For a
+        task that counts as already solved, the requested number is limited to ``VERIFY_EPISODES``.
+        """
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
         return max(verify, self.extent.demos)
 
@@ -542,8 +546,8 @@ class PipelineRun:
 
 
 def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture: Path) -> bool:
-    """Plan a task in the scene of one seed and draw a step; runs in a worker process. The step is the first one without
-    a complete motion, or the last one.
+    """Plan a task in the scene of one seed, and draw the plan of one step. If a step has no complete motion, the first
+    such step is drawn. Otherwise the last step is drawn. Worker processes call this function.
 
     Returns:
         Whether a picture was drawn.
@@ -555,7 +559,9 @@ def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture
 
 
 def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
-    """Return the task with a provenance that says whether the search used training objects only or all objects."""
+    """Return the task with a record of its origin. The record says whether the search used only training objects
+    (``"train"``) or all objects (``"all"``).
+    """
     origin = "search" if task.provenance is None else task.provenance.origin
     strategies = {name: Made(by="search", seen=seen) for name in strategies_of(task)}
     return task.model_copy(update={"provenance": Provenance(origin=origin, strategies=strategies)})

@@ -67,11 +67,12 @@ class ZarrWriter:
 
         Args:
             task: instruction of the task.
-            frames: (T, ...) by key, with the same keys and shapes in every episode. A key must not contain a slash:
-                zarr and Diffusion Policy's replay buffer would create a subfolder.
+            frames: (T, ...) by key, with the same keys and shapes in every episode. A key must not contain a slash,
+                because zarr and Diffusion Policy's replay buffer would create a subfolder for it.
 
         Raises:
-            InputError: a key is missing, new or invalid, or has another shape.
+            InputError: a key is missing, new or invalid, or the shape of its array differs from the shape in earlier
+                episodes.
         """
         if self._arrays and frames.keys() != self._arrays.keys():
             raise InputError(f"has the keys {sorted(frames)}, not {sorted(self._arrays)}", field="frames")

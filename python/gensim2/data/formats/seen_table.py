@@ -18,11 +18,15 @@ _SPEC = ("modalities", "cameras", "cloud")
 class SeenTable:
     """Collects the contents of ``observations.json`` from the episodes of an export.
 
-    ``observations.json`` has four fields. ``spec`` is the observation spec. ``cameras`` has ``intrinsic`` (3, 3),
-    pixels, and ``T_base_camera`` (4, 4) of each camera; a camera on the robot has ``T_link_camera`` and ``link``
-    instead. ``tables`` is a list of tables; a table maps each segmentation id to an object and a link. ``episodes`` has
-    ``task``, ``index`` and, in ``table``, the index of the episode's table (None if an old version rendered the
-    episode).
+    ``observations.json`` has four fields:
+
+    - ``spec`` is the observation spec.
+    - ``cameras`` describes each camera by its matrix ``intrinsic`` (3, 3), in pixels, and by its pose ``T_base_camera``
+      (4, 4). For a camera on the robot, the pose is ``T_link_camera`` in the frame of a link, and ``link`` is the name
+      of this link.
+    - ``tables`` is a list of segmentation tables. Each table gives the object and the link of every segmentation id.
+    - ``episodes`` describes each episode by its ``task``, its ``index`` and its ``table``, which is an index in the
+      list of tables. ``table`` is None if an old version of gensim2 rendered the episode.
     """
 
     def __init__(self) -> None:
@@ -49,7 +53,8 @@ class SeenTable:
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
             is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")
-            # only fixed poses are stored: the pose of a moving camera can be computed from the joint positions
+            # A fixed pose has no time axis and is stored here. The pose of a moving camera has a time axis, and readers
+            # can compute this pose from the joint positions.
             if is_own and arrays[name].ndim == 2:
                 self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
         for camera, link in description.get("camera_links", {}).items():
@@ -60,7 +65,7 @@ class SeenTable:
         self._episodes.append({"task": task, "index": index, "table": self._tables.index(ids) if ids else None})
 
     def write(self, folder: Path) -> None:
-        """Write ``observations.json`` unless no episode has observations."""
+        """Write ``observations.json``. If no episode has observations, write no file."""
         if self._spec is None:
             return
         found = {"spec": self._spec, "cameras": self._cameras, "tables": self._tables, "episodes": self._episodes}

@@ -14,10 +14,11 @@ from gensim2.robots import RobotProfile
 
 
 def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile) -> None:
-    """Write episodes as a LeRobot data set, without depth and segmentation, which LeRobot cannot store.
+    """Write episodes as a LeRobot data set. Depth and segmentation are left out, because LeRobot cannot store them.
 
     Args:
-        episodes: frames of each episode; at least one episode, all with the same columns.
+        episodes: frames of each episode. There must be at least one episode, and all episodes must have the same
+            columns.
         out: new or empty output folder.
 
     Raises:

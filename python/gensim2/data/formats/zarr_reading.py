@@ -1,7 +1,7 @@
 """Read untrusted zarr folders in the layout of :mod:`~gensim2.data.formats.replay_zarr`.
 
-Each array's metadata is checked first, because the zarr library would unpickle stored objects, and would allocate an
-array of any stored size.
+The metadata of each array is checked before the zarr library opens the array. Otherwise the library could unpickle
+stored objects, which can run foreign code, and could allocate more memory than the machine has.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """Open an array. Check that it has ``frames`` rows, and that its longest episode (``longest`` rows) is not too
-    large for the memory.
+    """Open an array. Check that the array has ``frames`` rows, and that an episode of ``longest`` rows, the longest
+    episode of the export, does not exceed the maximum size in memory.
     """
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:
