@@ -146,9 +146,9 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
     recording = store.read(row).recording
     if recording is None:
         raise InputError(
-            "its states were not stored",
+            "the states of this episode were not stored",
             file=store.path(row.index, row.held),
-            remedy="collect the data set with --keep-failures",
+            remedy="to store the states of failed episodes, collect the data set with --keep-failures",
         )
     scene = dataset.scene.with_task(store.spec(), dataset.record.tasks[store.name].instances)
     ObjectCheck(dataset).episode(row, store.path(row.index, row.held))
@@ -163,7 +163,8 @@ def of_file(path: Path, assets: Path | str | None = None) -> Shown:
     """
     folder = path.parent.parent
     if not (folder.parent / DATASET_JSON).exists() or not path.stem.isdigit():
-        raise InputError("is not the file of an episode of a data set", file=path, remedy="give the data set's folder")
+        wrong = "is not an episode file in a data set"
+        raise InputError(wrong, file=path, remedy="give the folder of the data set")
     if not path.exists():
         raise InputError("is not there", file=path)
     return of_data_set(folder.parent, TaskStore(folder).name, int(path.stem), assets)

@@ -116,7 +116,8 @@ def _viser() -> Any:
     try:
         return importlib.import_module("viser")
     except ImportError as error:
-        raise MissingViewerError('needs viser: pip install "gensim2-kpam[viz]" (or "gensim2[viz]")') from error
+        install = 'pip install "gensim2-kpam[viz]" (or "gensim2[viz]")'
+        raise MissingViewerError(f"the viewer needs the package viser; install it with {install}") from error
 
 
 def _middle(robot: Robot) -> Array:

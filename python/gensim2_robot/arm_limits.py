@@ -171,13 +171,13 @@ class ArmLimits:
             InputError: a number is invalid.
         """
         if not 0.0 < speed <= 1.0:
-            raise InputError(f"must be above 0 and at most 1, is {speed}", field="speed")
+            raise InputError(f"must be above 0 and at most 1, but is {speed}", field="speed")
         for name, value in (("margin", margin), ("clearance", clearance)):
             if not (np.isfinite(value) and value >= 0.0):
-                raise InputError(f"must be a number and at least 0, is {value}", field=name)
+                raise InputError(f"must be a number and at least 0, but is {value}", field=name)
         for name, value in (("force", force), ("jump", jump)):
             if not (np.isfinite(value) and value > 0.0):
-                raise InputError(f"must be a positive number, is {value}", field=name)
+                raise InputError(f"must be a positive number, but is {value}", field=name)
         columns, model = list(profile.arm_columns), profile.model
         range_lower, range_upper = model.lower[columns], model.upper[columns]
         lower, upper = range_lower + margin, range_upper - margin

@@ -84,7 +84,9 @@ class Delays:
     def __post_init__(self) -> None:
         for name, (low, high) in vars(self).items():
             if not 0.0 <= low <= high < 10.0:
-                raise InputError(f"must be a range of seconds from 0 to 10, is {(low, high)}", field=f"delays.{name}")
+                raise InputError(
+                    f"must be a range of seconds from 0 to 10, but is {(low, high)}", field=f"delays.{name}"
+                )
 
 
 class LineArguments(SceneArguments, total=False):
@@ -169,13 +171,17 @@ class LineConfig:
             said = f"--arm {self.arm} with --cameras {self.cameras}: both are real, or both are simulated"
             raise InputError(said, field="--cameras", remedy="as --arm franka:HOST --cameras realsense:left=SERIAL")
         if kind == "recording" and not self.dry:
-            raise InputError("recordings need a dry run", field="--cameras", remedy="gensim2 robot dry-run")
+            wrong = "recorded images can be used only in a dry run"
+            raise InputError(wrong, field="--cameras", remedy="use gensim2 robot dry-run")
         if kind != SIMULATED and self.simulated_clock:
-            raise InputError("real devices need the machine's clock", field="simulated_clock")
+            wrong = "must be off, because only simulated devices can run on a simulated clock"
+            raise InputError(wrong, field="simulated_clock")
         if not 0.0 < self.rate <= MAX_RATE:
-            raise InputError(f"must lie between 0 and {MAX_RATE:g} pictures per second, is {self.rate}", field="rate")
+            raise InputError(
+                f"must lie between 0 and {MAX_RATE:g} pictures per second, but is {self.rate}", field="rate"
+            )
         if len(self.pixels) != 2 or not all(1 <= count <= MAX_PIXELS for count in self.pixels):
-            raise InputError(f"must be width and height from 1 to {MAX_PIXELS}, is {self.pixels}", field="pixels")
+            raise InputError(f"must be width and height from 1 to {MAX_PIXELS}, but is {self.pixels}", field="pixels")
         if self.delays != Delays() and not self.simulated_clock:
             raise InputError("apply only to a simulated clock", field="delays", remedy="simulated_clock=True")
         if not self.is_simulated and self.policy is None:

@@ -113,8 +113,8 @@ def _require_robot(
     through = int((covered & (depth - meshes > THROUGH)).sum())
     if through > THROUGH_SHARE * count:
         raise CameraPoseError(
-            f"camera {camera.name}: {100 * through // count} % of its points in the robot's silhouette lie behind the "
-            "robot: the camera was exchanged or moved"
+            f"camera {camera.name}: {100 * through // count} % of the points that should lie on the robot lie behind "
+            "it, so the camera was exchanged or moved"
         )
 
 

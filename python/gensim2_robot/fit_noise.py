@@ -95,7 +95,8 @@ def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[
         InputError: there are too few images.
     """
     if not recordings or min(len(each.depths) for each in recordings) < MIN_PICTURES:
-        raise InputError(f"needs {MIN_PICTURES} pictures of each scene", field="recordings")
+        wrong = f"each recorded scene must have at least {MIN_PICTURES} images"
+        raise InputError(wrong, field="recordings")
     parts = [_Part(each, base) for each in recordings]
     found: dict[str, Any] = {}
     told: dict[str, int] = {}

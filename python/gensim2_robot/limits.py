@@ -259,7 +259,7 @@ def check_force(force: float, limits: ArmLimits) -> None:
         RefusedError: the contact force exceeds its limit.
     """
     if not force <= limits.force:
-        raise RefusedError(f"the contact force on the arm is {force:.0f} N, the limit is {limits.force:g} N")
+        raise RefusedError(f"the contact force on the arm is {force:.0f} N, but the limit is {limits.force:g} N")
 
 
 def halt(sent: Sent) -> Sent:

@@ -187,7 +187,7 @@ class LocalMind:
                 if self._interrupted:
                     self.is_alive = False
                     name = signal.Signals(self._interrupted[0]).name
-                    raise DeviceGoneError(f"a person or the system asked to stop: {name}") from None
+                    raise DeviceGoneError(f"a person or the system asked the program to stop (signal {name})") from None
 
     def poll(self) -> Sequence[ControllerAnswer]:
         now = self._clock.now()

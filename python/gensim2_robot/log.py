@@ -146,7 +146,7 @@ class _Whole:
         self._length += len(block)
         # If the file has no name left, it was deleted while it was open, and its content is lost when it is closed.
         if os.fstat(self._file.fileno()).st_nlink == 0:
-            raise FileNotFoundError(errno.ENOENT, "the file was removed")
+            raise FileNotFoundError(errno.ENOENT, "the log file was removed")
         return len(block)
 
     def _put(self, block: bytes) -> None:

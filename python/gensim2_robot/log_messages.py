@@ -60,7 +60,7 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message in memory
             at += arrays[name].nbytes
         if at != len(data):
-            raise ValueError(f"{len(data) - at} bytes follow after the message")
+            raise ValueError(f"the data have {len(data) - at} extra bytes after the end of the message")
         return head.plain, arrays
     except ValidationError as error:
         raise input_error(error, within="message") from error
@@ -82,7 +82,8 @@ def _array(kind: str, dimensions: int) -> AfterValidator:
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:
-            raise ValueError(f"must have {dimensions} axes, is {values.dtype.name} of shape {values.shape}")
+            needed = f"must be an array of type {kind!r} with {dimensions} dimensions"
+            raise ValueError(f"{needed}, but has the type {values.dtype.name} and the shape {values.shape}")
         return values
 
     return AfterValidator(check)
@@ -277,12 +278,13 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
         else:
             fields[name] = values
     if twice := fields.keys() & plain.keys():
-        raise InputError("is given as an array and as a plain field", field=f"{topic}: {min(twice)}")
+        raise InputError("is contained twice, as an array and as a plain value", field=f"{topic}: {min(twice)}")
     fields |= plain
     try:
         found = schema.model_validate(fields)
     except ValidationError as error:
         raise input_error(error, within=topic) from error
     if isinstance(found, PictureMessage) and topic != f"{_CAMERA}{found.camera}":
-        raise InputError(f"contains a picture of {found.camera!r}", field=topic)
+        wrong = f"contains an image from another camera, {found.camera!r}"
+        raise InputError(wrong, field=topic)
     return found

@@ -366,7 +366,7 @@ class _Replayed:
             self._missing += 1
             return
         if any(len(q) != self._joints for q in (question.q, question.v, *question.posed.values())):
-            raise InputError(f"question {question.number} must have {self._joints} joints")
+            raise InputError(f"the request {question.number} must contain values for {self._joints} joints")
         shown = tuple(self._frames[name][number] for name, number in names)
         sight = SensorSnapshot(question.step, question.q, question.v, question.gripper, shown, question.posed)
         found: dict[str, npt.NDArray[Any]] = {}

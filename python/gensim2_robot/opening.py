@@ -131,14 +131,13 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
         cameras = tuple(each for each in cameras if each.name in seen.cameras)
     for fault in faults:
         if fault.name == "policy-token" and controller.target != REMOTE:
-            raise InputError(
-                "needs a policy server, which can refuse a token", field="--fault", remedy="--policy ws://HOST:PORT"
-            )
+            wrong = f"{fault.name} needs a policy server, because only a server can reject a wrong token"
+            raise InputError(wrong, field="--fault", remedy="give --policy ws://HOST:PORT")
         if (fault.kind == "arm" and not config.is_simulated) or (fault.kind == "camera" and not source.is_rendered):
             raise InputError(f"{fault.name} can only be injected into simulated devices", field="--fault")
         if fault.name in ("camera-swapped", "camera-mislabelled"):
             if len(cameras) < 2:
-                raise InputError("cameras cannot be exchanged, because there is only one", field="fault")
+                raise InputError(f"{fault.name} needs at least two cameras", field="fault")
             if source.kind == SOFTWARE:
                 raise InputError(
                     "cannot be injected into software devices", field="fault", remedy=f"--cameras {SIMULATED}"
@@ -152,7 +151,7 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
         raise InputError(
             "real cameras need a calibration",
             field="--calibration",
-            remedy="make it with gensim2 robot calibrate --from the log of a dry run",
+            remedy="record a log with a dry run, and make a calibration with gensim2 robot calibrate --from LOG",
         )
     return Prepared(given, config, controller, seen, privileged, limits, noise, cameras, calibration)
 

@@ -209,8 +209,8 @@ class PictureSlots:
                 memory.unlink()
                 raise
         except OSError as error:
-            needed = f"{size / 1e6:.1f} MB of shared memory for pictures cannot be allocated"
-            raise GenSim2Error(f"{needed}: {error.strerror} (make room in /dev/shm)") from error
+            needed = f"{size / 1e6:.1f} MB of shared memory for camera images cannot be allocated"
+            raise GenSim2Error(f"{needed}: {error.strerror} (free space in /dev/shm)") from error
         return cls(cameras, memory), Room(tuple(cameras), memory.name)
 
     @classmethod

@@ -66,7 +66,8 @@ class GivenActions:
     def fail(self, fault: str) -> None:
         """Raise an error, because faults cannot be injected into given actions."""
         raise InputError(
-            "faults cannot be injected, because the actions are given instead of computed by a policy", field="fault"
+            "faults cannot be injected, because the actions come from another program and not from a policy",
+            field="fault",
         )
 
     def close(self) -> None:

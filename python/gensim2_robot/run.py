@@ -61,7 +61,7 @@ def run(
         MissingExtraError: a package is not installed.
     """
     if not 0.0 < minutes < MAX_MINUTES:
-        raise InputError(f"must be positive and less than {MAX_MINUTES:g}, is {minutes}", field="minutes")
+        raise InputError(f"must be positive and less than {MAX_MINUTES:g}, but is {minutes}", field="minutes")
     if episodes is not None:
         check_counts(episodes=episodes)
     for fault in faults:

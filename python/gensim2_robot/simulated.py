@@ -70,7 +70,8 @@ class SimulatedWorld:
         self.profile, self.task = self._env.profile, self._env.task
         if self.profile.simulation.physics_hz != round(1.0 / CYCLE):
             raise ValueError(
-                f"physics at {self.profile.simulation.physics_hz} Hz is no multiple of the driver's {1 / CYCLE:g} Hz"
+                f"the physics rate is {self.profile.simulation.physics_hz} Hz, but must equal the driver's rate of "
+                f"{1 / CYCLE:g} Hz"
             )
         self.faults: set[str] = set()
         self.episode = 0

@@ -158,7 +158,7 @@ def test_going_on_needs_the_folder_that_is_gone_on_with(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.run([*words, "--resume"]) == 2
-    assert "so --out must be given" in capfd.readouterr().err
+    assert "add --out" in capfd.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

@@ -125,7 +125,10 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["tasks", "add", str(folder), "--episodes", "30"], "--episodes: does not apply to a run folder"),
         (["demo", "OpenDrawer", "--physics", str(mixture)], "base: no physics ['original']"),
         (["run-pipeline", "--randomization", "narrow"], "--randomization"),
-        (["run-pipeline", "--instances", "-1"], "instances: no class of builtin has the instances '-1'"),
+        (
+            ["run-pipeline", "--instances", "-1"],
+            "instances: no class in the library builtin has instances that match '-1'",
+        ),
         (["run-pipeline", "--target-task", "OpenDrawer", "--instances", "-1"], "no instance '-1'"),
         (
             ["benchmark", "OpenDrawer", "--instances", "-1"],
@@ -147,7 +150,7 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["assets", "validate", "--random", NINES], "--random"),
         (["assets", "prepare", "nope"], "no class 'nope'"),
         (["assets", "export", "nope", "--out", str(folder / "out")], "no class 'nope'"),
-        (["assets", "export", "--out", str(folder / "out")], "name a CLASS"),
+        (["assets", "export", "--out", str(folder / "out")], "give a CLASS"),
         (["assets", "export", "drawer/1", "--out", str(file)], "--out"),
         (["assets", "import", long, "--class", "drawer", "--name", "1", "--out", str(folder)], "no such folder"),
         (["assets", "render", "drawer/1", "--out", str(file / "x.png")], "cannot write: Not a directory"),

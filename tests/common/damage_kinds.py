@@ -148,7 +148,9 @@ KINDS = (
         "a joint that mimics none", urdf('<axis xyz="-1 0 0"/>', '<mimic joint="x"/>'), r"joint_0: mimic: no joint 'x'"
     ),
     Kind(
-        "it mimics a fixed joint", urdf('<axis xyz="-1 0 0"/>', '<mimic joint="joint_1"/>'), r"joint_1, which is fixed"
+        "it mimics a fixed joint",
+        urdf('<axis xyz="-1 0 0"/>', '<mimic joint="joint_1"/>'),
+        r"joint_1, which is a fixed joint",
     ),
     Kind("a joint of no type", urdf(' type="revolute"', ""), r"joint joint_0: type: unsupported type ''"),
     # Numbers in the URDF

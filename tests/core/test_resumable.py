@@ -64,7 +64,7 @@ def test_a_folder_has_one_owner_and_holds_nothing_else(tmp_path: Path) -> None:
         opened(tmp_path / "out")
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").touch()
-    with pytest.raises(InputError, match="is not empty and holds no run"):
+    with pytest.raises(InputError, match="is not empty, but contains no run"):
         opened(tmp_path / "other")
 
 

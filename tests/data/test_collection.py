@@ -213,7 +213,7 @@ def test_what_is_not_ours_is_refused(tmp_path: Path, gather: Gather) -> None:
     gather(resume=True)
     (tmp_path / "full").mkdir()
     (tmp_path / "full/file").write_text("")
-    with pytest.raises(InputError, match="is not empty and holds no data set"):
+    with pytest.raises(InputError, match="is not empty, but contains no data set"):
         gather(out=tmp_path / "full", resume=True)
 
 

@@ -375,7 +375,7 @@ def test_every_file_of_an_export_is_compared(dataset: DataSet, to: Format) -> No
     (out / "README.md").write_text("mine")
     assert import_(out, out.parent / "back", to) > 0
     shutil.rmtree(out.parent / "back")
-    assert f"is an export to {to}, not" in refused(out, "maniskill" if to != "maniskill" else "zarr")
+    assert f"the export has the format {to}, not" in refused(out, "maniskill" if to != "maniskill" else "zarr")
 
 
 # --- folders

@@ -160,7 +160,9 @@ def test_objects_that_moved_are_looked_for_where_they_are_now(store: TaskStore, 
         lambda: export(folder, tmp_path / "out", "zarr", near),
         lambda: of_data_set(folder, None, None),
     ):
-        with pytest.raises(InputError, match=r"gone does not exist .give their current folder with --assets"):
+        with pytest.raises(
+            InputError, match=r"gone does not exist .give the current location of the folder with --assets"
+        ):
             look()
     assert export(folder, tmp_path / "all", "zarr", observations=False) > 0
     assert rendered(store, assets="builtin") == before
@@ -190,7 +192,7 @@ def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, 
     for look in looks:
         with pytest.raises(
             InputError,
-            match=rf"\.h5: was run with another version of drawer/{thing.id} than the one in builtin.*--assets",
+            match=rf"\.h5: recorded with a different version of drawer/{thing.id} from the one in builtin.*--assets",
         ):
             look()
     # Other versions of gensim2 may render the same files differently.
@@ -226,7 +228,10 @@ def test_what_cannot_be_read_or_written_is_one_error_and_loses_nothing(
     path = store.folder / "observations" / name
     seal = replace(observation_file._SEAL, version=2)
     digest = seal.write(path, content[HEADER_SIZE:])
-    with pytest.raises(InputError, match=rf"{name}: schema_version: is version 2, this gensim2 reads 1"):
+    with pytest.raises(
+        InputError,
+        match=rf"{name}: schema_version: is 2, but this version of gensim2 reads files with schema version 1",
+    ):
         rendered(store, resume=True)
     assert path.read_bytes().startswith(f"gensim2-observation 2 {digest}".encode()), "is left to whoever can read it"
     path.unlink()

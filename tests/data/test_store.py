@@ -83,7 +83,9 @@ def test_another_version_is_named_and_is_no_damage(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(episode_file, "_SEAL", replace(episode_file._SEAL, version=2))
     write_episode(tmp_path / "a.h5", *made())
     monkeypatch.undo()
-    with pytest.raises(InputError, match=r"a\.h5: schema_version: is version 2, this gensim2 reads 1") as raised:
+    with pytest.raises(
+        InputError, match=r"a\.h5: schema_version: is 2, but this version of gensim2 reads files with schema version 1"
+    ) as raised:
         read_row(tmp_path / "a.h5")
     assert not isinstance(raised.value, DamagedEpisodeError)
 
@@ -99,7 +101,7 @@ def test_a_row_and_another_episodes_file_do_not_go_together(tmp_path: Path) -> N
     store.path(1).write_bytes(store.path(0).read_bytes())
     assert store.is_complete(first)
     assert not store.is_complete(second)
-    with pytest.raises(InputError, match="does not match its row in the table"):
+    with pytest.raises(InputError, match="does not match the row of this episode"):
         store.read(second)
 
 

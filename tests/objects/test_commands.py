@@ -50,7 +50,7 @@ def test_show_says_what_is_known(capfd: pytest.CaptureFixture[str]) -> None:
         ("drawer/x", "no instance 'x' of drawer"),
         ("drawer/", "write CLASS or CLASS/ID"),
         ("faucet_/1", "did you mean faucet"),
-        ("toilet/test", "toilet has only 2 instances, all for training"),
+        ("toilet/test", "toilet has only 2 instances, which are all used for training"),
     ],
 )
 @pytest.mark.parametrize("command", ["show", "validate", "prepare"])
@@ -76,7 +76,10 @@ def test_solve_and_demo_take_the_same_words(capfd: pytest.CaptureFixture[str], t
         (task / "strategies" / f"{name}.yaml").write_text(yaml.safe_dump(strategy))
     out = tmp_path / "out"
     for command in (["solve", str(task)], ["demo", str(task), "--out", str(out)]):
-        for word, message in (("test", "toilet has only 2 instances, all for training"), ("x", "a number from 0 to")):
+        for word, message in (
+            ("test", "toilet has only 2 instances, which are all used for training"),
+            ("x", "a number from 0 to"),
+        ):
             assert cli.run([*command, "--assets", "builtin", "--instance", word]) == 2
             assert message in capfd.readouterr().err
     assert not out.exists()

@@ -119,7 +119,8 @@ def test_an_object_that_is_there_is_not_overwritten(library: Library, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("collision", "message"), [("concave", "collision: 'concave' is not known"), ("convex", "has no volume")]
+    ("collision", "message"),
+    [("concave", "collision: the value 'concave' is not supported"), ("convex", "has no volume")],
 )
 def test_declared_parts_must_be_what_they_are_said_to_be(
     chest: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, collision: str, message: str

@@ -156,7 +156,8 @@ def test_what_the_user_edits_counts(partnet: Path, tmp_path: Path) -> None:
 
 def test_the_user_chooses_where_several_joints_could_be_meant(partnet: Path, tmp_path: Path) -> None:
     with pytest.raises(
-        AssetError, match=r"has 2 movable joints \(choose with --joint one of joint_0 \(revolute, rot.*drawer"
+        AssetError,
+        match=r"has 2 movable joints, .*\(choose one of these joints with --joint: joint_0 \(revolute, rot.*drawer",
     ):
         import_object(partnet, tmp_path / "lib", "furniture", "a")
     with pytest.raises(AssetError, match="no movable joint 'joint_2'"):

@@ -115,8 +115,8 @@ def swap(one: str, other: str) -> Callable[[str], str]:
         (swap('file="knob.obj"', 'builtin="supersphere" params="99999 1 1"'), "builtin"),
         (swap("<asset>", '<size memory="999T"/><asset>'), None),
         (swap('range="-5 115"', ""), None),
-        (swap('axis="0 0 1" range="-5 115" ref="-5"', 'type="ball"'), "0 bodies below the world have joints"),
-        (swap('size="0.01 0.1 0.2"', 'size="nan 0.1 0.2"'), "<geom> size: is not a number"),
+        (swap('axis="0 0 1" range="-5 115" ref="-5"', 'type="ball"'), "exactly one object with joints, but contains 0"),
+        (swap('size="0.01 0.1 0.2"', 'size="nan 0.1 0.2"'), "<geom> size: contains NaN"),
         (swap('size="0.01 0.1 0.2"', 'size="-1 0.1 0.2"'), "MuJoCo cannot compile it"),
         (swap('type="box" pos="0 -0.1 0"', 'type="ellipsoid" pos="0 -0.1 0"'), "type that cannot be imported"),
         (swap("</mujoco>", ""), "not XML"),
@@ -140,7 +140,7 @@ def test_hostile_files_are_refused_with_one_line(cabinet: Path, change: Callable
 
 def test_a_scene_of_two_objects_is_refused(cabinet: Path) -> None:
     cabinet.write_text(CABINET.replace("</worldbody>", '<body><joint/><geom size="0.1"/></body></worldbody>'))
-    with pytest.raises(InputError, match="2 bodies below the world have joints"):
+    with pytest.raises(InputError, match="exactly one object with joints, but contains 2"):
         imported(cabinet)
 
 

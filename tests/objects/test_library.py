@@ -77,7 +77,9 @@ def test_each_of_the_tenths_leaves_out_others_until_all_were(library: Library, a
     for word in ("test-0", "test-10", "train-"):
         with pytest.raises(InputError, match="no instance"):
             library.choose(asset_class, word)
-    with pytest.raises(InputError, match=r"tenth: must lie in 0\.\.9, is 10"):
+    with pytest.raises(
+        InputError, match=r"tenth: the number of the tenth used for testing must lie in 0\.\.9, but is 10"
+    ):
         library.split(asset_class, "test", 10)
     assert library.choose("mug", "train-3") == library.instances("mug")
 
@@ -101,7 +103,7 @@ def test_new_ones_are_a_hundred_that_no_list_has(library: Library, tmp_path: Pat
     urdf = tmp_path / "drawer" / "7" / "mobility.urdf"
     urdf.parent.mkdir(parents=True)
     urdf.write_text("<robot/>")
-    with pytest.raises(InputError, match=r"drawer is real: the class has only the listed .*builtin"):
+    with pytest.raises(InputError, match=r"drawer has no new instances, because its objects are real .*builtin"):
         open_library(tmp_path).choose("drawer", "new")
 
 
@@ -116,7 +118,9 @@ def test_a_set_is_said_of_every_object_and_an_id_of_one(library: Library) -> Non
 @pytest.mark.parametrize("name", ["toilet", "oven"])
 def test_small_class_has_no_test_split(library: Library, name: str) -> None:
     assert library.choose(name, "train") == library.instances(name)
-    with pytest.raises(InputError, match=rf"{name} has only \d instances, all for training.*use train or all"):
+    with pytest.raises(
+        InputError, match=rf"{name} has only \d instances, which are all used for training.*use train or all"
+    ):
         library.choose(name, "test")
 
 

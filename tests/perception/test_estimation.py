@@ -495,7 +495,7 @@ def test_benchmark_and_demo_plan_on_the_estimates_of_an_estimator(
     assert run_command([*words, *scene, "--attempts", "2"]) == 2
     assert "cannot be combined with an estimated scene" in capfd.readouterr().err
     assert run_command([*words, "--noise", "deployed"]) == 2
-    assert "has no effect on the true scene" in capfd.readouterr().err
+    assert "has no effect, because only an estimated scene" in capfd.readouterr().err
 
 
 def test_what_plans_on_the_true_scene_refuses_an_estimated_one(tmp_path: Path) -> None:

@@ -123,7 +123,9 @@ def test_specs_are_plain_data_and_say_what_differs() -> None:
     assert ObservationSpec.of({"points": 64, "candidates": 256}).cloud.points == 64
     assert ObservationSpec(cameras=("front", "left")) == ObservationSpec(cameras=("left", "front"))
     other = ObservationSpec(SPEC.modalities, SPEC.cameras, CloudSettings(points=64, candidates=512, noise=DepthNoise()))
-    with pytest.raises(InputError, match=r"observation\.cloud\.points: the data has 64, the controller has 128"):
+    with pytest.raises(
+        InputError, match=r"observation\.cloud\.points: the value is 64 in the data, but 128 in the controller"
+    ):
         SPEC.require(other, "the data", of="the controller")
     SPEC.require(SPEC, "the data", of="the controller")
     for given in ({"smell": 1}, {"modalities": "smell"}, {"cloud": 3}, 7):

@@ -75,7 +75,7 @@ def test_a_strategy_goes_through_data_and_pickles() -> None:
         ({"grasp": "suction"}, "grasp", "antipodal"),
         ({"grasp": "antipodal", "lift": -1.0}, "lift", "greater than 0"),
         ({"grasp": "antipodal", "candidates": "many"}, "candidates", "integer"),
-        ({"grasp": "antipodal", "least_tilt": 1.3}, "least_tilt", "must not exceed the field tilt"),
+        ({"grasp": "antipodal", "least_tilt": 1.3}, "least_tilt", "must be at most the value of the field 'tilt'"),
         ({**OPEN, "gripper": "bite"}, "gripper", "bite"),
         ({"constraint_list": [{**POINT, "tolerance": -1}]}, "constraint_list[0].tolerance", "toleran"),
         ({**OPEN, "let_go": 7.0}, "let_go", "0.3"),

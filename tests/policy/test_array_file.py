@@ -84,7 +84,7 @@ def test_what_would_wait_or_take_memory_is_refused_before_it_does(tmp_path: Path
     ("points", "colours", "said"),
     [
         (np.zeros((4, 3), np.float32), np.zeros((4, 3), np.uint8), "has the shape"),
-        (np.zeros((0, 4, 3), np.float32), np.zeros((0, 4, 3), np.uint8), "contains no point clouds"),
+        (np.zeros((0, 4, 3), np.float32), np.zeros((0, 4, 3), np.uint8), "there are no point clouds"),
         (np.zeros((2, 4, 3), np.float32), np.zeros((1, 4, 3), np.uint8), "has the shape"),
         (np.full((2, 4, 3), np.nan, np.float32), np.zeros((2, 4, 3), np.uint8), "NaN or infinity"),
         (np.zeros((2, 4, 3), np.int64), np.zeros((2, 4, 3), np.uint8), "points' has the type int64, not float32"),

@@ -79,17 +79,20 @@ DAMAGE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "no JSON": (lambda f: (f / "config.json").write_text("{"), "is not valid JSON"),
     "another tool's": (lambda f: (f / "config.json").write_text('{"type": "act"}'), "schema_version"),
     "another kind": (lambda f: _edit(f, lambda c: c.update(kind="act")), "kind"),
-    "another version": (lambda f: _edit(f, lambda c: c.update(schema_version=2)), "is version 2, this gensim2 reads 1"),
+    "another version": (
+        lambda f: _edit(f, lambda c: c.update(schema_version=2)),
+        "is 2, but this version of gensim2 reads files with schema version 1",
+    ),
     "another field": (lambda f: _edit(f, lambda c: c.update(more=1)), "more"),
-    "another head": (lambda f: _edit(f, lambda c: c["policy"].update(head="chunk")), "are not those of"),
+    "another head": (lambda f: _edit(f, lambda c: c["policy"].update(head="chunk")), "do not fit"),
     "another setting": (lambda f: _edit(f, lambda c: c["policy"].update(width="wide")), "width"),
-    "another width": (lambda f: _edit(f, lambda c: c["policy"].update(width=32)), "are not those of"),
+    "another width": (lambda f: _edit(f, lambda c: c["policy"].update(width=32)), "do not fit"),
     "another observation": (lambda f: _edit(f, lambda c: c["observation"].update(modalities=["smell"])), "modalities"),
     "a path": (lambda f: _edit(f, lambda c: c["weights"].update(file="../x.safetensors")), "weights.file"),
     "no weights": (lambda f: _weights(f).unlink(), "no such file"),
     "a flipped bit": (_flip, "is damaged"),
     "half": (lambda f: _weights(f).write_bytes(_weights(f).read_bytes()[:999]), "is damaged"),
-    "foreign weights": (_foreign, "are not those of the configuration"),
+    "foreign weights": (_foreign, "do not fit the configuration"),
     "fewer sentences": (
         lambda f: _edit(f, lambda c: c["sentences"].pop()),
         "expected type and shape are I64 [1, 24, 12]",
@@ -122,7 +125,7 @@ def test_what_is_damaged_or_foreign_is_refused_in_one_line(name: str, folder: Pa
 def test_a_network_larger_than_its_file_takes_no_memory(sizes: dict[str, int], folder: Path) -> None:
     _edit(folder, lambda c: c["policy"].update(sizes))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(CheckpointError, match="are not those of the configuration"):
+    with pytest.raises(CheckpointError, match="do not fit the configuration"):
         PolicyCheckpoint.load(folder)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # KiB
 

@@ -41,7 +41,7 @@ def test_exports_are_the_same_function(
 
 
 def test_formats_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="to: must be one of torch, onnx, is 'ONNX'"):
+    with pytest.raises(InputError, match="to: must be one of torch, onnx, but is 'ONNX'"):
         export_policy(tmp_path, tmp_path / "policy", "ONNX")  # type: ignore[arg-type]
 
 
@@ -50,6 +50,6 @@ def test_an_export_that_is_another_function_is_removed(tmp_path: Path, monkeypat
     train_policy(made_up.MadeUpSource(config), config, made_up.training(steps=1), tmp_path / "policy")
     whole = export.exported
     monkeypatch.setattr(export, "exported", lambda *given: lambda inputs: whole(*given)(inputs) + 1e-3)
-    with pytest.raises(InputError, match="its output differs from the policy"):
+    with pytest.raises(InputError, match="its output differs from the output of the checkpoint"):
         export_policy(tmp_path / "policy", tmp_path / "policy.pt2", "torch")
     assert not (tmp_path / "policy.pt2").exists()

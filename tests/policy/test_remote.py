@@ -265,7 +265,7 @@ def test_a_server_that_comes_back_with_another_token_ends_the_episode(serving: C
 
 
 def test_what_knows_the_truth_is_not_served() -> None:
-    with pytest.raises(InputError, match="clients do not send"):
+    with pytest.raises(InputError, match="a policy server receives observations only"):
         PolicyServer(ControllerSpec(CHAIN), "panda", TOKEN, port=0)
 
 
@@ -291,7 +291,7 @@ def test_a_token_that_is_refused_while_it_runs_is_held(serving: Callable[..., Po
         "reason"
     ]
     assert found["detected_to_stopped_ms"] <= 100.0 + 1e-6
-    with pytest.raises(InputError, match="needs a policy server, which can refuse a token"):
+    with pytest.raises(InputError, match="needs a policy server, because only a server"):
         run("CloseBox", faults=[Fault("policy-token", 0.3)], **quick)
 
 

@@ -237,7 +237,10 @@ def test_a_welcome_is_checked_by_its_schema(hostile: Callable[..., str], welcome
     [
         (READY, "sent 'ready', expected action or error"),
         (WELCOME, "sent 'welcome', expected action or error"),
-        ({**ACTION, "action": np.full(8, np.nan, np.float32)}, "action: must be finite, contains NaN or infinity"),
+        (
+            {**ACTION, "action": np.full(8, np.nan, np.float32)},
+            "action: must contain only finite numbers, but contains NaN or infinity",
+        ),
         ({**ACTION, "action": np.zeros((2, 8), np.float32)}, r"action: must be an array of shape \(N\), got \(2, 8\)"),
         ({**ACTION, "action": np.zeros(7, np.float32)}, r"action must be an array of shape \(8,\), got \(7,\)"),
         ({**ACTION, "action": [0.0] * 8}, "action: must be an array of float32"),
@@ -397,7 +400,7 @@ def test_an_assertion_of_the_websockets_library_is_an_error_of_one_line(
         raise AssertionError
 
     monkeypatch.setattr(ClientConnection, "handshake", fail)
-    with pytest.raises(RemoteError, match="cannot be reached: did not receive a valid HTTP response"):
+    with pytest.raises(RemoteError, match="cannot be reached: the server did not send a valid HTTP response"):
         RemoteController(hostile(), "panda")
 
 

@@ -76,7 +76,7 @@ def test_missing_and_foreign_weights_are_one_line(
                 prepare(["a"], made_up.policy(text=kind, text_model=model))
             assert model in str(caught.value)
     for kind, model, reason in (
-        ("clip", sentence_model, "weights are missing"),
+        ("clip", sentence_model, "tensors are missing"),
         ("sentence", CLIP, "is CLIP"),
     ):
         with pytest.raises(InputError, match="--text small") as caught:

@@ -189,10 +189,16 @@ def test_what_a_calibration_says_holds_for_depth_and_pose(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("robot_name", "cameras", "days", "ahead", "said"),
     [
-        ("fetch", CAMERAS[:1], 7.0, 0.0, "belongs to the robot panda"),
+        ("fetch", CAMERAS[:1], 7.0, 0.0, "is for the robot panda"),
         ("panda", CAMERAS[:2], 7.0, 0.0, "cameras.right: is not calibrated"),
         ("panda", [replace(CAMERAS[0], width=320)], 7.0, 0.0, "160x120"),
-        ("panda", [replace(CAMERAS[0], link="panda_hand")], 7.0, 0.0, "is mounted on nothing, not on panda_hand"),
+        (
+            "panda",
+            [replace(CAMERAS[0], link="panda_hand")],
+            7.0,
+            0.0,
+            "calibrated on a fixed mount, but is now on panda_hand",
+        ),
         ("panda", CAMERAS[:1], 1.0, 2.0, "is stale: 2.0 days"),
         ("panda", CAMERAS[:1], 1.0, -2.0, "future"),
     ],

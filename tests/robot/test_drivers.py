@@ -209,7 +209,7 @@ def test_a_panda_that_has_stopped_by_itself_is_recovered_by_a_person(monkeypatch
     driver = PandaPyArm("here", PROFILE)
     driver.send(HOME, 1.0, 0.0)
     until(lambda: driver.trouble is not None)
-    assert "recover it by hand" in str(driver.trouble)
+    assert "a person must recover the arm" in str(driver.trouble)
     assert body.sent == []
     assert body.stopped, "nothing has recovered it"
     driver.close()
@@ -506,11 +506,11 @@ def test_a_recording_is_played_again_and_again_at_its_own_rate(rs: Any, tmp_path
 
 
 def test_cameras_that_cannot_be_used_are_told(rs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(DriverError, match="no device 1 is connected, only: none"):
+    with pytest.raises(DriverError, match="the device 1 is not connected; connected devices: none"):
         connected({"left": "1"})
     with pytest.raises(InputError, match="no device"):
         RealSenseCameras([LEFT], {})
-    with pytest.raises(InputError, match=r"no such recording"):
+    with pytest.raises(InputError, match="the recording does not exist"):
         recorded({"left": tmp_path / "none.db3"})
     (tmp_path / "text.db3").write_text("no recording")
     with pytest.raises(InputError, match=r"text\.db3.*is no recording"):

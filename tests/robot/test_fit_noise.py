@@ -95,7 +95,7 @@ def test_a_log_becomes_a_file_that_others_take(tmp_path: Path, capfd: pytest.Cap
     assert "contains no log" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(("change", "said"), [({"lost": 2.0}, "must have a sum of at most 1"), ({"fuzz": 1.0}, "fuzz")])
+@pytest.mark.parametrize(("change", "said"), [({"lost": 2.0}, "must add up to at most 1"), ({"fuzz": 1.0}, "fuzz")])
 def test_a_file_that_is_no_noise_is_refused(tmp_path: Path, change: dict[str, float], said: str) -> None:
     path = tmp_path / "noise.json"
     path.write_text(NoiseFile(noise={**asdict(D435), **change}, told={}).model_dump_json())

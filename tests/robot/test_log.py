@@ -404,7 +404,7 @@ def test_messages_that_are_not_as_their_schema_has_them_are_refused_by_field(tmp
     for topic, data, said in (
         ("/camera/left", pack(plain, {**black, "depth": np.zeros((2, 2), np.uint16)}), r"depth is \(2, 2\)"),
         ("/camera/left", pack(plain, {**black, "depth": np.zeros((240, 320))}), "float64"),
-        ("/camera/right", pack(plain, black), "contains a picture of 'left'"),
+        ("/camera/right", pack(plain, black), "contains an image from another camera, 'left'"),
         ("/camera/right", pack({**plain, "camera": "right"}, black), "is not a camera of the log"),
         ("/camera/left", pack(plain, {**black, "depth/x": black["depth"]}), "depth"),
         ("/arm", pack({"time": 0.0, "force": 0.0, "mode": "ready"}, {"q": np.zeros(0), "v": np.zeros(0)}), "joints"),
@@ -447,7 +447,7 @@ def test_a_log_whose_file_was_removed_says_so(tmp_path: Path) -> None:
             break
         time.sleep(0.01)
     log.close()
-    assert log.trouble == "the file was removed"
+    assert log.trouble == "the log file was removed"
 
 
 def test_of_several_logs_that_begin_together_in_a_folder_one_goes_on(tmp_path: Path) -> None:

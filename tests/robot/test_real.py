@@ -149,7 +149,7 @@ def test_words_that_cannot_be_used_are_told() -> None:
     for arm, cameras in (("simulated", "realsense:left=1"), ("ur:1", "software"), ("ur:1", "recording:left=a.db3")):
         with pytest.raises(InputError, match="both are real, or both are simulated"):
             LineConfig(arm=arm, cameras=cameras, policy=STILL)
-    with pytest.raises(InputError, match=r"need a dry run.*dry-run"):
+    with pytest.raises(InputError, match=r"only in a dry run.*dry-run"):
         LineConfig(cameras="recording:left=a.db3", policy=STILL)
     for cameras in ("software", "recording:left=a.db3"):
         with pytest.raises(InputError, match="clock"):
@@ -172,7 +172,7 @@ def test_a_run_without_episodes_or_with_several_of_a_real_arm_is_refused() -> No
         run("CloseBox", episodes=0, assets="builtin", policy=STILL)
     with pytest.raises(InputError, match=r"episodes: .*gensim2 robot trial"):
         run("CloseBox", episodes=2, assets="builtin", policy=STILL, **REAL)
-    with pytest.raises(InputError, match="minutes: must be positive and less than 100000, is 200000"):
+    with pytest.raises(InputError, match="minutes: must be positive and less than 100000, but is 200000"):
         run("CloseBox", minutes=2e5, assets="builtin", policy=STILL)
 
 
@@ -415,7 +415,7 @@ def test_logs_that_cannot_be_played_are_told(log: Path, tmp_path: Path) -> None:
     (tmp_path / "none").mkdir()
     (tmp_path / "cut.mcap").write_bytes((log / "log_000000.mcap").read_bytes()[:5000])
     for word, said in (
-        ("recording:left=nowhere.mcap", "no such recording"),
+        ("recording:left=nowhere.mcap", "the recording does not exist"),
         (f"recording:left={tmp_path / 'none'}", "contains no log"),
         (f"recording:left={tmp_path / 'cut.mcap'}", "cut.mcap.*has no message"),
         (f"recording:left={log},right=right.db3", "some are logs.*of one kind"),

@@ -214,8 +214,11 @@ def test_a_device_that_cannot_be_opened_ends_the_run_with_json(
     ("mounted", "said"),
     [
         ("ro", "Read-only file system"),
-        ("size=100k", "cameras is lost: 0.3 MB of shared memory for pictures cannot be allocated: No space left"),
-        ("size=400k", "0.3 MB of shared memory for pictures cannot be allocated: No space left"),  # for the controller
+        ("size=100k", "cameras is lost: 0.3 MB of shared memory for camera images cannot be allocated: No space left"),
+        (
+            "size=400k",
+            "0.3 MB of shared memory for camera images cannot be allocated: No space left",
+        ),  # for the controller
     ],
 )
 def test_a_run_without_shared_memory_ends_with_json(tmp_path: Path, mounted: str, said: str) -> None:
@@ -257,7 +260,7 @@ def test_a_signal_ends_a_run_by_the_simulated_clock_whose_controller_hangs() -> 
     found = run("CloseBox", policy=hanging, assets="builtin", pixels=(64, 48), simulated_clock=True)
     assert time.monotonic() - begun < 8.0 + MARGIN
     assert (found["state"], found["interrupted"]) == ("stopped", ["SIGINT"])
-    assert "asked to stop: SIGINT" in found["reason"]
+    assert "asked the program to stop (signal SIGINT)" in found["reason"]
 
 
 # --- the pipe

@@ -133,7 +133,7 @@ def test_a_robot_is_one_whatever_it_is_called(tmp_path: Path, monkeypatch: pytes
 
 
 def test_files_that_are_not_there_are_told_with_what_other_machines_need(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no such file on this machine .*every machine of the run"):
+    with pytest.raises(InputError, match=r"the file does not exist on the machine .*all machines that the run uses"):
         load_robot(tmp_path / "gone.py")
     with pytest.raises(InputError, match="no robot 'make' in the module 'nowhere_to_be_found'"):
         load_robot("nowhere_to_be_found:make")
@@ -161,7 +161,7 @@ def changed(profile: RobotProfile, **gripper: object) -> RobotProfile:
         (lambda p: replace(p, tool_keypoints={}), "the keypoint tool_head is missing"),
         (lambda p: replace(p, tool_keypoints={**p.tool_keypoints, "tool_head": np.zeros(2)}), "three finite numbers"),
         (lambda p: changed(p, pads=("nothing",)), "no link 'nothing'"),
-        (lambda p: changed(p, passive=()), "neither driven, mimicking nor passive"),
+        (lambda p: changed(p, passive=()), "is listed in no field"),
         (
             lambda p: changed(p, mimics={**p.gripper.mimics, "left_rack_joint": Mimic("pinion_joint", 0.03)}),
             "differs from",

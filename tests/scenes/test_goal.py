@@ -23,11 +23,14 @@ def sampler(*goal: dict[str, Any], **objects: dict[str, Any]) -> SceneSampler:
 @pytest.mark.parametrize(
     ("goal", "expected"),
     [
-        ([{"type": "articulated_open", "object": "drawer", "threshold": 0.3}], "is already met at the start"),
-        ([{"type": "articulated_between", "object": "drawer", "low": 0.1, "high": 0.9}], "is already met at the start"),
+        ([{"type": "articulated_open", "object": "drawer", "threshold": 0.3}], "is already reached at the start"),
+        (
+            [{"type": "articulated_between", "object": "drawer", "low": 0.1, "high": 0.9}],
+            "is already reached at the start",
+        ),
         (
             [{"type": "articulated_open", "object": "drawer"}, {"type": "articulated_closed", "object": "drawer"}],
-            "the openness of drawer would have to be above 0.8 and below 0.2",
+            "require the openness of drawer to be above 0.8 and also below 0.2",
         ),
         ([{"type": "articulated_open", "object": "ball"}], "does not apply to 'ball', which is a rigid object"),
         (
@@ -36,7 +39,7 @@ def sampler(*goal: dict[str, Any], **objects: dict[str, Any]) -> SceneSampler:
         ),
         (
             [{"type": "rigidbody_moved", "rigid": "ball", "direction": "away", "distance": 0.9}],
-            r"requires ball to be 0\.\d\d m beyond the robot's reach of 0.75 m",
+            r"requires a position of ball that is 0\.\d\d m outside the robot's reach of 0.75 m",
         ),
     ],
 )

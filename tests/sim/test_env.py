@@ -276,7 +276,7 @@ def test_instances_are_chosen_as_the_library_does() -> None:
         assert GenSim2Env("OpenDrawer", assets=library, instances=words).instance_ids == {"drawer": expected}
     small = load_task("OpenDrawer").model_dump(mode="json")
     small["objects"]["drawer"]["class"] = "toilet"
-    with pytest.raises(InputError, match="toilet has only 2 instances, all for training"):
+    with pytest.raises(InputError, match="toilet has only 2 instances, which are all used for training"):
         GenSim2Env(small, assets=library, instances="test")
     env = GenSim2Env("OpenDrawer", assets=library, instances="777777")
     env.reset(seed=0)

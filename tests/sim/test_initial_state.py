@@ -122,7 +122,7 @@ def test_no_room_is_an_error_that_names_the_objects() -> None:
     there = {"place": {"at": [0.0, 0.0]}, "randomization": {"x": 0.01, "y": 0.01}}
     task = _task({"bowl": {"class": "bowl", **there}, "mug": {"class": "mug", **there}})
     with pytest.raises(
-        PlacementError, match=r"100 random placements with seed 5 left no room for bowl \(bowl\), mug \(mug\)"
+        PlacementError, match=r"100 random placements with seed 5 leaves enough space for bowl \(bowl\), mug \(mug\)"
     ):
         _set_up(task, 5)
     # Unless options place one or both of them elsewhere.
@@ -186,7 +186,8 @@ def test_a_caller_chooses_among_the_instances_that_a_task_takes() -> None:
     with pytest.raises(InputError, match="instances: there is no object 'third'"):
         chosen_instances(library, task, {"third": "7"})
     with pytest.raises(
-        InputError, match="instances: the task accepts only 4, 8 of drawer, and new selects none of these"
+        InputError,
+        match="accepts only the instances 4, 8 of drawer, but none of these instances is in the selection new",
     ):
         chosen_instances(library, task, "new")
 

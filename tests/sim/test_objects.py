@@ -83,8 +83,8 @@ def test_a_moving_joint_is_slowed_by_its_friction_and_nothing_else(crates: Calla
 @pytest.mark.parametrize(
     ("vertices", "words"),
     [
-        ([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]], "changed collision hull 1"),
-        ([[0.1, 0.1, 0], [0.2, 0.1, 0], [0.1, 0.2, 0], [0.1, 0.1, 0.1]], "changed collision hull 1"),
+        ([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]], "changed the shape of collision hull 1"),
+        ([[0.1, 0.1, 0], [0.2, 0.1, 0], [0.1, 0.2, 0], [0.1, 0.1, 0.1]], "changed the shape of collision hull 1"),
     ],
 )
 def test_a_hull_that_is_not_what_was_promised_is_an_error(

@@ -195,8 +195,8 @@ def test_shared_strategies_are_used_and_no_task_has_a_file_of_its_own_by_such_a_
     [
         (FORMER + "colour: red\n", "colour: unknown field (remove it)"),
         (FORMER + "sucess: []\n", "did you mean 'success'"),
-        (FORMER.replace("0.8", ".nan"), "success.0.threshold: must be a finite number, is nan"),
-        (FORMER.replace("0.8", ".inf"), "success.0.threshold: must be a finite number, is inf"),
+        (FORMER.replace("0.8", ".nan"), "success.0.threshold: must be a finite number, but is nan"),
+        (FORMER.replace("0.8", ".inf"), "success.0.threshold: must be a finite number, but is inf"),
         (FORMER.replace("0.8", "'0.8'"), "success.0.threshold: "),
         (FORMER.replace("0.8", "1.5"), "success.0.threshold: "),
         (FORMER.replace("threshold", "thresold"), "success.0.thresold: unknown field (did you mean 'threshold'?)"),

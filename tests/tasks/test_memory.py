@@ -84,9 +84,9 @@ def test_what_was_not_verified_is_not_added(memory: Memory, held: int, episodes:
 
 def test_who_proposed_it_must_be_said_and_it_was_not_the_paper(memory: Memory) -> None:
     for provenance in (None, {"origin": "paper"}):
-        with pytest.raises(InputError, match="does not name its origin"):
+        with pytest.raises(InputError, match="must have an origin other than 'paper'"):
             memory.add(novel(provenance=provenance), load_strategies(LONG), verified())
-    with pytest.raises(InputError, match="the strategy 'open_drawer_from_inside' is not given"):
+    with pytest.raises(InputError, match="the strategy 'open_drawer_from_inside', which was not given"):
         memory.add(novel(), {}, verified())
 
 

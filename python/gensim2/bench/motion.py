@@ -108,9 +108,9 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
         return kpam.Body(name, "rigid", [shape], pose)
     except (KeyError, TypeError, ValueError, OverflowError, kpam.KpamError) as error:
         raise InputError(
-            f"cannot be read as an obstacle ({type(error).__name__}: {error})",
+            f"is not a valid obstacle: {type(error).__name__}: {error}",
             field=name,
-            remedy="write the fields type (box, cylinder or sphere), size, position and quaternion_wxyz",
+            remedy="give type (box, cylinder or sphere), position, quaternion_wxyz, and half_extents, radius or length",
         ) from error
 
 

@@ -33,7 +33,7 @@ AXIS_FRAMES = ("world", "object", "joint")
 
 def _is_pose(rows: list[list[float]]) -> list[list[float]]:
     if len(rows) != 4 or any(len(row) != 4 for row in rows):
-        raise ValueError("a pose has 4 rows of 4 numbers")
+        raise ValueError("a pose must have 4 rows of 4 numbers")
     pose = np.asarray(rows)
     rotation = pose[:3, :3]
     # a rotation has no entry above 1; a very large entry would overflow in ``rotation @ rotation.T`` below
@@ -51,7 +51,7 @@ def _is_pose(rows: list[list[float]]) -> list[list[float]]:
 
 def _is_quaternion(values: list[float]) -> list[float]:
     if abs(math.hypot(*values) - 1.0) > ROTATION_TOLERANCE:
-        raise ValueError("not a unit quaternion")
+        raise ValueError("the norm of the quaternion must be 1")
     return values
 
 
@@ -184,7 +184,9 @@ class PlanProblem(_Record):
         for kind, times in (("pre", self.pre_actuation_times), ("post", self.post_actuation_times)):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):
-                raise ValueError(f"{kind}_actuation_times: must match config.{kind}_actuation_motions")
+                raise ValueError(
+                    f"{kind}_actuation_times: must have one time for each entry of config.{kind}_actuation_motions"
+                )
         clock = [self.start_time, *self.keyframe_times()]
         if any(later <= earlier for earlier, later in pairwise(clock)):
             raise ValueError("actuation_time: start, pre-actuation, actuation and post-actuation times must increase")

@@ -88,7 +88,7 @@ def export(
         force: Replace existing objects.
     """
     if not objects and not every:
-        raise click.UsageError("name a CLASS or CLASS/ID, or give --all")
+        raise click.UsageError("give a CLASS or CLASS/ID, or add --all")
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import select
 

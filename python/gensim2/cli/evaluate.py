@@ -22,7 +22,7 @@ def _arguments(text: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not valid JSON: {error}", field="--controller-args") from error
     if not isinstance(found, dict):
-        raise InputError("must be a JSON object: keywords and their values", field="--controller-args")
+        raise InputError("must be a JSON object that maps keyword arguments to values", field="--controller-args")
     return found
 
 

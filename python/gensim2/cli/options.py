@@ -256,7 +256,7 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     """
     # The command `design` has an argument `folder`, and the default of its --out is a subfolder of this folder.
     if given.get("resume") and given.get("out", "") is None and "folder" not in given:
-        raise click.UsageError("--resume continues the run in the folder --out, so --out must be given")
+        raise click.UsageError("--resume continues the run in the folder given with --out; add --out")
     if given.get("ray") is not None and not is_given(context, "workers"):
         given["workers"] = None  # None means one worker for each CPU of the cluster
     if "engine" in given and given["engine"] is None:
@@ -264,7 +264,7 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
 
         given["engine"] = default_engine()
         if given["engine"] != "sapien":
-            click.echo("SAPIEN is not installed, so MuJoCo simulates (--engine mujoco)", err=True)
+            click.echo("SAPIEN is not installed, so MuJoCo simulates the scenes (--engine mujoco)", err=True)
     if "moved_assets" in given:
         given["assets"] = given.pop("moved_assets")
     if (library := given.pop("library", None)) is not None:

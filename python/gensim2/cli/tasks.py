@@ -257,7 +257,7 @@ def export(
     from gensim2.tasks.library import task_names
 
     if bool(names) == (origin is not None):
-        raise InputError("give either names of tasks or --origin", field="names")
+        raise InputError("give task names or --origin, but not both", field="names")
     wanted = list(dict.fromkeys(names)) or list(task_names(origin))
     if to == "library":
         for name in _OF_SCENES:

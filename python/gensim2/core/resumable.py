@@ -264,4 +264,4 @@ class ResumableFolder(Generic[Settings]):
             for entry in path.iterdir()
         ):
             held = holds.removeprefix("a ")
-            raise InputError(f"is not empty and holds no {held}", file=path, remedy="choose another --out")
+            raise InputError(f"is not empty, but contains no {held}", file=path, remedy="choose another --out")

@@ -69,7 +69,7 @@ class Seal:
             raise self.broken(path)
         if version != self.version:
             raise InputError(
-                f"is version {version}, this gensim2 reads {self.version}",
+                f"is {version}, but this version of gensim2 reads files with schema version {self.version}",
                 file=path,
                 field="schema_version",
                 remedy="use the version of gensim2 that wrote the file",

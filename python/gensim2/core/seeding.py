@@ -24,9 +24,9 @@ def check_seed(seed: object) -> int:
     try:
         number = operator.index(seed)  # type: ignore[arg-type]
     except TypeError as error:
-        raise InputError(f"must be a whole number, is {seed!r}", field="seed") from error
+        raise InputError(f"must be a whole number, but is {seed!r}", field="seed") from error
     if isinstance(seed, bool) or not 0 <= number <= LARGEST_SEED:
-        raise InputError(f"must lie in 0..2**32 - 1, is {brief(number)}", field="seed")
+        raise InputError(f"must lie in 0..2**32 - 1, but is {brief(number)}", field="seed")
     return number
 
 

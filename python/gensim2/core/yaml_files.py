@@ -95,7 +95,7 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
         InputError: a number is NaN or infinite; the message names its field.
     """
     if isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"must be a finite number, is {value}", file=file, field=field)
+        raise InputError(f"must be a finite number, but is {value}", file=file, field=field)
     if isinstance(value, dict):
         for key, item in value.items():
             check_finite(item, file, f"{field}.{key}" if field else str(key))
@@ -166,7 +166,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         if isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise _refusal(TOO_MANY_BITS, node.start_mark)
         if isinstance(value, str) and not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
-            raise _refusal("contains half a character (an unpaired UTF-16 surrogate)", node.start_mark)
+            raise _refusal("contains an unpaired UTF-16 surrogate, which is not a valid character", node.start_mark)
         return value
 
     def construct_mapping(self, node: MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -176,7 +176,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         for key_node, value_node in node.value:
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
-                raise _refusal(f"the name of a field must be text, is {_shown(key_node)}", key_node.start_mark)
+                raise _refusal(f"the name of a field must be text, but is {_shown(key_node)}", key_node.start_mark)
             if key in found:  # PyYAML would silently keep the last value of a repeated key
                 raise _refusal(f"field {key!r} is given twice", key_node.start_mark)
             found[key] = self.construct_object(value_node, deep=deep)

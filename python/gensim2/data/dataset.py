@@ -85,7 +85,7 @@ class DataSet:
                 f"the object folder {self.assets} does not exist",
                 file=self.path / DATASET_JSON,
                 field="arguments.assets",
-                remedy="give their current folder with --assets",
+                remedy="give the current location of the folder with --assets",
             )
         return replace(self.record.scene, assets=self.assets)
 

@@ -47,7 +47,7 @@ class DamagedEpisodeError(InputError):
     """An episode file is damaged or incomplete."""
 
 
-_REMEDY = "delete it and resume"
+_REMEDY = "delete the file and resume"
 _SEAL = Seal("gensim2-episode", 1, "is not a finished episode", _REMEDY, DamagedEpisodeError)
 
 

@@ -213,9 +213,9 @@ class Queue:
                 used = objects[key] = self._objects[key]
                 if used.content_hash != thing.content_hash:
                     raise InputError(
-                        f"was run with another version of {key}",
+                        f"the episode was recorded with a different version of the object {key}",
                         file=task.store.path(row.index, row.held),
-                        remedy="restore the object, or delete the file and resume",
+                        remedy="restore that version of the object, or delete the file and resume",
                     )
         self._record.objects = dict(sorted(objects.items()))
         entry, status = self._record.tasks[task.name], task.status

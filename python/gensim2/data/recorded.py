@@ -48,7 +48,8 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
         raise refuse("instances", "do not match the episode's record")
     for name, values, dtype, shape in _arrays(recording, steps):
         if values.dtype != dtype or not fits(values.shape, shape):
-            raise refuse(name, f"is {values.dtype} of shape {values.shape}, not {dtype} of {shown_shape(shape)}")
+            needed = f"must have the type {dtype} and the shape {shown_shape(shape)}"
+            raise refuse(name, f"{needed}, but has the type {values.dtype} and the shape {values.shape}")
         if not values.size:
             raise refuse(name, "is empty")
         if name.startswith("env_states") and values.shape[1] < ROOT:

@@ -185,8 +185,11 @@ class _Rendering:
             expected = _description(store, row, self._spec)
             for name in ("episode_digest", *self._spec.to_dict()):
                 if found.get(name) != expected[name]:
-                    remedy = f"give the same options, or remove {path.parent}"
-                    raise InputError(f"was made with {found.get(name)!r}", file=path, field=name, remedy=remedy)
+                    remedy = f"use the same options, or remove {path.parent}"
+                    wrong = (
+                        f"the file was rendered with {found.get(name)!r}, but the current value is {expected[name]!r}"
+                    )
+                    raise InputError(wrong, file=path, field=name, remedy=remedy)
             self._there += 1
             self._size += path.stat().st_size
 

@@ -80,7 +80,8 @@ class RunFolder(ResumableFolder[RunRecord]):
         before = self.record.assets.setdefault(key, model.content_hash)
         if before != model.content_hash:
             raise InputError(
-                f"the object has changed since the run began (hash {before[:12]}, now {model.content_hash[:12]})",
+                "the object has changed since the run began: its hash was "
+                f"{before[:12]}, and is now {model.content_hash[:12]}",
                 file=self.path / RUN_JSON,
                 field=f"assets.{key}",
                 remedy="restore the object, or choose another --out",
@@ -101,11 +102,12 @@ class RunFolder(ResumableFolder[RunRecord]):
                 model = library.load(record.asset_class, record.id)
                 self.add_object(model)
                 if record.content_hash != model.content_hash:
+                    key = f"{record.asset_class}/{record.id}"
                     raise InputError(
-                        f"was run with another version of {record.asset_class}/{record.id}",
+                        f"the episode was recorded with a different version of the object {key}",
                         file=source,
                         field=f"seed {episode.seed}",
-                        remedy="restore the object, or delete the file and resume",
+                        remedy="restore that version of the object, or delete the file and resume",
                     )
 
     def note_effort(self, task: str, cpu_s: float, wall_s: float) -> None:

@@ -41,7 +41,7 @@ class Selection:
             from gensim2.data.clearance import FARTHEST
 
             if not self.clearance <= FARTHEST:
-                raise InputError(f"must be at most {FARTHEST} m, is {self.clearance}", field="min_clearance")
+                raise InputError(f"must be at most {FARTHEST} m, but is {self.clearance}", field="min_clearance")
 
     def takes(self, row: Episode) -> bool:
         """Return whether an episode's record passes the filter."""

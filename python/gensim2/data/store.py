@@ -126,11 +126,12 @@ class TaskStore:
         path = self._inside(self.path(row.index, row.held))
         stored = read_episode(path)
         if stored.episode.at(row.index, stored.episode.episode_digest) != row:
-            raise DamagedEpisodeError("does not match its row in the table", file=path, remedy="delete it and resume")
+            wrong = "does not match the row of this episode in the table of episodes"
+            raise DamagedEpisodeError(wrong, file=path, remedy="delete the file and resume")
         if stored.recording is not None:
             check_recording(stored.recording, row, path)
         elif row.held:
-            raise DamagedEpisodeError("has no states", file=path, remedy="delete it and resume")
+            raise DamagedEpisodeError("has no states", file=path, remedy="delete the file and resume")
         return stored
 
     def _inside(self, path: Path) -> Path:

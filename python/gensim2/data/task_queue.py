@@ -158,7 +158,7 @@ class TaskQueue:
             foreign = index >= self.quota.limit or episode.seed != self.seed(index)
             if foreign or self._done[index]:
                 reason = "belongs to another collection" if foreign else "exists twice"
-                raise InputError(reason, file=path, remedy="delete it and resume")
+                raise InputError(reason, file=path, remedy="delete the file and resume")
             self.count(index, episode, path.stat().st_size)
         return damaged
 

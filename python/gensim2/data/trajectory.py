@@ -108,7 +108,7 @@ def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict
     """Yield the recording in an episode's file and the episode's entry for the JSON file."""
     with open_episode(file) as (episode, header, group):
         if episode.episode_digest != digest or header is None:
-            raise DamagedEpisodeError("is not a finished episode", file=file, remedy="delete it and resume")
+            raise DamagedEpisodeError("is not a finished episode", file=file, remedy="delete the file and resume")
         yield group, _entry(episode, header)
 
 

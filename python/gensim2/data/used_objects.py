@@ -71,7 +71,9 @@ class ObjectCheck:
         if self._contents[key] == content_hash or key in self._said:
             return
         if self._version == versions(self._dataset.record.scene.engine)["gensim2"]:
-            message = f"was run with another version of {'/'.join(key)} than the one in {self._assets}"
+            message = (
+                f"the episode was recorded with a different version of {'/'.join(key)} from the one in {self._assets}"
+            )
             raise InputError(message, file=file, remedy=_REMEDY)
         self._said.add(key)
         self._progress.message(f"{'/'.join(key)} differs from what gensim2 {self._version} prepared")

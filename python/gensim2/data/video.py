@@ -166,7 +166,8 @@ def _check_states(states: Tree, rows: int) -> None:
             raise ForeignHdf5Error(f"env_states/{kind} is not a group")
         for name, values in group.items():
             if values.ndim != 2 or len(values) != rows:
-                raise ForeignHdf5Error(f"env_states/{kind}/{name} has the shape {values.shape}, not ({rows}, any)")
+                needed = f"must have two dimensions and {rows} rows"
+                raise ForeignHdf5Error(f"env_states/{kind}/{name} {needed}, but has the shape {values.shape}")
 
 
 @dataclass(frozen=True)

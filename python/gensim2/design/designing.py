@@ -130,8 +130,10 @@ def model_designer(
         replay = recorded_answers(replay)
         recorded = AnswerStore(replay).model()
         if recorded.prompts != texts.digest:
-            remedy = "replay with the --prompts of the run that was recorded"
-            raise InputError("was recorded with other prompts", file=replay, remedy=remedy)
+            remedy = "use the same --prompts as the recorded run"
+            raise InputError(
+                "the recorded run used different prompts from the current prompts", file=replay, remedy=remedy
+            )
         given, asking = recorded.options, Asking.read(recorded.asking, replay)
     asked = LanguageModel(given, texts.digest, asdict(asking), cache=cache_dir() / "answers", replay=replay)
     views = None

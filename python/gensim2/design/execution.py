@@ -124,7 +124,10 @@ def verify(
         had = [episode.seed for episode in verification.episodes]
         if had != seeds[: len(had)] or (verification.kept and len(had) != len(seeds)):
             raise InputError(
-                "belongs to another run", file=files.verification_path, field="episodes", remedy="delete it and resume"
+                "the file contains episodes of another run",
+                file=files.verification_path,
+                field="episodes",
+                remedy="delete the file and resume",
             )
     else:
         log = EpisodeLog(log_path, seeds)

@@ -101,7 +101,7 @@ def add_task(
             tally, where = verification.second.tally, f" in {verification.second.engine}"
         causes = ", ".join(f"{count} {cause}" for cause, count in tally.causes.items())
         raise UnverifiedTaskError(
-            f"{task.name}: {tally.held} of {episodes} fresh episodes succeeded{where} ({causes})",
+            f"{task.name}: {tally.held} of {episodes} fresh episodes succeeded{where}; causes of failure: {causes}",
             file=folder,
             remedy=f"the success rate must be at least {LEAST_SHARE:g}",
         )

@@ -107,7 +107,8 @@ def run_pipeline(
     if single is None and long is None:
         check_counts(num_tasks=num_tasks)
     elif wanted.total == 0 and target_task is None and not stored_tasks:
-        raise InputError("no task is requested", field="single, long", remedy="request at least one, or a stored task")
+        remedy = "set single or long to at least 1, or name a stored task"
+        raise InputError("no task is requested", field="single, long", remedy=remedy)
     if episodes < 0:
         raise InputError(f"must be at least 0, not {episodes}", field="episodes")
     execution = Execution.of(scene)
@@ -128,7 +129,8 @@ def run_pipeline(
         # raises an error now if ``instances`` matches no object of a class in the target
         chosen_word(target, library, instances, seed)
     elif not any(has_instances(library, name, instances) for name in library.classes()):
-        raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
+        wrong = f"no class in the library {library.location} has instances that match {instances!r}"
+        raise InputError(wrong, field="instances")
     stored = [read_task_input(name, seed=seed, **scene) for name in dict.fromkeys(stored_tasks)]
     known = [] if from_empty else [Known(load_task(name), load_strategies(name)) for name in known_before(out)]
     familiar = [load_task(name) for name in task_names(PAPER)] if from_empty else []

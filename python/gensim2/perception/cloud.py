@@ -137,12 +137,13 @@ class CloudSettings:
         _check_count(self.candidates, "candidates", 0)
         _check_count(self.neighbors, "neighbors", 1)
         if 0 < self.candidates < self.points:
-            raise InputError(f"must be 0, or at least the number of points, {self.points}", field="candidates")
+            raise InputError(f"must be 0 or at least the number of points, which is {self.points}", field="candidates")
         if self.robot not in ROBOT_PARTS:
             raise InputError(f"must be one of {', '.join(ROBOT_PARTS)}, got {reprlib.repr(self.robot)}", field="robot")
         low, high = (np.asarray(corner, dtype=np.float64) for corner in (self.low, self.high))
         if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
-            raise InputError("must be three numbers each, with low below high", field="low, high")
+            wrong = "must be three numbers each, and each number in low must be smaller than its counterpart in high"
+            raise InputError(wrong, field="low, high")
         if max(np.abs(low).max(), np.abs(high).max()) > FARTHEST:
             raise InputError(f"must lie within {FARTHEST} m of the base", field="low, high")
         if self.outliers is not None and not self.outliers > 0:

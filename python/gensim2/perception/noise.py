@@ -95,7 +95,8 @@ class DepthNoise:
         if min(self.focal, self.baseline) <= 0:
             raise InputError("must be positive", field="noise.focal and noise.baseline")
         if self.edge_lost + self.edge_mixed > 1 or self.lost > 1:
-            raise InputError("must have a sum of at most 1", field="noise.edge_lost, noise.edge_mixed, noise.lost")
+            wrong = "edge_lost and edge_mixed must add up to at most 1, and lost must be at most 1"
+            raise InputError(wrong, field="noise.edge_lost, noise.edge_mixed, noise.lost")
         for name in ("dark_lost", "grazing_lost", "specular_lost"):
             if getattr(self, name) > 1:
                 raise InputError("must be at most 1", field=f"noise.{name}")

@@ -146,10 +146,10 @@ class ObservationSpec:
         for name, given, known in choices:
             unknown = [word for word in given if word not in known]
             if unknown or len(set(given)) < len(given) or (name == "cameras" and not given):
-                beside = " or names of the robot's own" if name == "cameras" else ""
+                beside = " and the names of the robot's own cameras" if name == "cameras" else ""
                 said = ", ".join(map(str, given)) or "nothing"
                 raise InputError(
-                    f"must be a list of {', '.join(known)}{beside}, without duplicates; got {said}", field=name
+                    f"must be a list without duplicates; allowed are {', '.join(known)}{beside}; got {said}", field=name
                 )
             # Normalize the order of names, so that equal specs compare equal.
             object.__setattr__(self, name, tuple(word for word in known if word in given))
@@ -224,7 +224,7 @@ class ObservationSpec:
         for name in mine:
             if mine[name] != theirs[name]:
                 raise InputError(
-                    f"{what} has {theirs[name]!r}, {of} has {mine[name]!r}",
+                    f"the value is {theirs[name]!r} in {what}, but {mine[name]!r} in {of}",
                     field=f"observation.{name}",
                     remedy="use the same observation settings for both",
                 )

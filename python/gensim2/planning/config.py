@@ -70,7 +70,7 @@ def check_strategies(
             raise InputError(
                 "every strategy of this step only moves another object out of the way",
                 field=field,
-                remedy="add one that handles the step's object",
+                remedy="add a strategy that handles the step's own object",
             )
 
 

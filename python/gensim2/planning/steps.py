@@ -129,7 +129,7 @@ class StepPlanner:
             The motion; None if planning it fails, or if every strategy in ``ways`` fails on the predicted scene.
         """
         if strategy.makes_room is None:
-            raise ValueError("the strategy moves no other object: its field makes_room is not set")
+            raise ValueError("the strategy's field 'makes_room' must name the object to move out of the way")
         aside = step.model_copy(update={"object": strategy.makes_room})
         moved = self.plan(scene, aside, strategy.as_step())
         if not moved.is_solved or moved.after is None:

@@ -139,7 +139,7 @@ class GraspStrategy(_FoundGrasp):
         # ``info.data`` has no ``tilt`` if its value is invalid; pydantic then reports that error.
         most = info.data.get("tilt", least)
         if least > most:
-            raise ValueError(f"must not exceed the field tilt ({most} rad)")
+            raise ValueError(f"must be at most the value of the field 'tilt', which is {most} rad")
         return least
 
     @property
@@ -201,10 +201,10 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     for name, (least, most) in PLANNER_FIELDS.items():
         value = data.get(name)
         if value is not None and not (isinstance(value, int | float) and least <= value <= most):
-            raise InputError(f"must be a number in {least:g}..{most:g}, is {value!r}", file=file, field=name)
+            raise InputError(f"must be a number in {least:g}..{most:g}, but is {value!r}", file=file, field=name)
     moved = data.get(MAKES_ROOM)
     if moved is not None and not (isinstance(moved, str) and moved):
-        raise InputError(f"must be an object's name, is {moved!r}", file=file, field=MAKES_ROOM)
+        raise InputError(f"must be an object's name, but is {moved!r}", file=file, field=MAKES_ROOM)
     try:
         _ = strategy.solver_config
     except kpam.KpamError as error:
@@ -212,7 +212,7 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     except OverflowError as error:
         raise InputError("contains a number larger than 1e308", file=file) from error
     except UnicodeEncodeError as error:
-        raise InputError("contains half a character (an unpaired UTF-16 surrogate)", file=file) from error
+        raise InputError("contains an unpaired UTF-16 surrogate, which is not a valid character", file=file) from error
     return strategy
 
 

@@ -44,7 +44,7 @@ class Attempts:
             InputError: ``max_attempts`` is outside 1..1000.
         """
         if not 1 <= max_attempts <= 1000:
-            raise InputError(f"must lie in 1..1000, is {max_attempts}", field="attempts")
+            raise InputError(f"must lie in 1..1000, but is {max_attempts}", field="attempts")
 
     def is_due(self, observation: Observation) -> bool:
         """Return whether the hand is stuck without a grasped object and another attempt is allowed."""

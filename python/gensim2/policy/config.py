@@ -109,7 +109,9 @@ class PolicyConfig(Settings):
         if self.encoder == "state":
             if self.head == "keypose":
                 raise InputError(
-                    "state applies to action-chunk policies only", field="encoder", remedy="use another --head"
+                    "the encoder 'state' is available only for policies that predict action chunks",
+                    field="encoder",
+                    remedy="use another --head",
                 )
             if self.keyframes and self.points is not None and self.seen_points < self.points:
                 message = f"must be all points, at least {self.points}, of the encoder state"

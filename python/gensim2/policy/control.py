@@ -49,15 +49,15 @@ class Shuffled:
         """
         path, remedy = folder / CLOUDS, "train the policy again"
         if not path.exists():
-            raise InputError("has no point clouds of other scenes", file=folder, remedy=remedy)
+            wrong = f"the checkpoint has no file {CLOUDS} with point clouds for the control experiment 'shuffled'"
+            raise InputError(wrong, file=folder, remedy=remedy)
         arrays = read_arrays(path, MAX_BYTES)
         shape = (None, None, 3)
         require_shapes(arrays, {"points": (np.float32, shape), "colours": (np.uint8, shape)}, path)
         points, colours = arrays["points"], arrays["colours"]
         if points.shape != colours.shape or not points.size:
-            raise InputError(
-                "is damaged: it contains no point clouds, or not one colour for each point", file=path, remedy=remedy
-            )
+            wrong = "is damaged: there are no point clouds, or the number of colours differs from the number of points"
+            raise InputError(wrong, file=path, remedy=remedy)
         return Shuffled(points, colours)
 
     def save(self, folder: Path) -> None:
@@ -90,7 +90,7 @@ class Sight:
             InputError: the ablation is unknown, or the clouds are missing.
         """
         if sees not in get_args(Sees):
-            raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
+            raise InputError(f"must be one of {', '.join(get_args(Sees))}, but is {sees!r}", field="sees")
         return Sight(sees, Shuffled.of(folder) if sees == "other" else None)
 
     def altered(self, observation: Observation, seed: int) -> Observation:

@@ -84,7 +84,7 @@ class PolicyController:
         threads: int = 1,
     ) -> None:
         if threads < 1:
-            raise InputError(f"must be at least 1, is {threads}", field="threads")
+            raise InputError(f"must be at least 1, but is {threads}", field="threads")
         self._threads, self._folder = threads, Path(checkpoint)
         self._policy = PolicyCheckpoint.load(self._folder)
         if self._policy.action.kind != "joint-relative":
@@ -93,7 +93,7 @@ class PolicyController:
         config = self._policy.config
         self._execute = config.execute if execute is None else execute
         if not 1 <= self._execute <= config.horizon:
-            raise InputError(f"must lie in 1..{config.horizon}, is {self._execute}", field="execute")
+            raise InputError(f"must lie in 1..{config.horizon}, but is {self._execute}", field="execute")
         Attempts.check(attempts)
         self._max_attempts = attempts
         if denoise_steps is not None:
@@ -102,7 +102,7 @@ class PolicyController:
                     f"applies to the heads diffusion and flow, not to {config.head}", field="denoise_steps"
                 )
             if not 1 <= denoise_steps <= config.noise_levels:
-                raise InputError(f"must lie in 1..{config.noise_levels}, is {denoise_steps}", field="denoise_steps")
+                raise InputError(f"must lie in 1..{config.noise_levels}, but is {denoise_steps}", field="denoise_steps")
             self._policy.network.head.steps = denoise_steps
         self._says, self._sight = substitutes(says), Sight.of(sees, self._folder)
         self._embeds, self._text_model = embeds(unknown_sentences), text_model

@@ -179,7 +179,8 @@ def evaluate_policy(
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):
         if name in told:
-            raise InputError("is determined by the checkpoint and the controls", field=f"arguments.{name}")
+            wrong = "must not be given, because the evaluation sets this argument itself"
+            raise InputError(wrong, field=f"arguments.{name}")
     embed, says = embeds(told.get("unknown_sentences", "refuse")), substitutes(told.get("says"))
     sentences = {one.spec.description for one in given}
     for sentence in says:
@@ -187,7 +188,8 @@ def evaluate_policy(
             message = f"no task has the sentence {sentence!r}"
             raise InputError(message, field="arguments.says", remedy=near(sentence, sorted(sentences)))
     if says and policy.config.text == "none":
-        raise InputError("this policy takes no instruction", field="arguments.says", remedy="leave it out")
+        wrong = "instructions cannot be replaced, because this policy ignores instructions"
+        raise InputError(wrong, field="arguments.says", remedy="leave this argument out")
     for one in given:
         sentence = says.get(one.spec.description, one.spec.description)
         sentence_row(policy, sentence, checkpoint, embed=embed, text_model=told.get("text_model"))

@@ -92,7 +92,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
         MissingExtraError: a package is not installed.
     """
     if to not in FORMATS:
-        raise InputError(f"must be one of {', '.join(FORMATS)}, is {to!r}", field="to")
+        raise InputError(f"must be one of {', '.join(FORMATS)}, but is {to!r}", field="to")
     folder = checkpoint_folder(folder)
     checkpoint = PolicyCheckpoint.load(folder)
     module = Exported(checkpoint.network).eval()
@@ -115,7 +115,8 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
         difference = max(difference, float(((found - expected).abs() / (1 + expected.abs())).max()))
     if not difference <= TOLERANCE:
         out.unlink()
-        raise InputError(f"was removed, because its output differs from the policy's by {difference:.1e}", file=out)
+        wrong = f"its output differs from the output of the checkpoint by {difference:.1e}"
+        raise InputError(f"the exported model was removed, because {wrong}", file=out)
     about: dict[str, Any] = {
         "schema_version": 1,
         "inputs": {name: list(inputs[name].shape) for name in module.names},

@@ -120,7 +120,7 @@ class LearnFolder(ResumableFolder[LearnRecord]):
         folders = (out, *(out / name for name in settings.tasks))
         if not (out / LEARN_JSON).exists() and any(map(holds_training, folders)):
             raise InputError(
-                "contains a policy that another command has trained", file=out, remedy="choose another --out"
+                "contains a policy that was trained by a different command", file=out, remedy="choose another --out"
             )
         return super()._opened(settings)
 
@@ -141,7 +141,7 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
         if was != now:
             raise InputError(f"the other run has {was!r}, this run has {now!r}", file=other / LEARN_JSON, field=name)
     if record.is_of_plans:  # plan files contain point clouds, which must match the observation spec
-        record.observation.require(there.observation, str(other / LEARN_JSON), of="what is asked for")
+        record.observation.require(there.observation, str(other / LEARN_JSON), of="this run")
 
 
 def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) -> None:

@@ -187,9 +187,9 @@ def learn(
     devices = read_devices(device)
     controls = CONTROLS if controls is None else read_controls(controls)
     if policy not in HEADS:
-        raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
+        raise InputError(f"must be one of {', '.join(HEADS)}, but is {policy!r}", field="policy")
     if not 0 < minutes <= 1e5:
-        raise InputError(f"must lie in 0..1e5, is {minutes}", field="minutes")
+        raise InputError(f"must lie in 0..1e5, but is {minutes}", field="minutes")
     file = str(settings) if isinstance(settings, Path) else None
     settings = read_flat(settings) if isinstance(settings, Path) else dict(settings or {})
     config, training = learn_configs(policy, settings, file=file)

@@ -26,7 +26,7 @@ def unseen_instances(given: Sequence[TaskInput]) -> str:
         if all(found) and not shared_objects(given, word):
             return word
     raise InputError(
-        "a class has neither a test split nor objects that training does not use",
+        "no objects are left for evaluation, because training uses all objects of at least one class",
         field="test_instances",
         remedy="select the evaluation objects with --test-instances all, or with the id of an object",
     )

@@ -83,7 +83,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         missing = [name for name in told["missing_keys"] if "pooler" not in name]  # missing weights would stay random
         if missing:
             raise ValueError(
-                f"these weights are of another model: {len(missing)} weights are missing, such as {min(missing)}"
+                f"the weights belong to a different model: {len(missing)} tensors are missing, such as {min(missing)}"
             )
         text.eval()
         with torch.no_grad():

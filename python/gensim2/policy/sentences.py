@@ -23,7 +23,7 @@ def embeds(word: str) -> bool:
         InputError: ``word`` is not one of :data:`Unknown`.
     """
     if word not in get_args(Unknown):
-        raise InputError(f"must be one of {', '.join(get_args(Unknown))}, is {word!r}", field="unknown_sentences")
+        raise InputError(f"must be one of {', '.join(get_args(Unknown))}, but is {word!r}", field="unknown_sentences")
     return word == "embed"
 
 

@@ -56,7 +56,7 @@ class Settings:
         for name in values:
             if name not in known:
                 remedy = near(name, sorted(known))
-                raise InputError(f"{cls.of_what} have no field of this name", file=file, field=str(name), remedy=remedy)
+                raise InputError(f"is not a field of the {cls.of_what}", file=file, field=str(name), remedy=remedy)
         try:
             return cls(**values)
         except InputError as error:
@@ -76,13 +76,13 @@ def _checked(value: Any, default: Any, metadata: Mapping[str, Any], name: str) -
         value = float(value)
     if type(value) is not kind:
         words = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
-        raise InputError(f"must be {words[kind]}, is {value!r}", field=name)
+        raise InputError(f"must be {words[kind]}, but is {value!r}", field=name)
     if metadata["choices"] and value not in metadata["choices"]:
-        raise InputError(f"must be one of {', '.join(metadata['choices'])}, is {value!r}", field=name)
+        raise InputError(f"must be one of {', '.join(metadata['choices'])}, but is {value!r}", field=name)
     low, high = metadata["low"], metadata["high"]
     if (low is not None and not value >= low) or (high is not None and not value <= high):
         bounds = " and ".join(
             text for text in (low is not None and f"at least {low}", high is not None and f"at most {high}") if text
         )
-        raise InputError(f"must be {bounds}, is {value}", field=name)
+        raise InputError(f"must be {bounds}, but is {value}", field=name)
     return value

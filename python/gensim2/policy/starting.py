@@ -47,7 +47,7 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
         if one.spec.name in found.data.tasks:
             raise InputError("the policy already knows this task", file=start, field=f"tasks.{one.spec.name}")
     found.require_robot(given[0].scene.robot, start)
-    found.observation.require(with_noise(found.observation, noise), "what is asked for", of=str(start))
+    found.observation.require(with_noise(found.observation, noise), "this run", of=str(start))
     return found
 
 
@@ -108,7 +108,8 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
         had = begun.config.text
         if text not in (None, had):
             raise InputError(
-                f"must be {had}, the text encoder of the policy given with --from, not {text!r}", field="text"
+                f"the policy given with --from has the text encoder {had!r}, which cannot be changed to {text!r}",
+                field="text",
             )
         if model not in (None, begun.config.text_model):
             raise InputError("is determined by the policy given with --from", field="text_model", remedy="leave it out")

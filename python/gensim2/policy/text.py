@@ -68,7 +68,8 @@ def check_table(table: torch.Tensor, config: PolicyConfig, file: Path) -> None:
         InputError: an index is out of range; the message names the file.
     """
     if config.text == "small" and not bool(((table >= 0) & (table < BUCKETS)).all()):
-        raise InputError(f"must lie in 0..{BUCKETS - 1}", file=file, field="sentences", remedy="train again")
+        wrong = f"all indices in the table of sentences must lie in 0..{BUCKETS - 1}"
+        raise InputError(wrong, file=file, field="sentences", remedy="train again")
 
 
 def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | None:

@@ -174,7 +174,8 @@ def _train(
             message, field="points", remedy=f"render with --points {config.points}, or train with {points}"
         )
     if training.yaw > 0 and config.frame == "base" and source.action.kind != "joint-relative":
-        raise InputError("needs a policy with joint-relative actions or with frame: turned", field="yaw")
+        wrong = "needs joint-relative actions, or a policy whose setting 'frame' is 'turned'"
+        raise InputError(wrong, field="yaw")
     if training.arm_noise > 0 and (source.observation.cloud.robot != "none" or config.head == "keypose"):
         message = "is of action chunks and clouds without the robot"
         raise InputError(message, field="arm_noise", remedy="render with --keep-robot none, or leave it out")
@@ -365,11 +366,10 @@ def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, s
 
 def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source) -> None:
     start.require_robot(source.robot, "--from")
-    start.observation.require(source.observation, "the data", of="--from")
+    start.observation.require(source.observation, "the data", of="the policy given with --from")
     if start.action != source.action:
-        raise InputError(
-            f"the policy has actions {start.action}, but the data have {source.action}", file="--from", field="action"
-        )
+        wrong = f"the policy predicts actions of the type {start.action}, but the data contain {source.action}"
+        raise InputError(wrong, file="--from", field="action")
     mine, its = network.config.to_dict(), start.config.to_dict()
     for name in mine:
         grows = name == "ways" and mine[name] > its[name]

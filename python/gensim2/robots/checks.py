@@ -45,7 +45,7 @@ def check_profile(profile: RobotProfile, where: str) -> None:
             "control_hz", f"the physics rate, {rates[0]} Hz, is not a multiple of the control rate, {rates[1]} Hz"
         )
     if not isclose(sum(each * each for each in profile.base_quaternion), 1.0, abs_tol=NEAR):
-        raise refuse("base_quaternion", f"must be a unit quaternion (w, x, y, z), is {profile.base_quaternion}")
+        raise refuse("base_quaternion", f"must be a unit quaternion (w, x, y, z), but is {profile.base_quaternion}")
     missing = [name for name in KEYPOINTS if name not in profile.tool_keypoints]
     if missing:
         raise refuse("tool_keypoints", f"the keypoint {missing[0]} is missing")
@@ -69,9 +69,10 @@ def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
     for name in gripper.joints:
         kinds = [field for field in ("driven", "mimics", "passive") if name in named[field]]
         if len(kinds) != 1:
-            said = " and ".join(kinds) or "neither driven, mimicking nor passive"
+            said = " and ".join(kinds) or "no field"
             raise refuse(
-                "gripper.joints", f"{name!r} is {said}; a joint must be exactly one of driven, mimics and passive"
+                "gripper.joints",
+                f"{name!r} is listed in {said}, but must be listed in exactly one of driven, mimics and passive",
             )
     if not gripper.widest > 0.0:
         raise refuse("gripper.widest", "the largest pad distance must be above 0 m")
@@ -113,9 +114,10 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
     if model.joint_names != expected:
         raise refuse(
             "arm_joints",
-            f"arm_joints and gripper.joints list {', '.join(expected)}, but the moving joints of the URDF "
+            f"the profile lists the joints {', '.join(expected)}, but the moving joints of the URDF "
             f"are {', '.join(model.joint_names)}",
-            "list all moving joints in the URDF's order, the arm's joints first; make all other joints fixed",
+            "list all moving joints in the order of the URDF, which begins with the joints of the arm; make all other "
+            "joints fixed",
         )
     for field, link in (("hand_link", profile.hand_link), ("tool_link", profile.tool_link)):
         if link not in model.link_names:
@@ -146,7 +148,9 @@ def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
             raise refuse("gripper.mimics", f"the <mimic> element of {name!r} in the URDF differs from {mimic}", remedy)
     for name in profile.gripper.passive:
         if followed[name] is None or followed[name]["multiplier"] != 0.0:
-            remedy = f'give it <mimic joint="{profile.gripper.driven[0]}" multiplier="0"/>'
+            remedy = f'give the joint <mimic joint="{profile.gripper.driven[0]}" multiplier="0"/>'
             raise refuse(
-                "gripper.passive", f"the joint {name!r} is passive, but can move by itself in the URDF", remedy
+                "gripper.passive",
+                f"the passive joint {name!r} must have a <mimic> element with multiplier 0 in the URDF",
+                remedy,
             )

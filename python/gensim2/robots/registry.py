@@ -169,16 +169,16 @@ def robot_key(name: object) -> str:
         return _granted(name)
     if ":" in name or name.endswith(".py"):
         raise InputError(
-            f"{name!r} is not loaded, and a name that was read from a file must not load code",
+            f"{name!r} is not loaded, and for security gensim2 runs no code that only a data file names",
             field="robot",
-            remedy="if it is a robot of your own, give its file: gensim2 --load-robot FILE.py, or gensim2.load_robot",
+            remedy="if this robot is your own, load its file with gensim2 --load-robot FILE.py or gensim2.load_robot",
         )
     if name.endswith(".urdf"):
         raise InputError(
-            f"{name!r} is a URDF, which has no gripper, drives and base pose",
+            f"{name!r} is a URDF file, which does not define gripper, drives and base pose",
             field="robot",
-            remedy="register a RobotProfile whose field files names the URDF (docs/guides/robots.md); to plan with the "
-            "URDF alone, gensim2_kpam.Robot.from_urdf reads it",
+            remedy="register a RobotProfile that has the URDF in its field 'files' (docs/guides/robots.md); to plan "
+            "with the URDF alone, use gensim2_kpam.Robot.from_urdf",
         )
     raise InputError(
         f"no robot {name!r}",
@@ -273,10 +273,10 @@ def _from_file(file: Path, function: str) -> Maker:
         return _made_by[place]
     if not file.is_file():
         raise InputError(
-            f"no such file on this machine ({socket.gethostname()})",
+            f"the file does not exist on the machine {socket.gethostname()}",
             file=file,
             field="robot",
-            remedy="put the file at the same path on every machine of the run, or use module:function",
+            remedy="put the file at the same path on all machines that the run uses, or use module:function",
         )
     names = _names_in.get(file)
     # The names can be missing now if the file was edited after it was loaded.

@@ -91,9 +91,10 @@ class RolloutOptions:
                         "cannot be combined with an estimated scene", field=name, remedy="leave one of them out"
                     )
         elif self.depth_noise is not None:
-            raise InputError("has no effect on the true scene", field="depth_noise", remedy="give an estimator, too")
+            wrong = "has no effect, because only an estimated scene is computed from depth images"
+            raise InputError(wrong, field="depth_noise", remedy="also give an estimator, or leave depth_noise out")
         if not 0.0 <= self.noise <= MAX_NOISE:
-            raise InputError(f"must lie in 0..{MAX_NOISE} rad, is {self.noise}", field="noise")
+            raise InputError(f"must lie in 0..{MAX_NOISE} rad, but is {self.noise}", field="noise")
 
     @property
     def is_estimated(self) -> bool:

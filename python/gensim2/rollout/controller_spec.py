@@ -172,12 +172,13 @@ def _parts(target: str) -> tuple[str, str]:
 def _name_of(kind: type) -> str:
     if "<locals>" in kind.__qualname__:
         raise ControllerError(
-            "is defined inside a function: worker processes cannot import it", field=kind.__qualname__
+            "is defined inside a function, so worker processes cannot import it", field=kind.__qualname__
         )
     if kind.__module__ == "__main__":
         file = getattr(sys.modules["__main__"], "__file__", None)
         if file is None:
-            raise ControllerError("is not in a file: worker processes cannot import it", field=kind.__qualname__)
+            wrong = "is not defined in a Python file, so worker processes cannot import it"
+            raise ControllerError(wrong, field=kind.__qualname__)
         return f"{Path(file).resolve()}:{kind.__name__}"
     return f"{kind.__module__}:{kind.__name__}"
 

@@ -29,7 +29,8 @@ def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
         InputError: the objects are from a folder, or the task has no articulated object.
     """
     if not can_be_counted(given):
-        raise InputError(f"{given.spec.name}: applies only to generated articulated objects", field="objects")
+        wrong = f"needs generated articulated objects, but the task {given.spec.name} has none"
+        raise InputError(wrong, field="objects")
     chosen = frozenset((name, _drawn(given, kind, count, seed)) for name, kind in _articulated(given).items())
     scene = given.scene.options.with_task(given.spec, chosen)
     return replace(given, scene=scene, instances=f"{count}{_COUNTED}{seed}")

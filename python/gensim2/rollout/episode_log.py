@@ -53,7 +53,8 @@ class EpisodeLog:
                 torn = True
                 break
             if entry.index >= len(seeds) or entry.seed != seeds[entry.index]:
-                raise InputError("belongs to another run", file=path, field=f"line {number}: seed", remedy=_REMEDY)
+                wrong = "the episode belongs to another run"
+                raise InputError(wrong, file=path, field=f"line {number}: seed", remedy=_REMEDY)
             self.done[entry.index] = entry
         if torn:
             self._rewrite(self.done.values())

@@ -145,7 +145,7 @@ def instances_word(**given: Unpack[RunArguments]) -> str:
     """
     word = given.get("instances", "all")
     if not isinstance(word, str):
-        raise InputError(f"must be one word, is {word!r}", field="instances")
+        raise InputError(f"must be a single string, but is {word!r}", field="instances")
     return word
 
 
@@ -283,7 +283,9 @@ def of_these_objects(
     if len(skipped) == len(named):
         name, first = next(iter(skipped.items()))
         raise InputError(
-            f"no task can be run on these objects; {name}: {first.message}", field=first.field, remedy=first.remedy
+            f"no task can be run on these objects; for example, {name}: {first.message}",
+            field=first.field,
+            remedy=first.remedy,
         )
     reasons = {name: reason.message for name, reason in skipped.items()}
     return tuple(name for name in named if name not in skipped), reasons

@@ -33,7 +33,8 @@ def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
         return load_task(task)
     if isinstance(task, Mapping):
         return parse_task(dict(task))
-    raise InputError(f"must be a name, a TaskSpec or its fields, is {task!r}", field="task")
+    kinds = "the name of a task, a TaskSpec, or a mapping with the fields of a TaskSpec"
+    raise InputError(f"must be {kinds}, but is {task!r}", field="task")
 
 
 def check_names(task: TaskSpec, robot: RobotProfile) -> None:
@@ -46,7 +47,7 @@ def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
     if assets is None or isinstance(assets, str | Path):
         return open_library(assets)
     if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):
-        raise InputError(f"must be None, 'builtin', a folder or an opened library, is {assets!r}", field="assets")
+        raise InputError(f"must be None, 'builtin', a folder or an opened library, but is {assets!r}", field="assets")
     return assets
 
 
@@ -78,7 +79,7 @@ def chosen_instances(
         own = None if name in given or spec.instances is None else spec.words(library.source(spec.asset_class))
         ids = taken_instances(library.choose, spec.asset_class, _words(given.get(name, asked[name])), own)
         if not ids:
-            raise InputError(f"no instance of {spec.asset_class} to choose from", field="instances")
+            raise InputError(f"the selection contains no instance of {spec.asset_class}", field="instances")
         chosen[name] = ids
     return chosen
 
@@ -86,12 +87,12 @@ def chosen_instances(
 def _words(words: object) -> Sequence[str]:
     words = (words,) if isinstance(words, str) else words
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"must be text or a list of texts, is {words!r}", field="instances")
+        raise InputError(f"must be text or a list of texts, but is {words!r}", field="instances")
     if "random" in words:
         raise InputError(
-            "'random' selects an object by the seed of a run, but an environment has no such seed",
+            "'random' is available only for runs, because the seed of the run selects the object",
             field="instances",
-            remedy="use 'all': each reset draws an object",
+            remedy="use 'all', so that each reset draws an object",
         )
     return words
 
@@ -100,4 +101,4 @@ def check_words(**values: Any) -> None:
     """Check that arguments are None or text."""
     for field, value in values.items():
         if value is not None and not isinstance(value, str):
-            raise InputError(f"must be text, is {value!r}", field=field)
+            raise InputError(f"must be text, but is {value!r}", field=field)

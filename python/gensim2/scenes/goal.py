@@ -78,17 +78,18 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
         low, high = _openness_range(task.success, name)
         if low >= high:
             raise GoalError(
-                f"the goal is unreachable: the openness of {name} would have to be above {low:g} and below {high:g}",
+                f"the goal is unreachable, because its criteria require the openness of {name} to be above {low:g} and "
+                f"also below {high:g}",
                 field=field,
-                remedy="drop one of the criteria, or change its threshold",
+                remedy="remove one of these criteria, or change its threshold",
             )
     for criterion in task.success:
         if isinstance(criterion, RigidLifted | RigidMoved) and criterion.rigid not in placed:
             away = _beyond_reach(criterion, state.objects[criterion.rigid], robot)
             if away > 0.0:
                 raise GoalError(
-                    f"the goal is unreachable: {criterion.type} requires {criterion.rigid} to be {away:.2f} m beyond "
-                    f"the robot's reach of {robot.reach:g} m",
+                    f"the goal is unreachable: {criterion.type} requires a position of {criterion.rigid} that is "
+                    f"{away:.2f} m outside the robot's reach of {robot.reach:g} m",
                     field=field,
                     remedy="lower the criterion's values, or place the object elsewhere",
                 )
@@ -106,9 +107,9 @@ def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: 
     """
     if all(all_hold(task.success, measure_initial_state(state, robot)) for state in states):
         raise GoalError(
-            "is already met at the start of every episode, before the robot moves",
+            "the goal is already reached at the start of every episode, before the robot moves",
             field=_field(task),
-            remedy="change the goal, or the openness or place at which objects start",
+            remedy="change the goal, the initial openness of the objects, or their initial positions",
         )
 
 
@@ -148,9 +149,10 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
             for name in criterion.objects if isinstance(criterion, types) else ():
                 if not isinstance(state.objects[name].model, kind):
                     raise GoalError(
-                        f"the goal is unreachable: {criterion.type} does not apply to {name!r}, which is {other}",
+                        f"the goal is unreachable, because {criterion.type} does not apply to {name!r}, which is "
+                        f"{other}",
                         field=field,
-                        remedy="name another object, or another type of criterion (docs/reference/tasks.md lists them)",
+                        remedy="choose another object or criterion (see docs/reference/tasks.md)",
                     )
 
 

@@ -181,9 +181,9 @@ def sample_initial_state(
             draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
     names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())
     raise PlacementError(
-        f"{MAX_DRAWS} random placements with seed {seed} left no room for {names}",
+        f"none of {MAX_DRAWS} random placements with seed {seed} leaves enough space for {names}",
         field="objects",
-        remedy="move the positions place.at farther apart, or choose other instances",
+        remedy="move the positions in place.at farther apart, or choose other instances",
     )
 
 

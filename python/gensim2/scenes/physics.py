@@ -215,9 +215,9 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
             value, default = getattr(switches, name), getattr(usual, name)
             if value != default:
                 raise InputError(
-                    f"{found} cannot simulate {name}={value}, which only PhysX has",
+                    f"only the engine sapien supports {name}={value}, but the engine is {found}",
                     field="physics",
-                    remedy=f"leave {name} at {default}, or use the engine sapien",
+                    remedy=f"leave {name} at {default}, or use sapien",
                 )
     return found
 

@@ -35,7 +35,7 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
             value.
     """
     if options is not None and not isinstance(options, Mapping):
-        raise InputError(f"must be a mapping, is {options!r}", field="options")
+        raise InputError(f"must be a mapping, but is {options!r}", field="options")
     found: dict[str, dict[str, Any]] = {name: {} for name in names}
     for option, value in (options or {}).items():
         if option in _MANISKILL_OPTIONS:
@@ -60,7 +60,7 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
             raise InputError("must be a mapping from an object to its value", field=option, remedy=_list(names))
     for given in found.values():
         if "offset" in given and "pose" in given:
-            raise InputError("give either offset or pose", field="offset")
+            raise InputError("must not be given together with pose", field="offset")
     return found
 
 

@@ -15,7 +15,7 @@ from gensim2.core.seeding import check_seed
 def check_one_of(value: Any, known: Sequence[str], field: str) -> None:
     """Check that a value is None or one of the known words."""
     if value is not None and value not in known:
-        raise InputError(f"must be one of {', '.join(known)}, is {value!r}", field=field)
+        raise InputError(f"must be one of {', '.join(known)}, but is {value!r}", field=field)
 
 
 OBS_MODES = (
@@ -68,7 +68,7 @@ def checked_action(action: Any, size: int, control_modes: Sequence[str]) -> Any:
         return {**action, "action": _finite(action["action"])}
     values = _finite(action)
     if values.shape not in ((size,), (1, size)):
-        raise InputError(f"must be {size} numbers, has the shape {tuple(values.shape)}", field="action")
+        raise InputError(f"must be {size} numbers, but has the shape {tuple(values.shape)}", field="action")
     return values
 
 

@@ -129,13 +129,12 @@ class GenSim2Env(RaycastObservations):
     ) -> None:
         if num_envs != 1:
             remedy = "gensim2.make_vec_env makes several, each in a process of its own"
-            raise InputError(f"must be 1, is {num_envs!r}", field="num_envs", remedy=remedy)
+            raise InputError(f"must be 1, but is {num_envs!r}", field="num_envs", remedy=remedy)
         if sim_backend not in ("cpu", "physx_cpu", "auto"):
-            raise InputError(f"must be physx_cpu, is {sim_backend!r}", field="sim_backend")
+            raise InputError(f"must be physx_cpu, but is {sim_backend!r}", field="sim_backend")
         if reconfiguration_freq not in (None, 1):
-            raise InputError(
-                "must be 1, because episodes are reproducible only in a new scene", field="reconfiguration_freq"
-            )
+            wrong = "must be 1, because an episode is reproducible only in a newly built scene"
+            raise InputError(wrong, field="reconfiguration_freq")
         check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
         check_one_of(reward_mode, self.SUPPORTED_REWARD_MODES, "reward_mode")
         check_words(obs_mode=obs_mode, control_mode=control_mode, render_backend=render_backend)

@@ -52,10 +52,10 @@ def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[
     # ManiSkill prefixes joint names with the names of scene and robot.
     if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
         raise InputError(
-            f"SAPIEN orders the joints as {', '.join(joint.name for joint in built)}",
+            f"the profile must list the joints in SAPIEN's order, which is {', '.join(joint.name for joint in built)}",
             file=profile.urdf,
             field="arm_joints",
-            remedy="write the URDF's joints breadth first: joints closer to the base first",
+            remedy="list the joints in the URDF breadth first, so that joints closer to the base come first",
         )
     return dict(zip(names, built, strict=True))
 

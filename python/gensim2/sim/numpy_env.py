@@ -71,7 +71,7 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
             ("render_mode", render_mode, (None, *self.metadata["render_modes"])),
         ):
             if value not in known:
-                raise InputError(f"must be one of {', '.join(map(str, known))}, is {value!r}", field=field)
+                raise InputError(f"must be one of {', '.join(map(str, known))}, but is {value!r}", field=field)
         if observation is not None and obs_mode != "raycast":
             raise InputError("applies only to obs_mode 'raycast'", field="observation")
         self.headless = HeadlessEnv(task, **scene)

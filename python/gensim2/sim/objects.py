@@ -104,10 +104,10 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
             if not cooking_is_fair(hull, lost, grown):
                 off = 1e3 * max(grown, lost)
                 raise InputError(
-                    f"the physics engine changed collision hull {index} ({off:.1f} mm off)",
+                    f"the physics engine changed the shape of collision hull {index} by {off:.1f} mm",
                     file=where,
                     field=name,
-                    remedy="the hull may be flat or tiny: leave it out or thicken it",
+                    remedy="the hull may be flat or tiny: remove it or make it thicker",
                 )
             if lost > HULL_TOLERANCE:
                 warnings.append(f"{name}: hull {index} lost {1e3 * lost:.1f} mm when the physics engine processed it")

@@ -122,9 +122,9 @@ def make_vec_env(
         ImportError: the simulator is not installed.
     """
     if vectorization_mode not in ("async", "sync", "thread"):
-        raise InputError(f"must be async, sync or thread, is {vectorization_mode!r}", field="vectorization_mode")
+        raise InputError(f"must be async, sync or thread, but is {vectorization_mode!r}", field="vectorization_mode")
     if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
-        raise InputError(f"must be a whole number and at least 1, is {num_envs!r}", field="num_envs")
+        raise InputError(f"must be a whole number and at least 1, but is {num_envs!r}", field="num_envs")
     if (engine or default_engine()) == "mujoco":
         kwargs |= {"task": task, "engine": "mujoco"}
         if vectorization_mode == "thread":

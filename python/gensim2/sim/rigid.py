@@ -91,15 +91,15 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
         raise InputError(
             f"{lost} of {len(rigid.hulls[BODY])} collision hulls were dropped by the physics engine",
             file=rigid.folder,
-            remedy="a hull may be flat or tiny: leave it out or thicken it",
+            remedy="a hull may be flat or tiny: remove it or make it thicker",
         )
     for index, (hull, shape) in enumerate(zip(rigid.hulls[BODY], shapes, strict=True)):
         lost_m, grown = cooking_misfit(hull, shape)
         if not cooking_is_fair(hull, lost_m, grown):
             raise InputError(
-                f"the physics engine changed its shape ({1e3 * max(lost_m, grown):.1f} mm off)",
+                f"the physics engine changed the shape of the collision hull by {1e3 * max(lost_m, grown):.1f} mm",
                 file=rigid.hull_file(index),
-                remedy="the hull may be flat or tiny: leave it out or thicken it",
+                remedy="the hull may be flat or tiny: remove it or make it thicker",
             )
 
 

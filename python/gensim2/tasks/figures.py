@@ -161,9 +161,7 @@ class Figure(_Value):
     @model_validator(mode="after")
     def _counts_go_together(self) -> Self:
         if not self.strict <= self.held <= self.episodes or self.paper > self.episodes:
-            raise ValueError(
-                "the number of episodes that pass a verdict exceeds 'episodes', or 'strict' exceeds 'held'"
-            )
+            raise ValueError("'strict' must not exceed 'held', and neither 'held' nor 'paper' may exceed 'episodes'")
         if self.held + sum(self.causes.values()) != self.episodes:
             raise ValueError("'held' and the counts in 'causes' do not sum to 'episodes'")
         for name in ("episodes", "paper", "held", "strict") if self.instances else ():

@@ -240,7 +240,7 @@ def shared_strategy(name: str) -> StrategyData:
     """
     file = next((file for file in (shelf / f"{name}.yaml" for shelf in _shared()) if file.is_file()), None)
     if file is None:
-        raise InputError(f"no shared strategy {name!r}", field="strategies")
+        raise InputError(f"there is no shared strategy {name!r}", field="strategies")
     return _read(file)
 
 

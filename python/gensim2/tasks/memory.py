@@ -83,7 +83,7 @@ class Memory:
             InputError: the user disabled the library, or it is an archive.
         """
         if self._folder is None:
-            raise InputError("the user library is disabled", field="library", remedy="give a folder instead of none")
+            raise InputError("the user library is disabled", field="library", remedy="give a folder instead of 'none'")
         if self._folder.is_file():
             raise InputError("is an archive, which is read-only", file=self._folder, field="library")
         return self._folder
@@ -140,7 +140,9 @@ class Memory:
         kept = _with_verification(task, verification)
         missing = [name for name in strategies_of(kept) if name not in strategies]
         if missing:
-            raise InputError(f"{task.name}: the strategy {missing[0]!r} is not given", field="strategies")
+            raise InputError(
+                f"the task {task.name} uses the strategy {missing[0]!r}, which was not given", field="strategies"
+            )
         ways = {name: dict(strategies[name]) for name in strategies_of(kept)}
         with self._locked():
             if self._has(kept, ways):
@@ -254,7 +256,8 @@ def _check_verified(task: TaskSpec, verification: Verified) -> None:
 
 def _with_verification(task: TaskSpec, verification: Verified) -> TaskSpec:
     if task.provenance is None or task.provenance.origin == PAPER:
-        raise InputError(f"{task.name}: does not name its origin", field="provenance.origin")
+        wrong = f"the task {task.name} must have an origin other than {PAPER!r}"
+        raise InputError(wrong, field="provenance.origin")
     provenance = task.provenance.model_copy(update={"verification": verification})
     return task.model_copy(update={"provenance": provenance})
 

@@ -260,7 +260,7 @@ class TaskSpec(_Value):
         if len({step.name for step in self.steps}) < len(self.steps):
             raise ValueError("two steps have the same name")
         if self.goal is None and not self.steps[-1].done:
-            raise ValueError("goal: is required because the last step's done is empty")
+            raise ValueError("goal: is required, because the field 'done' of the last step is empty")
         for step in self.steps:
             for field, name in (("object", step.object), ("tool", step.tool)):
                 if name not in self.objects and not (field == "tool" and name == HAND):

@@ -35,10 +35,10 @@ def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
     given = dict(data)
     if given.pop("schema_version", 1) != 1:
         raise InputError(
-            "must be 1 for a task with the fields asset_class and success",
+            "must be 1, because the task has the fields asset_class and success of version 1",
             file=file,
             field="schema_version",
-            remedy="leave it out, or name the task's objects and steps",
+            remedy="leave schema_version out, or write the task with the fields objects and steps",
         )
     for field in _OWN:
         if field not in given:

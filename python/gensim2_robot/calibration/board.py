@@ -128,7 +128,8 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
         InputError: there are too few images, or the hand was not rotated.
     """
     if len(views) < LEAST_VIEWS or not held_out:
-        raise InputError(f"needs at least {LEAST_VIEWS} images for the fit and one for validation", field="views")
+        needed = f"at least {LEAST_VIEWS} images to compute the camera's pose, and one more to validate the result"
+        raise InputError(f"the calibration needs {needed}", field="views")
     A = np.stack([view.T_base_hand for view in views])
     if not carried:
         A = np.asarray(np.linalg.inv(A), dtype=np.float64)

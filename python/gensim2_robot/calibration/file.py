@@ -82,10 +82,10 @@ class Calibration(BaseModel):
     @model_validator(mode="after")
     def _is_dated(self) -> Calibration:
         if self.made.tzinfo is None:
-            raise ValueError("made has no time zone")
+            raise ValueError("the time 'made' must have a time zone")
         # Times near the years 1 and 9999, the ends of datetime's range, cannot be converted to every time zone.
         if not 2000 <= self.made.year < 9999:
-            raise ValueError("made is not a plausible date")
+            raise ValueError("the time 'made' must lie between the years 2000 and 9998")
         return self
 
     def write(self, path: Path) -> None:
@@ -114,13 +114,15 @@ def read_calibration(
     """
     found = read_record(path, Calibration, REMEDY)
     if found.robot != robot:
-        raise InputError(f"belongs to the robot {found.robot}, not to {robot}", file=path, field="robot", remedy=REMEDY)
+        wrong = f"the calibration is for the robot {found.robot}, not for {robot}"
+        raise InputError(wrong, file=path, field="robot", remedy=REMEDY)
     age = (now or datetime.now(UTC)) - found.made
     if age > timedelta(days=days):
         said = f"is stale: {age.total_seconds() / 86400:.1f} days old, {days:g} at most"
         raise InputError(said, file=path, field="made", remedy=REMEDY)
     if age < -timedelta(hours=1):
-        raise InputError("is in the future", file=path, field="made", remedy="set the machine's clock")
+        wrong = "the time of the calibration is in the future"
+        raise InputError(wrong, file=path, field="made", remedy="correct the clock of this machine")
     require_calibrated(found, cameras, path)
     return found
 
@@ -146,7 +148,8 @@ def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path
             raise InputError(said, file=path, field=field, remedy=REMEDY)
         if one.link != camera.link:
             raise InputError(
-                f"is mounted on {one.link or 'nothing'}, not on {camera.link or 'nothing'}",
+                f"the camera was calibrated on {one.link or 'a fixed mount'}, but is now on "
+                f"{camera.link or 'a fixed mount'}",
                 file=path,
                 field=field,
                 remedy=REMEDY,

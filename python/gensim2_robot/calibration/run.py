@@ -127,7 +127,7 @@ def calibrate_log(
     chosen = [camera for camera in cameras if (camera.link is not None) == carried]
     if not chosen:
         raise InputError(
-            "the log has no camera of the requested kind (on the arm with --carried, otherwise fixed)",
+            "the log has no camera to calibrate: --carried needs a camera on the arm, otherwise a fixed one is needed",
             file=log,
             field="cameras",
         )

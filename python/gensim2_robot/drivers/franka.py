@@ -197,7 +197,7 @@ class PandaPyArm(_FrankaHand):
         if self._controller is None:
             if self._panda.get_state().robot_mode in self._stopped:
                 # The library would recover the arm automatically, but a person has to recover it.
-                raise DriverError("the arm has stopped by its own safety function; recover it by hand")
+                raise DriverError("the arm's own safety function has stopped the arm; a person must recover the arm")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
             self._panda.start_controller(controller)  # starts at the current position
             self._controller = controller

@@ -47,7 +47,7 @@ class LoggedCameras:
         for name, path in self._logs.items():
             field = f"cameras.{name}"
             if not path.exists():
-                raise InputError("there is no such recording", file=path, field=field)
+                raise InputError("the recording does not exist", file=path, field=field)
             known = {each.name: each for each in about_of(path).cameras}
             if name not in known:
                 raise InputError(f"there is no camera {name!r}", file=path, field=field, remedy=near(name, known))

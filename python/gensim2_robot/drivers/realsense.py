@@ -55,7 +55,7 @@ def connected(serials: Mapping[str, str]) -> dict[str, Any]:
     for name, serial in serials.items():
         if serial not in there:
             known = ", ".join(sorted(there)) or "none"
-            raise DriverError(f"camera {name}: no device {serial} is connected, only: {known}")
+            raise DriverError(f"camera {name}: the device {serial} is not connected; connected devices: {known}")
     return {name: there[serial] for name, serial in serials.items()}
 
 
@@ -73,7 +73,7 @@ def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
     found = {}
     for name, file in files.items():
         if not file.is_file():
-            raise InputError("there is no such recording", file=file, field=f"cameras.{name}")
+            raise InputError("the recording does not exist", file=file, field=f"cameras.{name}")
         try:
             found[name] = context.load_device(str(file))
         except RuntimeError as error:

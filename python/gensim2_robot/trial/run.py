@@ -217,7 +217,7 @@ def trial(
             course.halted(str(watch.state), watch.reason)
             if not config.is_simulated:
                 raise TrialsEndedError(
-                    f"the watchdog has {watch.state} the arm: check the arm, then continue with --resume"
+                    f"the watchdog changed to the state '{watch.state}'; check the arm, then continue with --resume"
                 )
     finally:
         kept.release()

@@ -144,7 +144,7 @@ def test_tasks_that_objects_do_not_do_for_are_named_and_left_out(tmp_path: Path)
     }
     with pytest.raises(InputError, match=r"no task can be run on these objects; CloseBox: box_rotate has only 1 instances"):
         of_these_objects(tmp_path / "assets", instances="test", tasks=["CloseBox"])
-    with pytest.raises(InputError, match=r"box_rotate is real: the class has only the listed .*--assets builtin"):
+    with pytest.raises(InputError, match=r"box_rotate has no new instances, because its objects are real .*--assets builtin"):
         of_these_objects(tmp_path / "assets", instances="new", tasks=["CloseBox"])
 
 

@@ -149,7 +149,7 @@ def test_an_episode_of_another_run_is_refused_and_named(
         foreign.write_bytes(source.read_bytes())
         with pytest.raises(InputError, match=rf"{foreign.name}: belongs to another collection") as raised:
             record(resume=True)
-        assert raised.value.remedy == "delete it and resume"
+        assert raised.value.remedy == "delete the file and resume"
         foreign.unlink()
     record(resume=True)
     assert_same(tmp_path / "run", undisturbed)

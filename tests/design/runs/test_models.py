@@ -136,7 +136,7 @@ def test_a_run_goes_on_after_the_endpoint_was_away(server: ModelServer, tmp_path
     earlier, later = ({asked.last for asked in part} for part in (server.asked[:before], server.asked[before:]))
     assert server.asked[before].stage == "motions"
     assert not earlier & later, "nothing is asked twice"
-    with pytest.raises(InputError, match=r"model\.json: asking: was begun with"):
+    with pytest.raises(InputError, match=r"model\.json: asking: the recorded answers were requested with"):
         run(server, tmp_path / "run", Asking(trials=5), resume=True)
 
 

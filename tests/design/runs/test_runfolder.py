@@ -70,7 +70,7 @@ def test_a_dead_process_holds_no_lock(tmp_path: Path) -> None:
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path, record: Record) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run/thesis.tex").write_text("mine")
-    with pytest.raises(InputError, match="not empty and holds no run"):
+    with pytest.raises(InputError, match="not empty, but contains no run"):
         record()
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["thesis.tex"]
 
@@ -150,7 +150,7 @@ def test_an_episode_with_another_object_is_refused(tmp_path: Path, record: Recor
     stored = store.read(row)
     other = {name: dataclasses.replace(each, content_hash="0" * 64) for name, each in row.objects.items()}
     store.add(row.index, dataclasses.replace(row, objects=other), stored.recording)
-    with pytest.raises(InputError, match="was run with another version of drawer/"):
+    with pytest.raises(InputError, match="the episode was recorded with a different version of the object drawer/"):
         record(resume=True)
 
 

@@ -41,7 +41,7 @@ PROGRAMS: dict[str, tuple[str, str, int]] = {
     # Escapes from the language
     "from a tuple to everything": (
         HEAD + "        x = ().__class__.__base__\n",
-        "'__base__' is not allowed: only self",
+        "'__base__' is not allowed, because only attributes of self",
         LINE,
     ),
     "subclasses": ("for c in ().__class__.__subclasses__(): pass", "'__subclasses__'", 1),
@@ -50,7 +50,7 @@ PROGRAMS: dict[str, tuple[str, str, int]] = {
     "a dunder of the class": (HEAD + "        __slots__ = 1\n", "the name '__slots__' cannot be assigned", LINE),
     "globals of a method": (
         HEAD + "        x = self.step.__globals__\n",
-        "'__globals__' is not allowed: only self",
+        "'__globals__' is not allowed, because only attributes of self",
         LINE,
     ),
     "by a format": (HEAD + "        x = '{0.__init__}'.format(self)\n", "call of .'format'", LINE),

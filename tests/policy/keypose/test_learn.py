@@ -73,13 +73,13 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert run([*words, "--resume", "--seed", "1"]) == 2
     assert "seed" in capfd.readouterr().err
     told_otherwise = ["evaluate", "CloseBox", "--assets", "builtin", "--checkpoint", str(out), "--controller-args"]
-    for sentence, said in (("Close the box.", "did you mean close the box"), ("close the box", "takes no instruction")):
+    for sentence, said in (("Close the box.", "did you mean close the box"), ("close the box", "ignores instructions")):
         assert run([*told_otherwise, json.dumps({"says": {sentence: "close the box"}})]) == 2
         assert said in capfd.readouterr().err
     # A policy that another command has trained is not overwritten.
     (out / "learn.json").unlink()
     assert run(words) == 2
-    assert "contains a policy that another command has trained" in capfd.readouterr().err
+    assert "contains a policy that was trained by a different command" in capfd.readouterr().err
 
 
 def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
@@ -197,7 +197,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
         (["OpenBox", "--from", str(second), "--noise", "d435"], "noise"),
         (
             ["OpenBox", "--from", str(second), "--text", "clip"],
-            f"text: must be {policy.config.text}, the text encoder of the policy given with --from",
+            f"text: the policy given with --from has the text encoder {policy.config.text!r}",
         ),
         (
             ["OpenBox", "--from", str(second), "--text-model", "other"],
@@ -261,7 +261,7 @@ def test_two_folders_of_plans_of_a_task_are_of_the_same_strategies() -> None:
     planned = made_up(4)
     assert PlannedSource([planned, made_up(4, seed=1)]).record.tasks == ("PushBar",)
     other = replace(planned, record=planned.record.model_copy(update={"ways": (("one",),)}))
-    with pytest.raises(InputError, match="both folders of PushBar must have the same settings"):
+    with pytest.raises(InputError, match="the two folders of plans for PushBar have different values of this setting"):
         PlannedSource([planned, other])
 
 
@@ -315,8 +315,12 @@ def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], s
     [
         ("steps: 5", [], "steps: is not a setting of gensim2 learn (say how long with --minutes)"),
         ("head: flow", [], "head: is not a setting of gensim2 learn (say it with --policy)"),
-        ("encodr: mlp", [], "encodr: policy settings have no field of this name"),
-        ("encoder: state", [], "encoder: state applies to action-chunk policies only"),
+        ("encodr: mlp", [], "encodr: is not a field of the policy settings"),
+        (
+            "encoder: state",
+            [],
+            "encoder: the encoder 'state' is available only for policies that predict action chunks",
+        ),
         ("history: 2", [], "history: applies only to action chunks"),
         ("arm_noise: 0.1", [], "arm_noise: applies only to action chunks"),
         ("ways: 3", ["--policy", "chunk"], "ways: is not a setting of gensim2 learn"),

@@ -43,7 +43,7 @@ def open_archive(path: Path) -> zipfile.Path:
     try:
         stream = open_regular(path)
         if os.fstat(stream.fileno()).st_size > MAX_ARCHIVE:
-            raise NotRegularError(f"it is larger than {MAX_ARCHIVE // 2**20} MiB")
+            raise NotRegularError(f"the archive is larger than {MAX_ARCHIVE // 2**20} MiB")
         archive = open_zip(stream, MAX_ENTRIES)
         archive.filename = str(path)  # the stream has no name, only a file descriptor
         return zipfile.Path(archive)

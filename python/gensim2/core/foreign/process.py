@@ -179,7 +179,7 @@ def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
     code = process.exitcode
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
         return InputError(
-            f"needs more than {bounds.cpu_s} s of CPU time to be read, or the reading process was killed", file=source
+            f"the process that reads the file used more than {bounds.cpu_s} s of CPU time, or was killed", file=source
         )
     if code == -signal.SIGABRT:
         return _too_large(source, bounds)
@@ -191,4 +191,5 @@ def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
 
 
 def _too_large(source: Path, bounds: Bounds) -> InputError:
-    return InputError(f"needs over {bounds.memory // 2**20} MiB of memory to be read, or is damaged", file=source)
+    limit = f"{bounds.memory // 2**20} MiB of memory"
+    return InputError(f"reading the file takes more than {limit}; the file may be damaged", file=source)

@@ -18,7 +18,7 @@ from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, re
 if TYPE_CHECKING:
     import torch
 
-MISMATCH = "weights are not those of the configuration"
+MISMATCH = "the weights do not fit the configuration"
 MAX_HEADER = 4 * 2**20  # maximum size of the header, bytes; a thousand tensors need about 100,000
 
 
@@ -56,7 +56,7 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
     try:
         with open_regular(path) as stream:
             if os.fstat(stream.fileno()).st_size > max_bytes:
-                raise TooLargeError(f"is larger than {megabytes(max_bytes)}")
+                raise TooLargeError(f"the file is larger than {megabytes(max_bytes)}")
             header = int.from_bytes(stream.read(8), "little")
     except OSError as error:
         raise InputError(why(error), file=path, remedy=remedy) from error
@@ -90,7 +90,8 @@ def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[No
             shape = Shape.of(tensor)
             left[shape] -= 1
             if left[shape] < 0:
-                raise InputError(f"{MISMATCH}: the file has no {name} with {shape}", file=path, remedy=remedy)
+                wrong = f"{MISMATCH}: the file has no tensor of type and shape {shape} for {name}"
+                raise InputError(wrong, file=path, remedy=remedy)
 
     with contextlib.ExitStack() as hooks:
         hooks.callback(module.register_module_parameter_registration_hook(take).remove)
@@ -108,11 +109,13 @@ def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str
         if found.get(name) != shape:
             there = f"is {found[name]}" if name in found else "is missing"
             raise InputError(
-                f"{MISMATCH}: {name} {there}, the expected type and shape are {shape}", file=path, remedy=remedy
+                f"{MISMATCH}: the tensor {name} {there}; its expected type and shape are {shape}",
+                file=path,
+                remedy=remedy,
             )
     for name in found:
         if name not in expected:
-            raise InputError(f"{MISMATCH}: {name} is unknown", file=path, remedy=remedy)
+            raise InputError(f"{MISMATCH}: the tensor {name} is unknown", file=path, remedy=remedy)
 
 
 def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[str, torch.Tensor]:

@@ -56,7 +56,7 @@ class Execution:
             check_address(self.ray)
         if self.workers is None and self.ray is None:
             raise InputError(
-                "must be a number, because only a run on a Ray cluster can choose the number of workers",
+                "must be a number; None is allowed only for a run on a Ray cluster",
                 field="workers",
             )
         if self.workers is not None and self.workers < 0:
@@ -64,7 +64,7 @@ class Execution:
         if self.workers == 0 and self.ray is not None:
             raise InputError("must be at least 1 for a run on Ray", field="workers")
         if not 0 < self.time_limit <= LONGEST_TIME_LIMIT:
-            raise InputError(f"must lie in 0..{LONGEST_TIME_LIMIT:g} s, is {self.time_limit}", field="time_limit")
+            raise InputError(f"must lie in 0..{LONGEST_TIME_LIMIT:g} s, but is {self.time_limit}", field="time_limit")
         if self.jobs_per_worker < 1:
             raise InputError(f"must be at least 1, not {brief(self.jobs_per_worker)}", field="jobs_per_worker")
 

@@ -129,8 +129,8 @@ class Worker:
         if not self._ready and not killed:
             self.stop()
             raise WorkerStartError(
-                f"a worker process ended before its first job ({fate}). A script that starts workers must do so "
-                'below `if __name__ == "__main__":`, because each worker imports it'
+                f"a worker process ended before its first job ({fate}). Each worker imports the main script, "
+                'so the script must start its workers below `if __name__ == "__main__":`'
             )
         return self.give_up(number, f"the worker process died ({fate})")
 
@@ -172,7 +172,7 @@ def start_process(
             # Close the worker's end of the connection in this process, so that the connection ends when the worker
             # dies.
             theirs.close()
-    raise AssertionError("unreachable: the last attempt returns or raises")
+    raise AssertionError("this line is unreachable, because the last attempt returns or raises")
 
 
 def preload_modules(modules: Sequence[str]) -> None:
@@ -303,7 +303,7 @@ class WorkerPool(Executor):
         on_failure: Callable[[Failure], None] | None = None,
     ) -> None:
         if workers < 0:
-            raise ValueError(f"workers must not be negative, is {workers}")
+            raise ValueError(f"workers must not be negative, but is {workers}")
         super().__init__(on_failure)
         preload_modules(preload)
         self._workers = [Worker(time_limit, jobs_per_worker, prepare) for _ in range(workers)]

@@ -269,7 +269,8 @@ class RayPool(Executor):
             self._failed_starts += 1
             if self._failed_starts >= TRIES * self._first:
                 words = " ".join(str(error).split())
-                raise WorkerStartError(f"actors of the Ray cluster die before their first job: {words}") from error
+                died = "the workers on the Ray cluster (Ray actors) died before their first job"
+                raise WorkerStartError(f"{died}: {words}") from error
 
     def _received(self, place: _Place, job: Job, number: int) -> Outcome[Any] | Failure:
         """Return the outcome of an actor's job; if the actor failed, end the actor."""

@@ -57,9 +57,9 @@ def to_array(column: Any, shape: tuple[int, ...]) -> Array:
     for size in shape if shape != (1,) else ():
         lengths = found.value_lengths().to_numpy(zero_copy_only=False)
         if found.null_count or (lengths != size).any():
-            raise ValueError(f"a list does not have {size} values")
+            raise ValueError(f"each list in the column must have {size} values")
         found = found.flatten()
     if found.null_count:
-        raise ValueError("a value is missing")
+        raise ValueError("a number is missing in the column")
     numbers: Array = found.to_numpy(zero_copy_only=False)
     return numbers if shape == (1,) else numbers.reshape(-1, *shape)

@@ -65,7 +65,8 @@ def frames_of(
         raise InputError(f"holds no states of the robot {profile.name}", field=f"articulations.{profile.agent}")
     if recording.actions.shape[1] != len(profile.arm_joints) + 1:
         raise InputError(
-            f"has {recording.actions.shape[1]} numbers in a step, which do not fit the robot {profile.name}",
+            f"has {recording.actions.shape[1]} numbers per step, but the robot {profile.name} needs "
+            f"{len(profile.arm_joints) + 1}",
             field="actions",
         )
     own: dict[str, list[Array]] = {name: [] for name in PROPRIOCEPTION}

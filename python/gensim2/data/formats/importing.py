@@ -113,9 +113,9 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
             file = store.path(row.index)
             raise InputError(error.message, file=path / NATIVE / store.name / file.name, field=error.field) from error
         if theirs is None or (wrong := _difference(ours, theirs)):
-            said = "is missing" if theirs is None else f"differs from the one in {NATIVE}/: {wrong}"
+            said = "is missing" if theirs is None else f"differs from the original in {NATIVE}/ ({wrong})"
             raise InputError(
-                f"episode {count} {said}: the original or the exported episode was changed",
+                f"episode {count} {said}, so the exported files or the original in {NATIVE}/ were changed",
                 file=path,
                 remedy="export again",
             )

@@ -231,7 +231,7 @@ class LeRobotWriter:
         lengths = set()
         for name, feature in self._features.items():
             if name not in frames:
-                raise InputError("is missing in an episode", field=name)
+                raise InputError("is missing from an episode; every episode must have this feature", field=name)
             if frames[name].shape[1:] != feature.shape:
                 raise InputError(f"has the shape {frames[name].shape[1:]}, not {feature.shape}", field=name)
             lengths.add(len(frames[name]))

@@ -104,7 +104,7 @@ def _sentences(parquet: Any, path: Path) -> dict[int, str]:
         tasks = file.read().to_pydict()
         numbers, sentences = tasks["task_index"], tasks[INDEX_NAME]
         if not all(isinstance(each, str) for each in sentences):
-            raise InputError("has a task that is not a sentence", file=path, remedy=REMEDY)
+            raise InputError("contains a task without an instruction text", file=path, remedy=REMEDY)
         return dict(zip(map(int, numbers), sentences, strict=True))
 
 

@@ -91,8 +91,9 @@ def check_format(path: Path, sizes: Mapping[str, int], kind: Format) -> None:
     """
     manifest = _read(path, sizes)
     if manifest is not None and manifest.format != kind:
-        remedy = f"say --from {manifest.format}"
-        raise InputError(f"is an export to {manifest.format}, not {kind}", file=path, field="format", remedy=remedy)
+        remedy = f"use --from {manifest.format}"
+        wrong = f"the export has the format {manifest.format}, not {kind}"
+        raise InputError(wrong, file=path, field="format", remedy=remedy)
 
 
 def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:

@@ -66,7 +66,8 @@ def read_back(dataset: DataSet, progress: Progress) -> Iterator[Read]:
         store = dataset.task(name)
         spec = store.spec()
         if spec.name != name:
-            raise InputError(f"is {spec.name!r}, must be {name!r}", file=store.folder / TASK_FILE, field="name")
+            wrong = f"must be {name!r}, the name of the folder, but is {spec.name!r}"
+            raise InputError(wrong, file=store.folder / TASK_FILE, field="name")
         load_strategies_beside(store.folder, spec)
         progress.start(f"read back {name}")
         for row in store.rows():

@@ -45,9 +45,9 @@ class SeenTable:
         spec = {name: description.get(name) for name in _SPEC}
         if self._spec not in (None, spec):
             raise InputError(
-                "was rendered with other settings than the tasks before it",
+                "the task was rendered with settings that differ from the settings of the earlier tasks",
                 field=f"tasks.{task}",
-                remedy="export each task with --task, or render them with the same settings",
+                remedy="export each task separately with --task, or render all tasks with the same settings",
             )
         self._spec = spec
         for name in arrays:

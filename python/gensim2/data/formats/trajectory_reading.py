@@ -92,14 +92,16 @@ def take_apart(tree: ForeignTree, sizes: Mapping[str, int], out: Path, progress:
     assert record is not None
     if set(names) != set(record.tasks):
         missing = sorted(set(record.tasks) ^ set(names))[0]
-        raise InputError(f"lacks tasks that it lists: {missing}", file=tree.path, remedy=REMEDY)
+        wrong = f"the list of tasks and the folders of tasks do not match: {missing} occurs only once"
+        raise InputError(wrong, file=tree.path, remedy=REMEDY)
     DataSet(out, record).save()
 
 
 def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) -> None:
     origin = document.gensim2
     if record != origin.dataset:
-        raise InputError("belongs to another data set than the tasks before it", file=file, field="gensim2.dataset")
+        wrong = "the task belongs to a different data set from the tasks read before"
+        raise InputError(wrong, file=file, field="gensim2.dataset")
     if len(origin.indices) != len(document.episodes):
         counts = f"has {len(origin.indices)} entries, but the list 'episodes' has {len(document.episodes)}"
         raise InputError(counts, file=file, field="gensim2.indices", remedy=REMEDY)

@@ -169,7 +169,7 @@ def _check_depth(value: Any, depth: int = 0) -> None:
 def _check_characters(value: Any) -> None:
     """Refuse lone surrogates, which JSON escapes can create; :func:`parse_yaml` refuses them, too."""
     if isinstance(value, str) and whole_characters(value) != value:
-        raise InputError("the answer contains half a character (a lone surrogate)")
+        raise InputError("the answer contains an unpaired surrogate, which is not a valid Unicode character")
     if isinstance(value, dict):
         for inner in (*value, *value.values()):
             _check_characters(inner)

@@ -135,14 +135,14 @@ class AnswerStore:
             for name in ("model", "temperature", "max_tokens", "prompts", "asking"):
                 was, now = getattr(before, name), getattr(record, name)
                 if was != now:
-                    remedy = "ask as before, or choose another folder"
-                    raise InputError(f"was begun with {was!r}, not {now!r}", file=path, field=name, remedy=remedy)
+                    remedy = "use the recorded value, or choose another folder"
+                    wrong = f"the recorded answers were requested with {was!r}, but this run uses {now!r}"
+                    raise InputError(wrong, file=path, field=name, remedy=remedy)
             was, now = before.endpoint, record.endpoint
             if was is not None and now is not None and was != now:
                 remedy = "use the same endpoint, or choose another folder"
-                raise InputError(
-                    f"contains answers of the endpoint {was}, not {now}", file=path, field="endpoint", remedy=remedy
-                )
+                wrong = f"contains answers from the endpoint {was}, but this run uses {now}"
+                raise InputError(wrong, file=path, field="endpoint", remedy=remedy)
         write_json(path, record.model_dump())
 
     def copy(self, source: Path) -> None:

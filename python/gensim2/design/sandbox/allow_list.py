@@ -189,14 +189,14 @@ class Reader:
     def look_at_ImportFrom(self, node: ast.ImportFrom, parent: ast.AST | None) -> None:
         module = "." * node.level + (node.module or "")
         if module != MODULE:
-            raise Refused(node, f"an import from {_short(module)} is not allowed, only from {MODULE}")
+            raise Refused(node, f"imports from {_short(module)} are not allowed; import only from {MODULE}")
         if not isinstance(parent, ast.Module):
             raise Refused(node, "an import must be at the top level of the program")
         for alias in node.names:
             if alias.name not in self.offered:
                 raise Refused(node, f"{MODULE} has no {_short(alias.name)}; it has {', '.join(sorted(self.offered))}")
             if alias.asname is not None:
-                raise Refused(node, "an import under another name is not allowed")
+                raise Refused(node, "an import with 'as' is not allowed")
             self.known.add(alias.name)
 
     def look_at_alias(self, node: ast.alias, parent: ast.AST | None) -> None:
@@ -239,7 +239,8 @@ class Reader:
         if is_super_init(node, parent):
             return
         if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
-            raise Refused(node, f"the attribute {_short(node.attr)} is not allowed: only self has attributes")
+            only = "only attributes of self may be used"
+            raise Refused(node, f"the attribute {_short(node.attr)} is not allowed, because {only}")
         if not NAME.fullmatch(node.attr):
             raise Refused(
                 node,
@@ -256,7 +257,7 @@ class Reader:
         elif node.id == "super" and isinstance(parent, ast.Call) and parent.func is node:
             return  # look_at_Call checks where super() occurs
         elif node.id not in self.known:
-            raise Refused(node, f"the name {_short(node.id)} is not allowed, or not imported from {MODULE}")
+            raise Refused(node, f"the name {_short(node.id)} is not allowed or was not imported from {MODULE}")
 
     def look_at_Call(self, node: ast.Call, parent: ast.AST | None) -> None:
         called = node.func
@@ -273,7 +274,8 @@ class Reader:
                 if node.args or node.keywords:
                     raise Refused(node, "super().__init__() takes nothing")
             elif called.attr not in self.methods:
-                raise Refused(node, f"a call of .{_short(called.attr)} is not allowed, only {self.offer()}")
+                only = f"only these methods may be called: {self.offer()}"
+                raise Refused(node, f"a call of .{_short(called.attr)} is not allowed; {only}")
         elif not isinstance(called, ast.Name):
             raise Refused(node, "only a function given by its name can be called")
         elif called.id not in self.offered or called.id == BASE:
@@ -331,7 +333,7 @@ def _computed(node: ast.UnaryOp | ast.BinOp) -> int | float:
     try:
         return compute(*values)
     except ZeroDivisionError as error:
-        raise Refused(node, "a division by zero") from error
+        raise Refused(node, "division by zero is not allowed") from error
     except OverflowError as error:
         raise Refused(node, NOT_FINITE) from error
 

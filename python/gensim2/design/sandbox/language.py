@@ -235,7 +235,9 @@ class _Plain:
             raise ValueError("values are nested too deeply")
         if isinstance(value, Object):
             if value.name is None:
-                raise ValueError("an object was not assigned to an attribute before its use: self.name = Object(...)")
+                raise ValueError(
+                    "an object was used before it was assigned to an attribute; first write self.name = Object(...)"
+                )
             return value.name
         if isinstance(value, Fields):
             return self.of(value.given, depth)

@@ -98,7 +98,7 @@ class Library:
     def _shelf(self, asset_class: str) -> Shelf:
         if asset_class not in self._shelves:
             raise InputError(
-                f"no class {reprlib.repr(asset_class)} in library {self.name}",
+                f"the library {self.name} has no class {reprlib.repr(asset_class)}",
                 field="class",
                 remedy=near(asset_class, tuple({**self._own, **self._shelves})),
             )
@@ -210,14 +210,15 @@ class Library:
         if which == "all":
             return ids
         if not 0 <= tenth < TENTHS:
-            raise InputError(f"must lie in 0..{TENTHS - 1}, is {tenth}", field="tenth")
+            wrong = f"the number of the tenth used for testing must lie in 0..{TENTHS - 1}, but is {tenth}"
+            raise InputError(wrong, field="tenth")
         if which not in ("train", "test"):
             raise InputError(f"no split {reprlib.repr(which)}", field="split", remedy="train, test or all")
         if len(ids) < SMALLEST_TO_SPLIT:
             if which == "test":
                 raise InputError(
-                    f"{asset_class} has only {len(ids)} instances, all for training; a test split "
-                    f"needs {SMALLEST_TO_SPLIT}",
+                    f"{asset_class} has only {len(ids)} instances, which are all used for training; a test split needs "
+                    f"at least {SMALLEST_TO_SPLIT} instances",
                     field="split",
                     remedy="use train or all",
                 )
@@ -352,7 +353,7 @@ def open_library(where: Path | str | None = None) -> Library:
     known: set[str] = set()
     for shelf in shelves:
         for name in known.intersection(shelf.classes()):
-            raise AssetError("an articulated class and a rigid object have this name", file=folder, field=name)
+            raise AssetError("is the name of both an articulated class and a rigid object", file=folder, field=name)
         known.update(shelf.classes())
     return Library(folder.resolve().name, str(folder.resolve()), shelves, GeneratedRigidShelf())
 

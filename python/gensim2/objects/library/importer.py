@@ -155,7 +155,7 @@ def import_object(
         if not is_name(word):
             raise InputError(f"{reprlib.repr(word)} is not a valid folder name", field=field, remedy=RULE)
     if scale != "auto" and not (math.isfinite(scale) and scale > 0):
-        raise InputError(f"must be a positive number, is {scale}", field="scale")
+        raise InputError(f"must be a positive number, but is {scale}", field="scale")
     if not (license.strip() and license.isprintable() and len(license) <= LONGEST_TEXT):
         remedy = f"1 to {LONGEST_TEXT} printable characters, such as CC BY 4.0"
         raise InputError(f"{reprlib.repr(license)} is not a licence text", field="license", remedy=remedy)
@@ -257,11 +257,11 @@ class _Source:
         self.files = reader.files
         if not self.geometry["moving"]:
             raise AssetError(
-                "the moving link has no collision geometry",
+                f"the link that the joint {self.joint.name} moves has no collision geometry",
                 file=self.file,
                 field=f"link {self.joint.child}",
                 remedy="; ".join(reader.warnings())
-                or "give it collision elements, or choose another joint with --joint",
+                or "give the link collision elements, or choose another joint with --joint",
             )
         first = shape_elements(urdf, self.joint.child, "collision")
         self._T_link_object = first[0].T if first else np.eye(4)
@@ -287,10 +287,10 @@ class _Source:
             )
             return fitting[0]
         raise AssetError(
-            f"has {len(movable)} movable joints",
+            f"the file has {len(movable)} movable joints, so one of them must be chosen",
             file=self.file,
             field="joint",
-            remedy=f"choose with --joint one of {listed}",
+            remedy=f"choose one of these joints with --joint: {listed}",
         )
 
     def _meaning(self, link: str) -> list[str]:

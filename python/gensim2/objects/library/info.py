@@ -152,7 +152,10 @@ def _range(value: Any, file: Path) -> tuple[float, float]:
 def _convex(value: Any, file: Path) -> bool:
     if value not in (None, "convex"):
         raise AssetError(
-            f"{reprlib.repr(value)} is not known", file=file, field="collision", remedy='"convex", or leave it out'
+            f"the value {reprlib.repr(value)} is not supported",
+            file=file,
+            field="collision",
+            remedy='use "convex", or leave the field out',
         )
     return value is not None
 

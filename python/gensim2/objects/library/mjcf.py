@@ -98,7 +98,7 @@ class _Converter:
                     file = str(child.get("file"))
                     if file in self._included or len(self._included) >= MAX_INCLUDES:
                         raise AssetError(
-                            f"is included twice, or more than {MAX_INCLUDES} files are included",
+                            f"either the file is included twice, or more than {MAX_INCLUDES} files are included",
                             file=self._file,
                             field=file[:80],
                         )
@@ -122,7 +122,8 @@ class _Converter:
         element.attrib.pop("texture", None)
         for name, value in element.items():
             if "nan" in value.lower().split():  # MuJoCo's reader accepts NaN with a warning, so this code refuses it
-                raise AssetError("is not a number", file=self._file, field=f"<{element.tag}> {name[:40]}")
+                wrong = "contains NaN instead of a number"
+                raise AssetError(wrong, file=self._file, field=f"<{element.tag}> {name[:40]}")
         if "builtin" in element.attrib:  # Built-in meshes are refused, because they can have any number of triangles.
             raise AssetError(
                 "cannot be imported", file=self._file, field=f"<{element.tag} builtin>", remedy="use a file"
@@ -167,7 +168,8 @@ class _Converter:
         }
         if len(moving) != 1:
             remedy = "leave one object in the file, and join its static parts and moving parts to one body"
-            raise AssetError(f"{len(moving)} bodies below the world have joints", file=self._file, remedy=remedy)
+            wrong = f"the file must contain exactly one object with joints, but contains {len(moving)}"
+            raise AssetError(wrong, file=self._file, remedy=remedy)
         self._ends: dict[int, tuple[str, Array]] = {}
         for body in range(1, model.nbody):
             if model.body_rootid[body] in moving:

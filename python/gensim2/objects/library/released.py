@@ -189,7 +189,7 @@ def read_model(
     axis = unit_axis(joint, urdf.file)
     if joint.child == ROOT_LINK:
         raise AssetError(
-            f"the name {ROOT_LINK!r} is reserved for the fixed link, but the moving link has it",
+            f"the moving link must not be named {ROOT_LINK!r}, because this name is reserved for the fixed link",
             file=urdf.file,
             field=f"link {ROOT_LINK}",
             remedy="rename the moving link",
@@ -304,7 +304,7 @@ def within(what: str, value: float, file: Path, field: str) -> None:
     """
     if not value <= FARTHEST:
         raise AssetError(
-            f"its {what} reaches to {value:.3g}, which is implausible for a table-top object",
+            f"the largest value of the {what} is {value:.3g} m or rad, which is too large for a table-top object",
             file=file,
             field=field,
             remedy=f"keep all values within {FARTHEST:g} m or rad; check the scale, joint range and joint origin",

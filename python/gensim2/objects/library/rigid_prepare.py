@@ -365,9 +365,9 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
         mesh = trimesh.load_mesh(io.BytesIO(content), file_type="ply", process=False)
         vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
     except Exception as error:  # trimesh's PLY reader validates nothing and can raise any exception
-        raise ValueError(f"not PLY: {error or type(error).__name__}") from error
+        raise ValueError(f"the file is not a valid PLY file: {error or type(error).__name__}") from error
     if not (len(faces) and faces.min() >= 0 and faces.max() < len(vertices) and np.isfinite(vertices).all()):
-        raise ValueError("holds no triangles of finite vertices")
+        raise ValueError("the file contains no triangles, or a vertex is missing or not finite")
     return [(vertices, faces)]
 
 

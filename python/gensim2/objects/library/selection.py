@@ -116,7 +116,8 @@ def taken_instances(
     found = tuple(i for i in wanted if i in takes)
     if not found:
         raise InputError(
-            f"the task accepts only {', '.join(takes)} of {asset_class}, and {', '.join(asked)} selects none of these",
+            f"the task accepts only the instances {', '.join(takes)} of {asset_class}, but none of these "
+            f"instances is in the selection {', '.join(asked)}",
             field="instances",
         )
     return found

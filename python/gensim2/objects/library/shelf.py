@@ -68,9 +68,9 @@ class Shelf(ABC):
             InputError: the class cannot generate new objects, because it consists of the listed objects only.
         """
         raise InputError(
-            f"{asset_class} is {self.source}: the class has only the listed instances",
+            f"the class {asset_class} has no new instances, because its objects are {self.source}",
             field="instances",
-            remedy="choose all, train, test or an id, or use generated objects with --assets builtin",
+            remedy="select all, train, test or an id, or use generated objects (--assets builtin)",
         )
 
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:

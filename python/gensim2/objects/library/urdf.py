@@ -314,7 +314,10 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
         raise AssetError(f"unsupported type {reprlib.repr(joint.type)}", file=urdf.file, field=f"{field}: type")
     if joint.mimics is not None:
         raise AssetError(
-            f"mimics {joint.mimics}, which is fixed", file=urdf.file, field=f"{field}: mimic", remedy="remove mimic"
+            f"the joint mimics {joint.mimics}, which is a fixed joint",
+            file=urdf.file,
+            field=f"{field}: mimic",
+            remedy="remove the mimic element",
         )
     return joint
 

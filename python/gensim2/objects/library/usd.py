@@ -100,11 +100,11 @@ class _Copier:
         if self._file.suffix == ".usdz":
             root = self._unpack()
         self._copy(root)
-        with read_by_library(self._file, "correct the USD file", "USD cannot compose it"):
+        with read_by_library(self._file, "correct the USD file", "the USD stage cannot be composed"):
             stage = Usd.Stage.Open(str(self._copies / root))
             errors = stage.GetCompositionErrors()
         if errors:
-            raise AssetError(f"USD cannot compose it: {str(errors[0])[:300]}", file=self._file)
+            raise AssetError(f"the USD stage cannot be composed: {str(errors[0])[:300]}", file=self._file)
         return stage
 
     def _unpack(self) -> str:
@@ -125,7 +125,7 @@ class _Copier:
         except DAMAGED as error:
             raise AssetError(f"is not a usdz package: {error}", file=self._file) from error
         if not members or PurePosixPath(members[0].filename).suffix not in LAYERS:
-            raise AssetError("does not begin with a USD file", file=self._file)
+            raise AssetError("the first file in the package must be a USD file", file=self._file)
         self._tree = ObjectFolder(unpacked)
         return members[0].filename
 
@@ -143,14 +143,15 @@ class _Copier:
             content = self._tree.read(name, MAX_OBJECT)
             self._size += len(content)
             if self._size > MAX_OBJECT:
-                raise AssetError(f"refers to files of over {megabytes(MAX_OBJECT)}", file=self._file)
+                wrong = f"the file and the files that it refers to are larger than {megabytes(MAX_OBJECT)} in total"
+                raise AssetError(wrong, file=self._file)
             copy = self._copies / name
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_bytes(content)
             with read_by_library(self._file, "correct the USD file", f"USD cannot read {name[:80]}"):
                 layer = Sdf.Layer.FindOrOpen(str(copy))
                 if layer is None:
-                    raise ValueError("not a USD file")
+                    raise ValueError("the file is not a USD file")
                 # an empty path stands for the file itself
                 found = [str(each) for each in layer.GetCompositionAssetDependencies() if each]
             for each in found:
@@ -349,7 +350,8 @@ class _Converter:
         found = {top(joint.bodies[0]) for joint in joints if joint.kind != "fixed"}
         if len(found) != 1:
             remedy = "leave one object in the file, and join its static parts and moving parts to one body"
-            raise AssetError(f"{len(found)} groups of links have moving joints", file=self._file, remedy=remedy)
+            wrong = f"the file must contain exactly one object with moving joints, but contains {len(found)}"
+            raise AssetError(wrong, file=self._file, remedy=remedy)
         (chosen,) = found
         return {link for link in self._links if top(link) == chosen}
 
@@ -630,13 +632,13 @@ class _Converter:
 
     def _positive(self, value: float, name: str) -> float:
         if not 1e-6 <= value <= LARGEST_VALUE:
-            raise AssetError(f"must be 1e-06 to {LARGEST_VALUE:g}, is {value:g}", file=self._file, field=name)
+            raise AssetError(f"must be 1e-06 to {LARGEST_VALUE:g}, but is {value:g}", file=self._file, field=name)
         return float(value)
 
     def _positive_of(self, prim: Any, name: str) -> float:
         value = float(prim.GetAttribute(name).Get())
         if not 0 < value <= LARGEST_VALUE:
-            raise self._error(f"must be a positive number, is {value:g}", prim, name)
+            raise self._error(f"must be a positive number, but is {value:g}", prim, name)
         return value
 
     def _rotation(self, quaternion: Any, prim: Any) -> Array:

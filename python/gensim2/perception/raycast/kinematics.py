@@ -146,5 +146,5 @@ def _coordinate(joint: UrdfJoint | None, active: Sequence[str], file: Path) -> i
     if joint.type not in ("revolute", "continuous", "prismatic"):
         raise InputError(f"the joint type {joint.type!r} is not supported", file=file, field=field)
     if joint.name not in active:
-        raise InputError("moves, but its position was not recorded", file=file, field=field)
+        raise InputError("the joint is movable, but its position was not recorded", file=file, field=field)
     return list(active).index(joint.name)

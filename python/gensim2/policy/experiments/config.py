@@ -109,7 +109,7 @@ class ExperimentConfig(BaseModel):
             raise ValueError("two arms of the experiment have the same name")
         for name in self.untaught:
             if any(name in arm.tasks for arm in self.arms):
-                raise ValueError(f"{name} is listed in 'untaught', but an arm of the experiment trains on this task")
+                raise ValueError(f"no policy may train on {name}, because 'untaught' lists this task")
         return self
 
     @model_validator(mode="after")
@@ -124,7 +124,8 @@ class ExperimentConfig(BaseModel):
                 raise ValueError(f"{arm.name} and {arm.start}, which it starts from, have different objects")
             if len(start.tasks) < 2 or not set(start.tasks) < set(arm.tasks):
                 raise ValueError(
-                    f"{arm.name} must add tasks to those of {arm.start}, and {arm.start} must have several tasks"
+                    f"{arm.name} starts from {arm.start}, so {arm.start} must have at least two tasks, and {arm.name} "
+                    "must have all these tasks and at least one more"
                 )
         return self
 

@@ -206,7 +206,10 @@ def run_experiment(
     arms, skipped = runnable(record)
     if not arms:
         name, reason = next(iter(skipped.items()))
-        raise InputError(f"no arm can run with these objects; {name}: {reason}", field="assets")
+        raise InputError(
+            f"no policy of the experiment can be trained with these objects; for example, {name}: {reason}",
+            field="assets",
+        )
     with ResumableFolder(out, EXPERIMENT_JSON, record, holds="an experiment", resume=resume, alone=False):
         from gensim2.policy.experiments.page import write_page
 

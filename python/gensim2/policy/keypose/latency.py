@@ -51,10 +51,10 @@ def measure_looks(
     tasks = [task for name in task_names() if (task := load_task(name)).description in controller.sentences]
     if not tasks:
         raise InputError(
-            "was trained on no task of the task library; its training instructions are "
+            "the task library contains no task on which the policy was trained; the training instructions are "
             f"{', '.join(map(repr, controller.sentences))}",
             file=folder,
-            remedy="add the tasks with gensim2 tasks add FOLDER, and select the library with --library DIR",
+            remedy="add a training task with gensim2 tasks add FOLDER, or select another library with --library DIR",
         )
     progress.start("looks", looks + WARM_UP)
     environments = [HeadlessEnv(task, assets=assets, robot=controller.robot) for task in tasks]

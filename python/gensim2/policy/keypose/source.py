@@ -92,11 +92,13 @@ class PlannedSource:
         for each in planned:
             for name in ("language", "steps", "ways", "to_end"):
                 if getattr(each.record, name) != getattr(tasks[each.record.task], name):
-                    raise InputError(f"both folders of {each.record.task} must have the same settings", field=name)
+                    wrong = f"the two folders of plans for {each.record.task} have different values of this setting"
+                    raise InputError(wrong, field=name)
         for other in planned[1:]:
             for name in ("robot", "observation"):
                 if getattr(other.record, name) != getattr(first, name):
-                    raise InputError(f"{other.record.task} and {first.task} must have the same value", field=name)
+                    wrong = f"the plans for {other.record.task} and {first.task} have different values of this setting"
+                    raise InputError(wrong, field=name)
         self.planned, self._shares = tuple(planned), _shares(planned, known)
         self.robot = first.robot
         profile = robot(first.robot)

@@ -89,7 +89,9 @@ def train_keypose(
         InputError: ``frame`` is not ``turned``, or as for :func:`gensim2.policy.train.train_policy`.
     """
     if policy.frame != "turned":
-        message = f"must be turned, is {policy.frame}: poses are taught in the base's frame turned by the first joint"
+        message = (
+            f"must be turned, but is {policy.frame}: poses are taught in the base's frame turned by the first joint"
+        )
         raise InputError(message, field="frame")
     text = "small" if len(source.sentences) > 1 and policy.text == "none" else policy.text
     config = PolicyConfig.of({**policy.to_dict(), "ways": len(source.ways), "text": text})

@@ -78,7 +78,7 @@ class RemoteController:
         if not is_url(url):
             raise InputError(f"{url!r} is not a websocket URL", field="policy", remedy="e.g. ws://127.0.0.1:8321")
         if not 0.0 < deadline < 1e4:
-            raise InputError(f"must be a positive number of seconds, is {deadline}", field="deadline")
+            raise InputError(f"must be a positive number of seconds, but is {deadline}", field="deadline")
         self._url, self._robot, self._deadline = url, robot, deadline
         self._server = f"The server {url}"
         self._number, self._action_size = 0, 0
@@ -164,7 +164,8 @@ class RemoteController:
             self._drop()
             raise
         except AssertionError as error:  # websockets asserts this if the peer sends garbage before the handshake.
-            raise RemoteError(f"{self._url} cannot be reached: did not receive a valid HTTP response") from error
+            wrong = "the server did not send a valid HTTP response"
+            raise RemoteError(f"{self._url} cannot be reached: {wrong}") from error
 
     def _ask(self, message: dict[str, Any], expected: type[Answer], deadline: float) -> Answer:
         """Send a request and return the answer; reconnect if the connection is lost.

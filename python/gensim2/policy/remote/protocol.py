@@ -127,7 +127,7 @@ class _Counter:
     def _add(self, count: int) -> None:
         self._count += count
         if self._count > MAX_VALUES:
-            raise ValueError(f"contains more than {MAX_VALUES} values")
+            raise ValueError(f"the message contains more than {MAX_VALUES} values")
 
 
 def _plain(value: Any) -> Any:
@@ -167,7 +167,7 @@ def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
             wanted = ", ".join("N" if each is None else str(each) for each in shape)
             raise ValueError(f"must be an array of shape ({wanted}), got {value.shape}")
         if shape and value.dtype.kind == "f" and not np.isfinite(value).all():
-            raise ValueError("must be finite, contains NaN or infinity")
+            raise ValueError("must contain only finite numbers, but contains NaN or infinity")
         return value
 
     return BeforeValidator(check)

@@ -86,7 +86,10 @@ class PolicyServer:
             raise InputError(f"must have at least {TOKEN_LENGTH} characters", field="token")
         kind = controller.load()
         if is_privileged(kind):
-            raise InputError("needs the true state of a simulation, which clients do not send", field=controller.target)
+            wrong = (
+                "the controller needs the true state of the simulator, but a policy server receives observations only"
+            )
+            raise InputError(wrong, field=controller.target)
         try:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
