@@ -304,7 +304,7 @@ class Line:
 
     def _check(self, now: float) -> None:
         if self.interrupted is not None:
-            self.watch.stop(now, f"a person or the system asked to stop: {self.interrupted}")
+            self.watch.stop(now, f"a person or the system asked the program to stop (signal {self.interrupted})")
         if self._journal.trouble is not None:
             self.watch.hold(now, f"the log cannot be written: {self._journal.trouble}")
         state = self.arm.state()

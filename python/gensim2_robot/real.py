@@ -67,7 +67,8 @@ class ProcessCameras:
         while not (found := self._process.drain()):
             if interrupted:
                 name = signal.Signals(interrupted[0]).name
-                raise DeviceGoneError(f"a person or the system asked to stop while the cameras were opened: {name}")
+                wrong = "a person or the system asked the program to stop while the cameras were opened"
+                raise DeviceGoneError(f"{wrong} (signal {name})")
             if time.monotonic() > until:
                 raise DeviceGoneError(f"the cameras did not open within {OPENING:g} s")
             time.sleep(POLL)

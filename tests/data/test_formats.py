@@ -291,7 +291,7 @@ def test_an_export_that_was_cut_is_one_clear_error(dataset: DataSet, to: Format,
     good = path.read_bytes()
     for size in (0, 7, len(good) // 2):
         path.write_bytes(good[:size])
-        with pytest.raises(InputError, match=r"cannot be read|is not a readable|were changed"):
+        with pytest.raises(InputError, match=r"cannot be read|is not a readable|(was|were) changed"):
             import_(tmp_path / "out", tmp_path / "back", to)
     assert not (tmp_path / "back").exists()
 

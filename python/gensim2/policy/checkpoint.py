@@ -205,7 +205,7 @@ class PolicyCheckpoint:
         file = folder / CONFIG_JSON
         version = read_record(file, _Version, _REMEDY).schema_version
         if version != VERSION:
-            message = f"is version {version}, this gensim2 reads {VERSION}"
+            message = f"is {version}, but this version of gensim2 reads files with schema version {VERSION}"
             raise CheckpointError(
                 message, file=file, field="schema_version", remedy="use the version of gensim2 that wrote the file"
             )

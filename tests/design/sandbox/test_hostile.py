@@ -30,7 +30,7 @@ PROGRAMS: dict[str, tuple[str, str, int]] = {
     "write a file": ("open('/tmp/new', 'w').write('x')", "call of .'write'", 1),
     "read a secret": ("raise ValueError(open('/etc/passwd').read())", "a raise", 1),
     "delete a file": ("import os\nos.remove('/tmp/x')", "import 'os'", 1),
-    "rename a file": ("from os import rename\nrename('a', 'b')", "import from 'os'", 1),
+    "rename a file": ("from os import rename\nrename('a', 'b')", "imports from 'os'", 1),
     "make a folder": ("__import__('os').mkdir('/tmp/deep')", "call of .'mkdir'", 1),
     "raw system calls": ("import ctypes\nctypes.CDLL(None).fork()", "'ctypes'", 1),
     "rewrite the language itself": ("import task_code\nopen(task_code.__file__, 'a')", "import 'task_code'", 1),

@@ -122,8 +122,8 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
         count += 1
     if next(found, None) is not None:
         wrong = (
-            f"episode {count} is missing in {NATIVE}/, which has {count} episodes: the original or the exported "
-            "episode was changed"
+            f"episode {count} is missing from {NATIVE}/, which has {count} episodes, so the exported files or the "
+            f"original in {NATIVE}/ were changed"
         )
         raise InputError(wrong, file=path, remedy="export again")
     return count
