@@ -142,9 +142,13 @@ def test_tasks_that_objects_do_not_do_for_are_named_and_left_out(tmp_path: Path)
         "PlaceGolfBallIntoDrawer": f"{tmp_path / 'assets'} has no drawer",
         "OpenSafe": f"{tmp_path / 'assets'} has no safe_rotate",
     }
-    with pytest.raises(InputError, match=r"no task can be run on these objects; CloseBox: box_rotate has only 1 instances"):
+    with pytest.raises(
+        InputError, match=r"no task can be run on these objects; for example, CloseBox: box_rotate has only 1 instances"
+    ):
         of_these_objects(tmp_path / "assets", instances="test", tasks=["CloseBox"])
-    with pytest.raises(InputError, match=r"box_rotate has no new instances, because its objects are real .*--assets builtin"):
+    with pytest.raises(
+        InputError, match=r"box_rotate has no new instances, because its objects are real .*--assets builtin"
+    ):
         of_these_objects(tmp_path / "assets", instances="new", tasks=["CloseBox"])
 
 
