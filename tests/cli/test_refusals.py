@@ -132,7 +132,7 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["run-pipeline", "--target-task", "OpenDrawer", "--instances", "-1"], "no instance '-1'"),
         (
             ["benchmark", "OpenDrawer", "--instances", "-1"],
-            "no task can be run on these objects; OpenDrawer: no instance",
+            "no task can be run on these objects; for example, OpenDrawer: no instance",
         ),
         (["benchmark", "OpenDrawer", "--attempts", NINES], "--attempts"),
         (["benchmark", "Nope"], "unknown task 'Nope'"),
