@@ -27,10 +27,11 @@ WARM_UP = 10
 
 
 class Stopwatch:
-    """Measures the duration of stages in repeated passes.
+    """Measures how long each stage of a repeated computation takes.
 
     Args:
-        stages: names of the stages, in the order in which they run; the stage ``total`` is added.
+        stages: names of the stages, in the order in which they run. The stopwatch also measures all stages together, as
+            the stage ``total``.
     """
 
     def __init__(self, *stages: str) -> None:
@@ -72,14 +73,16 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class Latency:
-    """Latency of one kind of policy, ms of wall time.
+    """Latency of policies with the same network settings, for each stage of an action. All times are in ms.
+
+    The stages are ``observation`` (simulate the cameras, compute the point cloud, and read the robot's state),
+    ``inputs`` (transform the observation into the policy's frame), ``network``, and ``total``.
 
     Attributes:
         encoder, head, points, device: settings of the measured network, which has random weights.
         parameters: number of weights.
-        p50, p95: percentiles by stage: ``observation`` (rays, cloud, proprioception), ``inputs`` (transform into the
-            policy's frame), ``network``, ``total``.
-        cpu: median CPU time by stage, ms.
+        p50, p95: percentiles of the wall time of each stage.
+        cpu: median CPU time of each stage.
     """
 
     encoder: str

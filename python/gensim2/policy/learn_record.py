@@ -29,22 +29,28 @@ REFUSED = "give a folder that gensim2 learn has made"
 
 
 class LearnRecord(RunSettings):
-    """Content of ``learn.json``: the arguments of a run, which a resumed run must repeat.
+    """Content of ``learn.json``: the arguments and the progress of a ``gensim2 learn`` run. A resumed run must have the
+    same arguments.
 
     Attributes:
-        minutes: CPU minutes for data and training.
-        objects: number of generated training objects of each class; None: the ``instances`` of ``scene``.
+        minutes: limit of the CPU time for data and training, min.
+        objects: number of generated training objects of each class; None if the run trains on the objects that
+            ``scene`` selects.
         generated: number of generated objects of each class in addition to the objects of ``scene``.
         verify: whether scenes whose plans fail in simulation are left out.
-        engines: ``"both"`` uses only demonstrations that succeed in both physics engines.
+        engines: ``"both"`` if only demonstrations that succeed in both physics engines are used.
         noise: depth noise of the cameras; None for exact depth.
-        text, text_model: text encoder of a policy for several tasks, and the weights of the encoder, as requested.
+        text, text_model: text encoder of a policy for several tasks, and the encoder's weights, both as given by the
+            user.
         settings: network and training settings that the user gave.
-        start: folder of the policy to start from, and the SHA-256 of its ``config.json``; None: train from scratch.
+        start: folder of the policy that training starts from, and the SHA-256 of its ``config.json``; None for training
+            from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
-        steps: number of gradient steps by policy folder, fixed when the training of the policy starts.
-        data_cpu_s: CPU time (s) of the demonstrations by policy folder, including copied demonstrations.
-        episodes: number of demonstrations of each task by policy folder, for action-chunk policies.
+        steps: number of gradient steps of each policy, by the policy's folder. The number is fixed when training of the
+            policy starts.
+        data_cpu_s: CPU time (s) that the demonstrations of each policy took, by the policy's folder, including copied
+            demonstrations.
+        episodes: number of demonstrations of each task for an action-chunk policy, by the policy's folder.
     """
 
     FREE = frozenset({"steps", "data_cpu_s", "episodes", "demonstrations_of", "start"})
@@ -83,8 +89,8 @@ class LearnRecord(RunSettings):
             yield from differing("demonstrations", self.demonstrations_of, now.demonstrations_of)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the folder of the starting policy from ``now``, the record of the resuming
-        command.
+        """Return this record with the path of the starting policy replaced by the path in ``now``, which is the record
+        of the command that resumes the run.
         """
         return self.model_copy(update={"start": now.start})
 
@@ -105,11 +111,14 @@ class LearnRecord(RunSettings):
 
 
 class LearnFolder(ResumableFolder[LearnRecord]):
-    """Folder of a ``gensim2 learn`` run. The run has its own lock file, because it starts a training run that locks the
-    same folder.
+    """Folder of a ``gensim2 learn`` run.
+
+    The run trains its policies in the same folder, and training uses the folder's usual lock file. Therefore the run
+    has a lock file of its own.
 
     Raises:
-        InputError: the folder has a run with other arguments or another policy, or has a run and ``resume`` is false.
+        InputError: the folder contains a run with other arguments or a policy from another command. The error is also
+            raised if the folder contains a run and ``resume`` is false.
     """
 
     def __init__(self, out: Path, record: LearnRecord, resume: bool) -> None:
@@ -168,7 +177,8 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     record.data_cpu_s[key] = there.data_cpu_s.get(key, 0.0)
     if key in there.episodes:
         record.episodes[key] = there.episodes[key]
-    # Save the CPU time before the demonstrations are copied. If the run is killed during the copy, it is repeated.
+    # Save the record before copying. If the run is killed during the copy, a resumed run copies the demonstrations
+    # again and still knows their CPU time.
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
     seen_alike = there.observation == record.observation
     leave_out = None if seen_alike else OBSERVATIONS

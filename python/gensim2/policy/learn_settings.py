@@ -81,7 +81,8 @@ def learn_configs(
 
 
 def observation_of(policy: PolicyConfig, noise: DepthNoise | None) -> ObservationSpec:
-    """Return the observation spec for a policy's number of points and encoder.
+    """Return the observation spec that a policy needs. The head and the source of the point cloud determine the spec,
+    and the policy may set its number of points.
 
     Raises:
         InputError: camera noise is requested, but the policy's encoder does not use depth images.

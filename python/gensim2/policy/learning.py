@@ -138,42 +138,49 @@ def learn(
 
     Args:
         tasks: names of library tasks, or folders with task.yaml and strategies/.
-        policy: name of the policy's head. ``"keypose"`` learns from plans; other heads predict action chunks and learn
-            from simulated episodes.
-        minutes: CPU minutes for data and training of each task. Training on a GPU may take the remaining time as wall
-            time. The limit does not include evaluation.
-        multi_task: whether to train one policy for all tasks; ``minutes`` is then the time for all tasks together.
+        policy: name of the policy's head. A ``"keypose"`` policy learns from plans. Policies with other heads predict
+            action chunks and learn from simulated episodes.
+        minutes: limit of the CPU time for the data and training of each task, min. On a GPU, the time that is left
+            after data collection limits the wall time of training. Evaluation is not limited.
+        multi_task: whether to train one policy for all tasks. ``minutes`` then limits the time for all tasks together.
         scenes: maximum number of planned scenes of each task.
-        episodes, control_episodes: number of evaluation episodes of each task, for the policy and for each control.
-        controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`; None: all.
+        episodes, control_episodes: number of evaluation episodes of each task: ``episodes`` for the policy, and
+            ``control_episodes`` for each control experiment.
+        controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`. The default None runs
+            all of them.
         videos: number of recorded episodes of each task.
-        objects: train on this many generated objects of each class. The seed selects the objects; objects that the
-            library lists are excluded. None: train on the ``instances`` of ``scene``. If these are not given
-            either: ``OBJECTS`` generated objects, or the training split of real objects.
-        generated: number of generated training objects of each class in addition to a folder's objects, for
-            ``"keypose"``. The time for data is divided in proportion to the numbers of objects.
-        verify: whether to simulate the plans and leave out scenes in which they fail, for ``"keypose"``.
-        engines: ``"both"`` runs the episodes or plans of the training data in the other physics engine, too, and uses
-            only demonstrations that succeed in both; for ``"keypose"`` this requires ``verify``.
-        start: folder of a keypose policy of several tasks that ``learn`` trained, or ``"builtin"``. The new policy
-            starts from the weights of this policy, trains on its plans and on new plans of ``tasks``, and is evaluated
-            on all tasks. The builtin policy comes without plans, so scenes of its tasks are planned again; this time
-            counts towards ``minutes``.
-        demonstrations: folder of another run of ``learn`` with the same tasks, objects and seed. Its demonstrations are
-            copied, and more are collected if ``minutes`` permits.
-        noise: camera noise in training data and evaluation; each episode has random errors of camera pose, depth and
-            clock. None: exact depth.
-        text: text encoder of a policy of several tasks; None: the encoder of ``start``, by default ``"small"``.
-        text_model: folder or hub name of the weights of a pretrained text encoder; None: CLIP from the hub.
-        settings: network and training settings that differ from the defaults, by name (:mod:`gensim2.policy.config`),
-            or a YAML file; not together with ``start``.
-        test_instances: objects for the evaluation. None: ``test`` if the policy, or the policy of ``start``, was
-            trained on objects that the library lists, and each class has a test split; otherwise ``new``.
-        out: output folder. It contains the checkpoint of a single policy, or for each of several policies a subfolder
-            with the task's name.
+        objects: number of generated objects of each class to train on. The seed selects objects that the library does
+            not list. With None the policy trains on the objects that ``instances`` in ``scene`` selects. If
+            ``instances`` is not given, it trains on ``OBJECTS`` generated objects, or on the training split of real
+            objects.
+        generated: number of generated objects of each class to train on in addition to the objects of a folder, for
+            ``"keypose"``. The objects of the folder and the generated objects get shares of the planning time in
+            proportion to their numbers.
+        verify: whether to simulate the plans for ``"keypose"``, and to leave out scenes in which the plans fail.
+        engines: ``"both"`` also runs the training episodes or plans in the second physics engine, and uses only
+            demonstrations that succeed in both engines. For ``"keypose"`` the value ``"both"`` requires ``verify``.
+        start: folder of a keypose policy for several tasks that ``learn`` trained, or ``"builtin"``. The new policy
+            starts from the weights of the given policy. It trains on the plans of the given policy and on new plans for
+            ``tasks``, and it is evaluated on all tasks. The builtin policy comes without plans. Therefore scenes of its
+            tasks are planned again, and the planning time counts towards ``minutes``.
+        demonstrations: folder of another run of ``learn`` with the same tasks, objects and seed. The demonstrations of
+            that run are copied, and more demonstrations are collected if ``minutes`` permits.
+        noise: camera noise in training data and evaluation: each episode gets random errors of the cameras' poses,
+            depth and clocks. With None the depth images are exact.
+        text: text encoder of a policy for several tasks. The default is the encoder of ``start``, or ``"small"``
+            without ``start``.
+        text_model: folder or Hugging Face name of the weights of a pretrained text encoder. The default is CLIP from
+            Hugging Face.
+        settings: network and training settings that differ from the defaults, as a mapping from names
+            (:mod:`gensim2.policy.config`) to values, or a YAML file. The argument cannot be combined with ``start``.
+        test_instances: objects for the evaluation. The default is ``test`` if the policy or the policy in ``start`` was
+            trained on objects that the library lists and each class has a test split. Otherwise the default is ``new``,
+            generated objects that the library does not list.
+        out: output folder. A single policy is written into this folder. If there are several policies, each is written
+            into a subfolder with the name of its task.
         workers: number of processes that plan and simulate.
         resume: whether to continue the run in ``out``.
-        device: device of the training, as for :func:`~gensim2.policy.devices.read_devices`.
+        device: device for training, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
         InputError: an argument is invalid, or ``out`` contains files of another run or of another program.

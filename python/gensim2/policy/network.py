@@ -99,7 +99,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
             pooled, every = self.encoder.with_features(flat)
             features = every.unflatten(0, (-1, frames))[:, -1]
         else:
-            pooled = self.encoder(flat)  # (B T, K, F)
+            pooled = self.encoder(flat)  # shape (B * T, K, F)
         seen = self.project(pooled).unflatten(0, (-1, frames)).flatten(1, 2)  # shape (B, T * K, D)
         state = self.proprio(own)
         tokens = [seen, state]
@@ -130,8 +130,10 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
-        """Divide the points into P equal ranges of indices, and return one index from each range: a random index if
-        there is a generator, otherwise the middle index.
+        """Select P of the points of each cloud, and return their indices.
+
+        The indices of the points are divided into P ranges of equal size, and one index is selected from each range.
+        With a generator the selection is random; otherwise the middle of each range is selected.
         """
         count = points.shape[1]
         looked_at = min(self.config.seen_points, count)

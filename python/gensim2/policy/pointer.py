@@ -1,10 +1,16 @@
 r"""Predict the hand's poses at its next keyframes, and pass each prediction to the trunk as a token.
 
-Max-pooling over points loses their positions, so this pointer predicts places in two stages. The first stage sees a
-subset of the points. For each keyframe it predicts a heatmap :math:`w` and an offset :math:`o` at each point; the
-predicted place is :math:`p = \sum_i w_i (x_i + o_i)`. The second stage sees the points of the whole cloud near one
-predicted place, with Fourier features of their coordinates, and refines positions and rotations of the hand. All
-coordinates are in the tool frame, so that a prediction equals the motion that the arm has to make.
+Max-pooling over a point cloud keeps features of points, but not where the points are. Therefore this module predicts
+the hand's poses from the points themselves, in two stages.
+
+The first stage predicts a place for each keyframe from a subset of the points. At each point :math:`x_i` it predicts a
+weight :math:`w_i` (a heatmap over the points) and an offset :math:`o_i`. The predicted place is the weighted mean
+:math:`p = \sum_i w_i (x_i + o_i)`.
+
+The second stage refines the positions of all keyframes and predicts the hand's rotations. Its input is the part of the
+full cloud near the predicted place of one keyframe (``LOOKED_AT``), with Fourier features of the coordinates.
+
+All coordinates are in the tool frame, so that a prediction equals the motion that the arm has to make.
 """
 
 from __future__ import annotations
@@ -41,14 +47,16 @@ _FEATURES = 3 + 6 * len(BANDS)
 
 @dataclass(frozen=True)
 class Pointed:
-    """Predictions of both stages, in the tool's frame.
+    """Predictions of both stages for B samples and K keyframes, in the tool's frame.
 
     Attributes:
-        tokens: (B, K + 1, D) tokens: one for each of K keyframes, and one from the second stage.
-        points: (B, P, 3) points that the first stage sees, m.
+        tokens: (B, K + 1, D) tokens for the trunk: one token for each keyframe, and a token with the features of the
+            points that the second stage uses.
+        points: (B, P, 3) points that the first stage uses, m.
         logits: (B, P, K) logits of the heatmaps.
-        places: (B, K, 3) places predicted by the first stage, m.
-        positions, six: (B, K, 3) positions, m, and (B, K, 6) rotations in 6-D form, predicted by the second stage.
+        places: (B, K, 3) positions predicted by the first stage, m.
+        positions: (B, K, 3) positions predicted by the second stage, m.
+        six: (B, K, 6) rotations predicted by the second stage, as the first two columns of a rotation matrix.
     """
 
     tokens: torch.Tensor
@@ -94,14 +102,15 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
         cloud: torch.Tensor,
         generator: torch.Generator | None = None,
     ) -> Pointed:
-        """Run both stages.
+        """Predict the hand's poses at the keyframes with both stages.
 
         Args:
             points: (B, P, 3) points of the first stage in the tool's frame, m.
             features: (B, P, G) features of ``points``.
-            summary: (B, 3 D) tokens of the robot's state, the cloud and the instruction.
+            summary: (B, 3 D) the tokens of the robot's state, the cloud and the instruction, concatenated.
             cloud: (B, N, 3) points for the second stage in the tool's frame, m.
-            generator: random generator for noise on the second stage's origin in training; None otherwise.
+            generator: random generator for training, None otherwise. In training the centre of the second stage's
+                region gets random noise, because the first stage will not be exact either.
         """
         inner = nn.functional.gelu(self.of_point(features) + self.of_summary(summary)[:, None])
         logits, offsets = self.heat(inner).unflatten(-1, (self.keyframes, 4)).split((1, 3), -1)
@@ -123,7 +132,8 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
     def loss(self, pointed: Pointed, batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
         """Return the weighted loss of both stages over the samples with known keyframes."""
         true, turned = batch[KEY_POSITIONS], batch[KEY_ROTATIONS]
-        known = true.isfinite().all(-1).all(-1).to(pointed.places.dtype)  # (B,)
+        # shape (B,): 1 for a sample with known keyframes, otherwise 0
+        known = true.isfinite().all(-1).all(-1).to(pointed.places.dtype)
         share = known / known.sum().clamp(min=1.0)
         true, turned = true.nan_to_num(), turned.nan_to_num()
         heat = heat_loss(pointed.points, pointed.logits, true).mean(-1)
@@ -134,5 +144,5 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
 
 
 def _waves(positions: torch.Tensor) -> torch.Tensor:
-    """Return positions (..., 3), m, with their Fourier features, (..., 33)."""
+    """Return an array (..., 33) of scaled positions and their Fourier features, for positions (..., 3) in m."""
     return torch.cat([positions / CENTIMETRES, *fourier_features(positions, BANDS)], -1)

@@ -66,7 +66,8 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     path = Path(model)
     if path.exists() and not (path / "config.json").is_file():
         raise InputError("is not a folder of model weights: it has no config.json", file=path, remedy=remedy)
-    for file in path.rglob("*") if path.is_dir() else ():  # reading a pipe would never end
+    # Refuse pipes and devices in the folder, because reading them could block forever.
+    for file in path.rglob("*") if path.is_dir() else ():
         try:
             if not file.is_dir():
                 refuse_special(file.stat())
@@ -80,7 +81,9 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         text, told = load.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, output_loading_info=True
         )
-        missing = [name for name in told["missing_keys"] if "pooler" not in name]  # missing weights would stay random
+        # The pooler is not used. All other weights must be in the file, because transformers would initialize missing
+        # weights at random.
+        missing = [name for name in told["missing_keys"] if "pooler" not in name]
         if missing:
             raise ValueError(
                 f"the weights belong to a different model: {len(missing)} tensors are missing, such as {min(missing)}"

@@ -1,9 +1,11 @@
-"""Create DAgger labels: each label is a state that the policy visited, with the actions of the planner from this state.
+"""Create labels for DAgger: a label is a state that the policy visited, with the planner's actions from this state.
 
-At the start of an episode the planner chooses a strategy and a hand pose at the contact. Until the object moves, the
-step is planned again every ``EVERY`` control steps, from the arm's current state. A plan with the same strategy and
-contact pose as the first plan becomes a label. States in the last part of the approach, and all later states, get no
-label: a new plan from such a state would move away from the object and approach again, unlike a demonstration.
+At the start of an episode the planner chooses a strategy and a hand pose at the contact. While the policy acts, the
+planner plans the step again every ``EVERY`` control steps, from the arm's current state. If the new plan has the same
+strategy and contact pose as the first plan, the state and the plan become a label.
+
+Labelling ends when the hand reaches the approach pose, or when the object moves. From a later state a new plan would
+first move away from the object and then approach it again. Demonstrations contain no such motion.
 """
 
 from __future__ import annotations
@@ -71,8 +73,8 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """Roll the policy out in one scene, in a worker process, and return labels for the visited states.
 
     Returns:
-        Arrays by column of a training batch: the columns of ``frames.SEEN`` with the shape (S, T, ...), and ``action``
-        (S, H, m + 2). S is the number of labels, which may be 0.
+        Arrays of S labels by name, as in a training batch. They are the observation arrays in ``frames.SEEN``, of shape
+        (S, T, ...), and ``action`` (S, H, m + 2). S may be 0.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -144,8 +146,8 @@ def _label(
 def _from_fingers_on(
     actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
 ) -> npt.NDArray[np.float32]:
-    """Return the actions of a plan, without the initial wait for the fingers if the fingers have reached their
-    command.
+    """Return the actions of a plan. If the fingers have already reached their commanded position, omit the actions at
+    the start that only wait for the fingers.
     """
     arm = profile.arm_size
     fingers = observation.joint_velocities[list(profile.gripper_columns)]
@@ -260,7 +262,8 @@ class RelabelledSource:
         for name in (*SEEN, ACTION):
             drawn = np.stack([self._relabels[task].arrays[name][row] for task, row in pairs])
             found[name] = torch.cat([found[name], torch.from_numpy(drawn)])
-        for name in (KEY_POSITIONS, KEY_ROTATIONS):  # Relabelled samples have no key poses, so NaN is added.
+        # Labels of DAgger have no key poses. NaN marks the poses as unknown.
+        for name in (KEY_POSITIONS, KEY_ROTATIONS):
             if name in found:
                 found[name] = torch.cat([found[name], torch.full((few, *found[name].shape[1:]), torch.nan)])
         sentences = [self.sentences.index(self._relabels[task].language) for task in which]

@@ -111,8 +111,9 @@ class Replicas:
         return loss / count
 
     def _receive(self, number: int) -> tuple[float, float]:
-        """Return the loss and the CPU time of a replica's step. The first message of a replica only reports its start;
-        for this message return zeros.
+        """Wait for a message from a replica, and return the loss and the CPU time of its training step.
+
+        The first message of a replica only reports that the replica has started; it contains zeros.
         """
         process, pipe, _ = self._replicas[number]
         try:

@@ -17,12 +17,14 @@ def matrix_of_quaternion(quaternion: torch.Tensor) -> torch.Tensor:
 
 
 def six_of_matrix(matrix: torch.Tensor) -> torch.Tensor:
-    """Return the first two columns, concatenated (..., 6), of rotation matrices (..., 3, 3)."""
+    """Return an array (..., 6) with the first two columns of rotation matrices (..., 3, 3)."""
     return torch.cat([matrix[..., :, 0], matrix[..., :, 1]], -1)
 
 
 def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
-    """Return rotation matrices (..., 3, 3) by Gram-Schmidt from pairs of vectors (..., 6) that are not parallel."""
+    """Return rotation matrices (..., 3, 3) for pairs of vectors (..., 6), by Gram-Schmidt orthogonalization. The two
+    vectors of a pair must not be parallel.
+    """
     a, b = six[..., :3], six[..., 3:]
     x = torch.nn.functional.normalize(a, dim=-1, eps=1e-8)
     y = torch.nn.functional.normalize(b - (x * b).sum(-1, keepdim=True) * x, dim=-1, eps=1e-8)
@@ -30,6 +32,9 @@ def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
 
 
 def angle_between(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Return angles (...), rad, between rotation matrices (..., 3, 3), accurately for small angles."""
+    """Return the angle (rad) between corresponding rotation matrices, as an array (...) for inputs (..., 3, 3).
+
+    Small angles are accurate, because the function does not use the arccosine.
+    """
     chord = torch.linalg.matrix_norm(a - b) / (2 * 2**0.5)
     return 2 * torch.asin(chord.clamp(max=1.0))

@@ -17,7 +17,11 @@ Unknown = Literal["refuse", "embed"]
 
 
 def embeds(word: str) -> bool:
-    """Return whether an option value selects encoding of unknown instructions, instead of an error.
+    """Return whether the policy encodes instructions that it was not trained on; otherwise such an instruction is an
+    error.
+
+    Args:
+        word: value of the option ``unknown_sentences``.
 
     Raises:
         InputError: ``word`` is not one of :data:`Unknown`.
@@ -28,7 +32,8 @@ def embeds(word: str) -> bool:
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Check that ``says`` maps instructions to replacement instructions, and return the mapping; None becomes empty.
+    """Check ``says``, a mapping from instructions to the instructions that replace them, and return the mapping. If
+    ``says`` is None, return an empty mapping.
 
     Raises:
         InputError: ``says`` does not map strings to strings.
@@ -45,8 +50,8 @@ def sentence_row(
 ) -> torch.Tensor:
     """Return an encoded instruction (1, ...), from the checkpoint's table or from its text encoder.
 
-    Action-chunk policies without a text encoder accept any instruction. Keypose policies do not, because their classes
-    belong to tasks.
+    An action-chunk policy without a text encoder ignores the instruction, so it accepts any instruction. A keypose
+    policy accepts only known instructions, because each of its output classes represents a strategy of one task.
 
     Args:
         policy: the checkpoint.
@@ -57,8 +62,8 @@ def sentence_row(
             default of gensim2.
 
     Raises:
-        CheckpointError: the instruction is unknown and ``embed`` is false, or the weights of the text encoder are named
-            by the checkpoint alone, which is not trusted.
+        CheckpointError: the instruction is unknown and ``embed`` is false. The error is also raised if the checkpoint
+            names weights that are neither a default of gensim2 nor equal to ``text_model``.
         InputError: the weights of the text encoder cannot be loaded.
     """
     looks_at_none = policy.config.text == "none" and policy.action.kind != "keypose"

@@ -60,13 +60,14 @@ OVERHEAD = 1.15
 def seconds_a_step(
     source: Source, policy: PolicyConfig, training: TrainConfig, devices: Sequence[torch.device] = (CPU,)
 ) -> float:
-    """Return the median time (s) of a gradient step, measured on a temporary network.
+    """Return how long a gradient step takes (s): the median over steps of a temporary network, times ``OVERHEAD``.
 
     The first steps are not counted, because they take up to four times as long as later steps.
 
     Args:
         source, policy, training: settings of the training.
-        devices: devices that divide a batch. The time is the CPU time of all devices for CPUs, the wall time for GPUs.
+        devices: devices that divide a batch. On CPUs the result is CPU time, summed over all devices; on GPUs it is
+            wall time.
     """
     torch.set_num_threads(training.threads or 1)
     ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
@@ -178,8 +179,8 @@ def teach_by_episodes(
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
         # The record has the CPU time and the number of episodes of earlier iterations and runs.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        # The number of episodes must not become smaller than the number in a copied data set, or in the data set of an
-        # interrupted run.
+        # If the folder already has a data set, copied or from an interrupted run, the number of episodes must not
+        # become smaller than in the data set.
         record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)

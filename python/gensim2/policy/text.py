@@ -1,8 +1,8 @@
-"""Encode an instruction as one token of the trunk.
+"""Encode an instruction as one token, an input vector of the policy's transformer (:mod:`gensim2.policy.trunk`).
 
-An encoder has two parts. :func:`prepare` encodes instructions once, without gradients, as rows of a table; a module
-turns rows into tokens. A checkpoint contains the table of its training instructions, so only new instructions need the
-weights of a pretrained encoder.
+Encoding has two parts. First, :func:`prepare` converts instructions to rows of a table, without gradients. Then a
+network module, which is trained with the policy, converts a row to a token. A checkpoint contains the rows of its
+training instructions. Therefore the weights of a pretrained encoder are needed only for new instructions.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ WORDS, PIECES, BUCKETS = 24, 12, 2048
 
 
 def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
-    """Return the encoded instructions, one row for each sentence.
+    """Return the encoded instructions, one row for each of S sentences.
 
     Returns:
-        (S, 24, 12) pieces for ``small``, (S, E) embeddings for ``clip`` and ``sentence``, (S, 0) for ``none``.
+        For the encoder ``small``: (S, 24, 12) indices of words and trigrams. For ``clip`` and ``sentence``: (S, E)
+        embeddings. For ``none``: an empty array (S, 0).
 
     Raises:
-        InputError: the weights cannot be loaded; the message names folder and remedy.
+        InputError: the weights cannot be loaded; the message names the folder and a remedy.
         MissingExtraError: ``transformers`` is not installed.
     """
     if config.text == "none":
@@ -104,8 +105,9 @@ def pieces(sentence: str) -> torch.Tensor:
 class SmallText(nn.Module):  # type: ignore[misc]
     """Text encoder with learned embeddings of words and trigrams, trained with the policy.
 
-    Embeddings are averaged over each word; an MLP gets the mean and the maximum over the words. The encoder has about
-    200,000 parameters at width 192. It understands a new word only by trigrams that also occur in training words.
+    The embeddings of a word and its trigrams are averaged. An MLP gets the mean and the maximum over all words of the
+    instruction. A new word has only meaningful embeddings for trigrams that also occur in the words of training
+    instructions. With tokens of size 192, the encoder has about 200,000 parameters.
 
     Args:
         width: size of the token.

@@ -190,8 +190,8 @@ def _train(
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
         drawn, moved = rng(training.seed, "policy/fit"), None
-        # The network normalizes actions. With noise, motions back to the path are longer than those of demonstrations,
-        # so noisy batches are measured.
+        # The scale of normalized actions is computed from a batch. If training adds noise to arm positions, motions are
+        # longer than in the demonstrations, so the batch needs the same noise.
         if training.arm_noise > 0:
             moved = torch.Generator(table.device).manual_seed(training.seed)
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
@@ -318,7 +318,8 @@ def take_steps(
                 break
     if state.loss is not None:
         return state.loss
-    points = read_curves(folder)  # States of older versions do not contain the losses.
+    # The state file of an older version does not contain the loss, so it is read from the training curves.
+    points = read_curves(folder)
     if not points:
         raise InputError("has no loss", file=folder / CURVES, remedy="delete the folder and train again")
     return float(points[-1]["loss"])
@@ -354,8 +355,8 @@ def optimizer_of(network: torch.nn.Module, training: TrainConfig) -> torch.optim
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
 def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, step: int) -> None:
-    """Update the moving averages of the weights; the decay is smaller in the first steps, to forget the initial
-    weights.
+    """Update the moving averages of the weights. In the first steps the function uses a smaller decay than ``decay``,
+    so that the averages soon forget the initial weights.
     """
     share = 1.0 - min(decay, (1 + step) / (10 + step))
     pairs = list(zip(average.parameters(), network.parameters(), strict=True))

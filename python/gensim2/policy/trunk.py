@@ -1,5 +1,7 @@
-"""Pre-LN transformer. Its input tokens are a readout token, one token of the instruction, and the tokens of each frame
-(point cloud and robot state).
+"""Define the policy's transformer, which normalizes inside each residual branch (pre-LN).
+
+Its input is a sequence of tokens: a learned readout token, whose output represents the whole observation; a token of
+the instruction; and, for each frame, the tokens of the point cloud and of the robot's state.
 """
 
 from __future__ import annotations
@@ -77,8 +79,8 @@ class Trunk(nn.Module):  # type: ignore[misc]
         self.norm = nn.LayerNorm(width)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Return output tokens (B, S, D) for input tokens (B, S - 1, D). The first output token is the readout token,
-        which the function adds.
+        """Prepend the readout token to the tokens (B, S - 1, D), and return the output tokens (B, S, D) of the
+        transformer. The first output token belongs to the readout token.
         """
         tokens = torch.cat([self.readout.expand(len(tokens), -1, -1), tokens], 1) + self.places
         for block in self.blocks:

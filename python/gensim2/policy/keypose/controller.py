@@ -112,8 +112,9 @@ class KeyposeController:
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
         self._rows: deque[npt.NDArray[np.float32]] = deque()
-        #: Counts of the episode: predictions, free motions (to the object, and home) by planning mode, incomplete
-        #: programs, lost objects.
+        #: Number of events of each kind in the episode, by name: predictions, motions to the object and to the rest
+        #: pose (with the obstacles that they avoid in the name), programs that are out of reach or incomplete, and lost
+        #: objects.
         self.told: Counter[str] = Counter()
 
     @property
@@ -174,7 +175,8 @@ class KeyposeController:
         """Predict strategies and plan the next motion; return False if no motion is left to execute."""
         self.told["looks"] += 1
         seen = self._sight.altered(observation, self._seed)
-        if not self._holds:  # the fingers of an empty hand may have any distance
+        # The finger distance of an empty hand is irrelevant, so the network gets the distance at the start.
+        if not self._holds:
             seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sight.sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
@@ -207,7 +209,11 @@ class KeyposeController:
         return mine
 
     def _is_done(self, chance: float) -> bool:
-        """Return whether the probability ``chance`` of "done" ends the episode."""
+        """Return whether the episode ends, given the predicted probability ``chance`` that the task is done.
+
+        The probability must be at least ``SURE``, and its odds must have grown by the factor ``SURER`` since the first
+        prediction of the episode.
+        """
         first = self._done_at_first
         return chance >= SURE and chance * (1.0 - first) >= SURER * first * (1.0 - chance)
 
@@ -220,8 +226,10 @@ class KeyposeController:
         return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
 
     def _turn(self, answer: Answer) -> tuple[int, float]:
-        """Return the sort key of a predicted strategy. The key is larger for fewer tries, then for a higher
-        probability.
+        """Return the key by which predicted strategies are sorted; the controller tries the largest key first.
+
+        Every ``MAX_TRIES`` tries of a strategy lower its key. Between strategies with the same number of tries, the
+        weighted probability decides.
         """
         return -(self._tried[answer.way] // MAX_TRIES), self._weight(answer)
 
@@ -252,7 +260,9 @@ class KeyposeController:
         return True
 
     def _lost(self, observation: Observation) -> None:
-        """After a lost grasp, move to the rest pose with open fingers, and expect the step that grasps the object."""
+        """React to a lost object: move to the rest pose with open fingers. The next predicted strategy should belong to
+        the step that grasps the object.
+        """
         self.told["lost"] += 1
         self._holds, self._expected = False, {self._taking}
         now = observation.joint_positions.astype(np.float64)

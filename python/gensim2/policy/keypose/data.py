@@ -100,14 +100,16 @@ example."""
 
 @dataclass(frozen=True)
 class Planned:
-    """Contents of a folder of planned scenes.
+    """Planned scenes that are stored in one folder.
 
     Attributes:
         record: settings of the scenes.
-        arrays: arrays by name as in :func:`~gensim2.policy.keypose.examples.example`, one row for each example.
+        arrays: training data of all examples. Each array has a name from
+            :func:`~gensim2.policy.keypose.examples.example` and one row for each example.
         scenes: number of scenes that were generated.
-        failed: number of scenes left out because planning or simulating the plans failed, by reason.
-        cpu_s: CPU time, s.
+        failed: number of scenes that were left out, for each reason. A scene is left out if planning fails, or if its
+            plans fail in simulation.
+        cpu_s: CPU time that the scenes took, s.
     """
 
     record: PlannedRecord

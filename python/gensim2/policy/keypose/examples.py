@@ -40,8 +40,10 @@ class Drawn:
     """Training examples from one scene.
 
     Attributes:
-        examples: one example for each planned step and one for "done"; :func:`example` lists the arrays of an example.
-        failed: reason why a step or the scene was left out (planner status or failure in simulation); else None.
+        examples: one example for each planned step, and one example for "done"; :func:`example` describes the arrays of
+            an example.
+        failed: reason for the missing examples: the planner's status, or the failure in simulation. None if no example
+            is missing.
     """
 
     examples: tuple[Example, ...]
@@ -123,7 +125,8 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
     ways = {step: {f"{step}/{name}": strategy.to_dict()} for step, (name, strategy) in taken.items()}
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(task, ways), chosen, robot(scene.robot), one_plan=True)
-    # This placeholder suffices, because planning ignores whether the goal is reached without the robot.
+    # This value replaces the no-op baseline, a simulation without the robot. The simulation is not needed here, because
+    # the plans do not depend on its result.
     still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
     options = other_openness(scene, seed)
     episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode
@@ -133,12 +136,20 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
 def example(
     seen: Observation, planned: StepPlan | None, profile: RobotProfile, step: int, way: int, seed: int
 ) -> Example:
-    """Return the arrays of one example.
+    """Return the arrays of one training example.
 
-    ``points`` (N, 3) int16 in the base frame, by :func:`~gensim2.perception.cloud.to_steps`; ``joints`` (n,);
-    ``fingers`` (2,): finger distance and last command; the program (``positions``, ``rotations``, ``gripper``,
-    ``seconds``, ``force``; zeros for "done"); ``step``: index of the task step, or the number of steps for "done";
-    ``way``: index of the strategy, or -1; and the scene's ``seed``.
+    The example contains three arrays of the observation:
+
+    - ``points`` (N, 3), int16: the point cloud in the base frame, in the integer unit of
+      :func:`~gensim2.perception.cloud.to_steps`;
+    - ``joints`` (n,): all joint positions;
+    - ``fingers`` (2,): the finger distance and the last gripper command.
+
+    It also contains the program that the policy should predict: ``positions``, ``rotations``, ``gripper``, ``seconds``
+    and ``force``. An example of "done" has the identity as rotations and zeros in the other arrays of the program.
+
+    Three numbers identify the example: ``step`` is the index of the task step, or the number of steps for "done";
+    ``way`` is the index of the strategy, or -1 for "done"; ``seed`` is the seed of the scene.
     """
     assert seen.cloud is not None
     program = None if planned is None else program_of(planned, profile)
@@ -168,7 +179,12 @@ def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
 
 
 def _left_anywhere(now: Scene, step: Step, measured: Measurement, generator: np.random.Generator) -> Scene:
-    """Return a later step's scene; in a fraction ``OTHER_OPENNESS`` of scenes, its joint is at a random position."""
+    """Return the scene ``now``, in which a later step begins, with a random position of the joint that the step moves.
+
+    The position is random in the fraction ``OTHER_OPENNESS`` of the scenes; the other scenes are returned unchanged. A
+    scene is also returned unchanged if the hand holds an object, if the step is not about a joint, or if the random
+    position would already complete the step.
+    """
     anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
     joint = now.objects[step.object].joint
     if not anywhere or joint is None or now.held is not None or not any(map(criterion_is_of_joint, step.done)):

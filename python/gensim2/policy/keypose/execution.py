@@ -42,10 +42,10 @@ class Execution:
     """Actions that execute a keypose program.
 
     Attributes:
-        actions: (N, m + 1).
-        free: name of the obstacles that the collision-free motion to the object avoids.
+        actions: (N, m + 1) targets of the m arm joints and the gripper command, for N control steps.
+        free: obstacles that the free motion to the first pose of the program avoids.
         reached: number of the program's poses that the actions reach; ``KEYPOSES`` for the complete program.
-        gripped: index of the first action after the fingers have moved at the actuation pose.
+        gripped: index of the first action after the fingers have opened or closed at the actuation pose.
     """
 
     actions: Row

@@ -29,21 +29,24 @@ def measure_looks(
     assets: str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure how long predictions of a keypose policy take, in episodes of the tasks that it knows.
+    """Measure how long a keypose policy takes for a prediction, in episodes of the tasks that it was trained on.
 
     Args:
         checkpoint: folder of the policy.
-        looks: number of measured predictions, after ``WARM_UP`` unmeasured ones.
+        looks: number of measured predictions. Before them, ``WARM_UP`` predictions run without measurement.
         threads: number of PyTorch threads.
         assets: folder of the scenes' objects, or the name of a built-in set.
+        progress: progress display.
 
     Returns:
-        ``rows``: for the stages ``observation`` (rays, cloud, proprioception) and ``decision`` (network and planner),
-        ``p50`` and ``p95`` of the wall time and the median ``cpu`` time, ms; ``looks``; ``threads``; and ``load``, the
-        machine's load average at the start.
+        A dictionary with the measured times under ``rows``, the arguments ``looks`` and ``threads``, and the machine's
+        load average at the start under ``load``. A row contains the percentiles ``p50`` and ``p95`` of the wall time
+        and the median CPU time ``cpu``, all in ms, for each stage. In the stage ``observation`` the cameras are
+        simulated and the point cloud is computed; in the stage ``decision`` the network predicts and the motion is
+        planned.
 
     Raises:
-        InputError: the checkpoint is not a keypose policy, or knows no task of the library.
+        InputError: the checkpoint is not a keypose policy, or was trained on no task of the library.
     """
     load = os.getloadavg()[0]
     folder = checkpoint_folder(checkpoint).resolve()

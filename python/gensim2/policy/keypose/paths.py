@@ -52,23 +52,29 @@ class JointPath:
 
     @property
     def rank(self) -> tuple[int, int, float]:
-        """Sort key, larger is better. Depths are rounded to 1 cm, so that similar postures compare as equal."""
+        """Sort key of the path; a better path has a larger key. Penetration depths are rounded to 1 cm, so that similar
+        postures compare as equal.
+        """
         return self.reached, -self.touches, -round(self.depth, 2)
 
 
 def joint_path(
     program: KeyposeProgram, q: Array, scene: kpam.Scene, depth: Callable[[Array], float]
 ) -> JointPath | None:
-    """Return the joint path of the first arm posture that executes the complete program without touching the cloud.
+    """Return a joint path that executes the program, preferably without a collision between arm and point cloud.
 
-    If every posture fails, return the path that executes the largest part of the program; among equal parts, the path
-    with the least penetration. Return None if the actuation pose is out of reach.
+    The arm can reach the actuation pose in several postures, and each posture gives another path. The first path that
+    executes the complete program without a collision is returned. If no path does, the function returns the path that
+    reaches the most poses of the program. Of several such paths it returns the path with the fewest positions that
+    collide with the table or the robot itself, and then the path with the smallest penetration into the cloud. The
+    result is None if the arm cannot reach the actuation pose.
 
     Args:
         program: hand poses in the base frame.
-        q: (n,) present joints; postures close to them are tried first.
+        q: (n,) current joint positions; postures close to this position are tried first.
         scene: the robot and the known obstacles.
-        depth: function of joints (W, n) that returns the arm's maximum penetration (m) into the cloud.
+        depth: function that returns the arm's maximum penetration (m) into the cloud on a path of joint positions (W,
+            n).
     """
     best: JointPath | None = None
     for path in _paths(program, q, scene):
@@ -97,8 +103,10 @@ def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[Joi
 
 
 def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
-    """Compute the joints from the actuation pose back to the approach pose and on to the end, as far as the arm
-    reaches.
+    """Return the joint path through the poses of a program, for one arm posture ``acting`` at the actuation pose.
+
+    Starting from the actuation pose, the path is computed backwards to the approach pose and forwards to the last pose.
+    It stops at the first pose that the arm cannot reach.
     """
     at = np.full(KEYPOSES, -1)
     back = _follow(poses[ACTUATION], poses[APPROACH], acting, scene)

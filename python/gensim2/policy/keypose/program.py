@@ -118,8 +118,8 @@ def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
 
 
 def _evenly(planned: StepPlan, profile: RobotProfile, begin: float, end: float) -> Array:
-    """Return the times (``PATH_POSES``,) that divide the hand's path into parts of equal length; rotations count as
-    length.
+    """Return ``PATH_POSES`` times, which divide the hand's motion between ``begin`` and ``end`` into parts of equal
+    length. The length includes rotations: an angle counts as the angle times ``TURN_LENGTH``.
     """
     assert planned.plan is not None
     assert planned.plan.trajectory is not None

@@ -73,16 +73,17 @@ class Ways:
 
 
 class PlannedSource:
-    """Planned scenes of one or several tasks. New tasks are sampled more often than known tasks.
+    """Training data from planned scenes of one or several tasks.
 
     Args:
-        planned: for each task one folder of plans, or two: library objects and generated objects. All folders have the
-            same robot and observation spec.
-        known: number of folders at the start of ``planned`` whose tasks the policy already knows. Tasks in the
-            remaining folders are sampled ``NEW`` times as often.
+        planned: folders of planned scenes. A task may have two folders: one with objects of the library, and one with
+            generated objects. All folders must have the same robot and observation spec.
+        known: number of folders at the start of ``planned`` whose tasks the policy already knows. New tasks, in the
+            remaining folders, are sampled ``NEW`` times as often.
 
     Raises:
-        InputError: the folders do not fit together.
+        InputError: the folders differ in the robot or the observation spec, or two folders of a task differ in the
+            task's settings.
     """
 
     def __init__(self, planned: Sequence[Planned], known: int = 0) -> None:
@@ -196,7 +197,9 @@ def _shares(planned: Sequence[Planned], known: int) -> npt.NDArray[np.float64] |
 
 
 def _either_way_round(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Swap the fingers in half of the tool poses (B, 7) at random, because an executed motion may swap them, too."""
+    """Turn about half of the tool poses (B, 7) by 180 degrees about the approach axis, which exchanges the two fingers.
+    During execution the arm may use either orientation.
+    """
     x, y, z, w, x_q, y_q, z_q = poses.T
     swapped = np.column_stack([x, y, z, -z_q, y_q, -x_q, w])
     return np.where(rng.random((len(poses), 1)) < 0.5, swapped, poses).astype(np.float32)

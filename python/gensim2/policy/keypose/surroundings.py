@@ -94,9 +94,10 @@ class Surroundings:
         return replace(seen, standing=seen.standing[~touched])
 
     def depth_in(self, seen: Seen) -> Callable[[Array], float]:
-        """Return a function from joints (W, n) to the maximum penetration (m) of the arm into the cloud.
+        """Return a function that computes how deep the arm penetrates the point cloud.
 
-        The function ignores the hand, and checks every ``EVERY``-th row of joints.
+        The function takes joint positions (W, n) along a path and returns the maximum penetration in m. To save time,
+        it checks only every ``EVERY``-th position. It ignores the hand, which has to touch objects.
         """
         if not len(seen.standing):
             return lambda joints: 0.0
@@ -114,8 +115,8 @@ class Surroundings:
         return depth
 
     def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
-        """Return a mask (N,) of the grasped object: points close to the fingers, and all points connected with
-        these.
+        """Return a mask (N,) that selects the points of the grasped object. The mask contains the points close to the
+        fingers, and all points that a chain of neighbouring points connects with the fingers.
         """
         hand = self._model.forward_kinematics(q)[:3, 3]
         near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)

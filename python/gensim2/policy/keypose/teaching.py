@@ -1,4 +1,7 @@
-"""Adapt strategies for training plans, so that similar scenes get similar plans."""
+"""Change the strategies that create training plans, so that the planner makes similar plans in similar scenes.
+
+:func:`pulls_last` reorders the strategies of a step, and :func:`centered` reduces their tolerances.
+"""
 
 from __future__ import annotations
 

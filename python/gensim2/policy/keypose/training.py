@@ -55,7 +55,9 @@ class Way(BaseModel):
 
 
 class WaysRecord(BaseModel):
-    """Content of ``keypose.json``: the meaning of the classes, without the network's last class "done"."""
+    """Content of ``keypose.json``: the step and strategy that each output class of the network represents. The last
+    class of the network, "done", is not listed.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -79,14 +81,17 @@ def train_keypose(
     Args:
         source: planned scenes.
         out: folder of the checkpoint.
-        policy: network settings. ``frame`` must be ``turned``, and several instructions need a text encoder; ``ways``
-            is set from the source.
+        policy: network settings. ``frame`` must be ``turned``, because the policy learns hand poses in the base frame
+            turned by the angle of the arm's first joint. The number of classes ``ways`` is taken from the source. If
+            the source has several instructions and ``text`` is ``none``, the encoder ``small`` is used.
+        training: training settings.
         start: policy to start from; its classes must be the first classes of the source.
         resume: whether to continue an interrupted training run.
-        device: as for :func:`~gensim2.policy.devices.read_devices`.
+        device: device, as for :func:`~gensim2.policy.devices.read_devices`.
+        progress: progress display.
 
     Raises:
-        InputError: ``frame`` is not ``turned``, or as for :func:`gensim2.policy.train.train_policy`.
+        InputError: ``frame`` is not ``turned``, or :func:`gensim2.policy.train.train_policy` cannot use an argument.
     """
     if policy.frame != "turned":
         message = (

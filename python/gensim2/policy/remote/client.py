@@ -48,13 +48,14 @@ Answer = TypeVar("Answer", Ready, Action)
 class RemoteController:
     """Controller that requests each action from a policy server.
 
-    If an answer is late, the controller raises an error and later discards the answer. An invalid answer raises an
-    error that names the server and the field.
+    If an answer does not arrive in time, the controller raises an error, and it ignores the answer when it arrives
+    later. An invalid answer raises an error that names the server and the field.
 
     Args:
         url: address of the server, ``ws://host:port`` or ``wss://``. The token is read from the environment variable
             ``GENSIM2_POLICY_TOKEN``.
-        robot: name of the robot that executes the actions; None: accept any robot that the server names.
+        robot: name of the robot that executes the actions. With None the controller accepts the robot that the server
+            names.
         deadline: time limit for an action, s.
 
     Attributes:
@@ -66,7 +67,7 @@ class RemoteController:
         MissingExtraError: websockets or msgpack is not installed.
 
     Example:
-        Export GENSIM2_POLICY_TOKEN as ``gensim2 policy serve`` prints it, then::
+        Set the environment variable ``GENSIM2_POLICY_TOKEN`` to the token that ``gensim2 policy serve`` prints. Then::
 
             controller = RemoteController("ws://127.0.0.1:8321", "panda")
             controller.reset(observation, seed=0)
@@ -116,7 +117,9 @@ class RemoteController:
             self._connection = None
 
     def disown(self) -> None:
-        """Use a wrong token for the next connection, to test the watchdog of ``gensim2 robot`` with this fault."""
+        """Close the connection, and make the next connection use a wrong token. With this fault one can test the
+        watchdog of ``gensim2 robot``.
+        """
         self.close()
         self._token = f"not {self._token}"
 
@@ -163,7 +166,8 @@ class RemoteController:
         except RemoteError:
             self._drop()
             raise
-        except AssertionError as error:  # websockets asserts this if the peer sends garbage before the handshake.
+        # The websockets library raises AssertionError if the server does not answer the handshake with HTTP.
+        except AssertionError as error:
             wrong = "the server did not send a valid HTTP response"
             raise RemoteError(f"{self._url} cannot be reached: {wrong}") from error
 

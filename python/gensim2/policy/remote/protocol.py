@@ -1,9 +1,10 @@
-"""Define the messages between client and policy server, which are msgpack maps of plain values and arrays.
+"""Define the messages between a client and the policy server. A message is a msgpack map of plain values and arrays.
 
-The client sends ``hello`` with the token and the version of its protocol, and the server answers ``welcome`` or
-``refused``. Then each request gets one answer with the same number: ``reset`` gets ``ready``, ``act`` gets ``action``,
-and a failed request gets ``error``. A message may have only a limited number of bytes and values (:func:`decode`), and
-:func:`read_message` checks the message against the schemas of the expected kinds.
+First the client sends ``hello`` with the token and the version of its protocol. The server answers ``welcome`` or
+``refused``. Then the client sends numbered requests, and the server answers each request with the number of the
+request. The answer to ``reset`` is ``ready``, the answer to ``act`` is ``action``, and the answer to a failed request
+is ``error``. :func:`decode` limits the number of bytes and values of a message. :func:`read_message` checks that the
+message has an expected kind and matches the schema of this kind.
 """
 
 from __future__ import annotations

@@ -94,11 +94,12 @@ class PolicyServer:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
             raise MissingExtraError("websockets", "remote") from error
-        encode({})  # Raises MissingExtraError now if msgpack is not installed.
+        encode({})  # Without msgpack this line raises MissingExtraError, before a client connects.
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
-        # Read the observation spec before the first episode, because a controller may reduce it between predictions.
+        # Read the observation spec before the first episode. During an episode, a controller that needs no cloud for
+        # its next action may ask only for the robot's state.
         self._observation = spec_of(self._controller).to_dict()
         self._is_warm = False
         self._busy = threading.Lock()
@@ -130,7 +131,8 @@ class PolicyServer:
     def serve(self) -> None:
         """Serve until :meth:`close` is called."""
         before = sys.getswitchinterval()
-        # With a short switch interval, threads that serve untrusted clients give the interpreter back quickly.
+        # With a short switch interval, threads that serve untrusted clients soon release the interpreter's lock, so
+        # that the controller's thread can go on.
         sys.setswitchinterval(SWITCH_INTERVAL)
         try:
             self._server.serve_forever()
@@ -155,8 +157,8 @@ class PolicyServer:
             return
         self._peer.address, self._peer.is_known = address, False
         try:
-            # Sending needs a timeout: while the websockets library answers a ping, it holds the lock that closing the
-            # connection needs.
+            # Sending needs a timeout. The websockets library holds a lock while it answers a ping, and it needs the
+            # same lock to close the connection. Without a timeout, a client that reads nothing could prevent closing.
             seconds, share = divmod(READING, 1.0)
             peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(seconds), int(1e6 * share)))
             self._speak(peer, address)
@@ -207,8 +209,10 @@ class PolicyServer:
             self._said(f"{who} gone")
 
     def _greet(self, message: dict[str, Any], who: str) -> str | None:
-        """Check a client's first message, and return the reason for refusing the client; None accepts the client. The
-        reason is not sent to a client with a wrong token.
+        """Check the first message of a client. Return the reason for refusing the client, or None if the client is
+        accepted.
+
+        The caller does not send the reason to a client without the correct token.
         """
         token = message.get("token")
         if message["kind"] != "hello" or not isinstance(token, str):

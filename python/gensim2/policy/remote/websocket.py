@@ -56,7 +56,9 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        if isinstance(error, EOFError):  # The library may read a connection that it has just closed, which is no error.
+        # The websockets library may read from a connection that it has just closed. This exception is harmless and is
+        # not logged.
+        if isinstance(error, EOFError):
             return
         self._said(one_line(record.getMessage() if error is None else f"{record.getMessage()}: {error}"))
 
