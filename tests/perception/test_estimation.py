@@ -19,11 +19,13 @@ import gensim2
 from gensim2.cli.main import run as run_command
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
+from gensim2.data.store import TaskStore
 from gensim2.objects import ArticulatedObject, open_library
 from gensim2.perception import ObservationSpec
 from gensim2.perception.estimation import PerceivingChain, SceneEstimator
 from gensim2.perception.estimation.chain import DISTRUST
 from gensim2.perception.estimation.classes import ClassConstants, by_name
+from gensim2.perception.estimation.episodes import _model, _state
 from gensim2.perception.estimation.estimator import (
     ESTIMATOR_JSON,
     JointEstimate,
@@ -44,15 +46,18 @@ from gensim2.perception.estimation.examples import (
 from gensim2.perception.estimation.measuring import calibrated, figures, measured, row_of
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET, SceneNetwork, features_of, losses
 from gensim2.perception.estimation.scene import boxes, planning_scene
+from gensim2.perception.estimation.tracking import Track, displacement
 from gensim2.perception.estimation.training import Examples, tensors, train_estimator
 from gensim2.perception.noise import DEPLOYED
 from gensim2.perception.raycast.observer import Observer
 from gensim2.planning import StepPlanner, parse_strategy
 from gensim2.robots import robot
 from gensim2.rollout.controller_spec import PERCEIVING, ControllerSpec
+from gensim2.rollout.record import Cause
 from gensim2.scenes.initial_state import PlacedObject
 from gensim2.scenes.randomize import placed
 from gensim2.tasks.library import load_strategies, load_task
+from gensim2.viewing import of_data_set
 
 Array = npt.NDArray[np.float64]
 PANDA = robot("panda")
@@ -400,6 +405,28 @@ def test_the_commands_measure_an_estimator_and_draw_the_worst(trained: Path, tmp
     assert isinstance(unknown.exception, InputError)
 
 
+def test_estimates_of_an_episode_are_shown_beside_the_truth(trained: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    asked: dict[str, Any] = {"episodes": 1, "engine": "mujoco", "assets": "builtin", "workers": 1}
+    gensim2.collect(["CloseBox"], out=tmp_path / "data", **asked)
+    shown = of_data_set(tmp_path / "data", None, None)
+    [thing] = next(TaskStore(tmp_path / "data" / "CloseBox").rows()).objects.values()
+    for index, openness in ((0, thing.openness_start), (shown.recording.steps, thing.openness_end)):
+        state, q = _state(shown, _model(shown), index)
+        assert state.openness == pytest.approx(openness, abs=1e-3)
+        assert state.yaw == pytest.approx(thing.yaw, abs=1e-3)
+        assert len(q) == len(PANDA.reset_qpos)
+    written = tmp_path / "result.json"
+    words = ["perceive", "show", str(tmp_path / "data"), "--estimator", str(trained), "--instants", "3"]
+    assert run_command([*words, "--out", str(tmp_path / "shown"), "--json", str(written)]) == 0
+    result = json.loads(written.read_text())
+    assert (result["class"], result["instants"][0]["step"]) == ("box_rotate", 0)
+    assert len(result["instants"]) == 3
+    assert np.asarray(Image.open(result["picture"])).std() > 1
+    assert run_command([*words[:2], str(tmp_path), *words[3:], "--out", str(tmp_path / "no")]) == 2
+
+
 def test_calibrated_deviations_hold_two_thirds_of_the_errors(trained: Path) -> None:
     looks = list(object_looks(LIBRARY, PANDA, "drawer", "8", 6, rng(0, "calibration")))
     arrays = stacked([example(look, CLASSES, PANDA) for look in looks])
@@ -427,7 +454,59 @@ def test_an_object_that_is_not_there_is_not_acted_on(trained: Path) -> None:
     chain.reset(seen, 0)
     assert chain.act(seen) is None
     assert len(chain.looks) == 1
-    assert chain.history == []
+    [event], [record] = chain.events, chain.history
+    assert (event.what, event.detail) == (Cause.OBJECT_NOT_SEEN, {"class": "box_rotate"})
+    assert (record.name, record.plans) == (event.step, [])
+
+
+@pytest.mark.parametrize(("odds", "is_refused"), [(0.1, False), (10.0, False), (30.0, True)])
+def test_an_object_of_another_class_is_refused(
+    trained: Path, monkeypatch: pytest.MonkeyPatch, odds: float, is_refused: bool
+) -> None:
+    """The task's name makes its class likely, so only clear evidence for another class counts."""
+    look = look_at("box_rotate", 0.5)
+    seen = Observer(PANDA, {"object": look.placed.model}, ObservationSpec(cloud=SETTINGS), 0).observe(
+        Cameras(PANDA, model_of("box_rotate"))._states(look.placed, np.array(PANDA.reset_qpos), rng(0, "test")), 0
+    )
+    share = 1.0 / (1.0 + odds)
+    found = replace(truth(look), confidence=share, classes={"box_rotate": share, "drawer": 1.0 - share})
+    chain = PerceivingChain("CloseBox", str(trained))
+    monkeypatch.setattr(chain._estimator, "estimate", lambda *_: SceneEstimate((found,), np.zeros(0, dtype=np.int64)))
+    chain.reset(seen, 0)
+    events = [(event.what, event.detail["likeliest"]) for event in chain.events]
+    assert events == ([(Cause.OBJECT_NOT_SEEN, "drawer")] if is_refused else [])
+
+
+@pytest.mark.parametrize(("asset_class", "first", "last"), [("box_rotate", 0.3, 0.7), ("drawer", 0.8, 0.1)])
+def test_the_displacement_of_a_joint_is_measured(asset_class: str, first: float, last: float) -> None:
+    before, after = look_at(asset_class, first), look_at(asset_class, last)
+    estimates = truth(before), truth(after)
+    joint = estimates[0].joint
+    found = displacement(estimates[0], before.cloud.xyz, estimates[1], after.cloud.xyz)
+    assert found == pytest.approx((last - first) * (joint.upper - joint.lower), abs=0.06 * (joint.upper - joint.lower))
+    assert displacement(estimates[0], before.cloud.xyz, estimates[0], before.cloud.xyz) == 0.0
+    hidden = replace(estimates[1], moving=np.zeros_like(estimates[1].moving))
+    assert displacement(estimates[0], before.cloud.xyz, hidden, after.cloud.xyz) is None
+
+
+def test_the_openness_after_a_motion_follows_from_the_displacement() -> None:
+    looks = [look_at("box_rotate", openness) for openness in (0.6, 0.1, 0.1)]
+    none = np.zeros(0, dtype=np.int64)
+    first, *rest = (truth(look) for look in looks)
+    # The network is sure about the first cloud and has no idea of the openness in the other clouds.
+    track = Track(first.at(0.6, 0.02), looks[0].cloud.xyz, none)
+    second = track.after(rest[0].at(0.5, 0.4), looks[1].cloud.xyz, none, -1)
+    assert second.found.joint.openness == pytest.approx(0.1, abs=0.06)
+    assert second.found.joint.openness_deviation < 0.15
+    turned = second.found.T_base_object[:3, :3] @ rest[0].T_base_object[:3, :3].T
+    assert np.degrees(Rotation.from_matrix(turned).magnitude()) < 8
+    # A lid that has moved and does not move any more is at the end of its range.
+    third = second.after(rest[1].at(0.5, 0.4), looks[2].cloud.xyz, none, -1)
+    assert third.found.joint.openness == 0.0
+    assert second.after(rest[1].at(0.5, 0.4), looks[2].cloud.xyz, none, 0).found.joint.openness > 0.0
+    # Before the first displacement, a standstill means that the hand has missed.
+    missed = track.after(first.at(0.6, 0.02), looks[0].cloud.xyz, none, -1)
+    assert missed.found.joint.openness == pytest.approx(0.6, abs=0.01)
 
 
 def test_a_step_is_done_only_beyond_the_doubt_of_the_estimate(trained: Path) -> None:

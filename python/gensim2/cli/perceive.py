@@ -9,7 +9,7 @@ import click
 
 from gensim2.cli.options import command
 from gensim2.cli.output import line, table
-from gensim2.cli.typed import Count, Folder, Option
+from gensim2.cli.typed import Count, Folder, Name, Option
 from gensim2.core.progress import Progress
 
 Classes = Annotated[tuple[str, ...], Option("--class", "NAME")]
@@ -144,4 +144,67 @@ def measure(
     )
 
 
-perceive = click.Group("perceive", commands=[train, measure], help="Train and measure estimators of scenes.")
+def _show_estimates(result: dict[str, Any]) -> None:
+    line(result["episode"])
+    heads = ("step", "class", "axis, degrees", "axis, mm", "keypoints, mm", "openness", "part IoU")
+    table(
+        heads,
+        [
+            (
+                str(each["step"]),
+                each.get("likeliest", "no object"),
+                f"{each['axis_degrees']:.1f}",
+                "" if each["axis_m"] is None else f"{1000 * each['axis_m']:.0f}",
+                f"{1000 * each['keypoint_m']:.0f}",
+                f"{each['openness']:.2f}",
+                f"{each['part_iou']:.2f}",
+            )
+            for each in result["instants"]
+        ],
+    )
+    line(f"the object is a {result['class']}; numbers are errors of the estimates")
+    line(f"picture: {result['picture']}")
+
+
+@command("assets", "seed", show=_show_estimates)
+def show(
+    what: Annotated[Path, Option(metavar="EPISODE|DATA")],
+    *,
+    out: Folder,
+    estimator: Annotated[str, Option(metavar="DIR")],
+    task: Name | None = None,
+    episode: Annotated[int | None, click.IntRange(0), Option(metavar="N")] = None,
+    instants: Count = 5,
+    noisy: bool = False,
+    **given: Any,
+) -> dict[str, Any]:
+    """Compare estimates with the true object in an episode.
+
+    The argument is an EPISODE file or the folder DATA of a data set. The command estimates the object at several
+    instants and draws estimates and truth: parts, joint axis and keypoints.
+
+    Args:
+        out: Output folder.
+        estimator: Folder of the estimator.
+        task: Task of a data set.  [default: the first task]
+        episode: Number of an episode in a data set.  [default: the first successful episode]
+        instants: Number of instants, from the start of the episode to its end.
+        noisy: Add the noise of a deployed depth camera.
+    """
+    from gensim2.perception.estimation.episodes import show as function
+
+    return function(
+        what,
+        estimator,
+        out=out,
+        task=task,
+        episode=episode,
+        instants=instants,
+        noisy=noisy,
+        **given,
+    )
+
+
+perceive = click.Group(
+    "perceive", commands=[train, measure, show], help="Train and measure estimators of scenes, and show estimates."
+)

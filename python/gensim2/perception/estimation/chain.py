@@ -24,6 +24,7 @@ from gensim2.perception.estimation.estimator import (
 )
 from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.scene import planning_scene
+from gensim2.perception.estimation.tracking import Track
 from gensim2.perception.noise import read_noise
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT, robot
@@ -39,8 +40,8 @@ from gensim2.tasks.spec import TaskSpec
 
 Array = npt.NDArray[np.float64]
 
-LEAST_CONFIDENCE = 0.05
-"""Minimum probability of the task's class; below it the object counts as absent."""
+CLASS_ODDS = 20.0
+"""Prior odds that an articulated object in the cloud has the task's class instead of another class."""
 LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
 as hidden, and the estimate is discarded."""
@@ -96,10 +97,12 @@ class _Chain(ChainController):
 class PerceivingChain:
     """Controller that plans each step of a task in an estimated scene, and estimates the scene again after each motion.
 
-    A step counts as done when the estimate shows that its goal is reached. After the last step the hand retreats, and
-    the controller estimates the scene once more. If the goal is not reached, the controller repeats the last step. The
-    episode ends without an action if the first point cloud shows no object of the task's class. The task must have
-    exactly one object, and this object must be articulated.
+    A step counts as done when the estimate shows that its goal is reached. The openness is tracked over the motions of
+    an episode (:mod:`~gensim2.perception.estimation.tracking`). After the last step the hand retreats, and the
+    controller estimates the scene once more. If the goal is not reached, the controller repeats the last step. If the
+    first point cloud shows no object of the task's class, the episode ends without an action, and the controller
+    reports an event with :attr:`Cause.OBJECT_NOT_SEEN`. The task must have exactly one object, and this object must be
+    articulated.
 
     Args:
         task: the task, the name of a library task, or the fields of a task.
@@ -147,8 +150,12 @@ class PerceivingChain:
         self.looks: list[SceneEstimate] = []
         self._checks_goal, self._checked = False, 0
         self._last: Action | None = None
-        self._believed: ObjectEstimate | None = None
+        self._track: Track | None = None
+        self._before: Track | None = None
+        self._refusal: Event | None = None
         self._motions = 0
+        kinds = {each.type for each in self._task.success}
+        self._goal = ("articulated_open" in kinds) - ("articulated_closed" in kinds)
 
     @property
     def observation_spec(self) -> ObservationSpec:
@@ -168,17 +175,21 @@ class PerceivingChain:
     @property
     def turn(self) -> str | None:
         """Name of the current step."""
-        return self._chain.turn if self._believed is not None else None
+        return self._chain.turn if self._track is not None else None
 
     @property
     def history(self) -> list[StepRecord]:
-        """A record of each step that was begun."""
-        return self._chain.history if self._believed is not None else []
+        """A record of each step that was begun; a record without plans if the object was not seen."""
+        if self._refusal is not None:
+            return [StepRecord(self._refusal.step, [], paper=False, done=False)]
+        return self._chain.history if self._track is not None else []
 
     @property
     def events(self) -> Sequence[Event]:
         """Events of the episode so far, oldest first."""
-        return self._chain.events if self._believed is not None else []
+        if self._refusal is not None:
+            return [self._refusal]
+        return self._chain.events if self._track is not None else []
 
     @property
     def plans(self) -> list[Any]:
@@ -188,7 +199,8 @@ class PerceivingChain:
     def reset(self, observation: Observation, seed: int = 0) -> None:
         """Start an episode."""
         torch.set_num_threads(self._threads)
-        self.looks, self._believed, self._seen_at_first, self._motions = [], None, 0, 0
+        self.looks, self._seen_at_first, self._motions = [], 0, 0
+        self._track, self._before, self._refusal = None, None, None
         self._checks_goal, self._checked, self._last = False, 0, None
         self._seed = seed
         # The first observation lacks a cloud if it was computed with the previous episode's observation spec. The first
@@ -201,9 +213,8 @@ class PerceivingChain:
         if not self.looks:
             self._begin(observation)
         elif observation.step > 0 and observation.cloud is not None:
-            self._motions = self._chain.motions
             self._take_in(observation)
-        if self._believed is None:
+        if self._track is None:
             return None
         if self._checks_goal:
             assert self._last is not None
@@ -211,7 +222,11 @@ class PerceivingChain:
             if self._is_done(observation):
                 return None
             self._chain.resume(self._last)
+        track = self._track
         action = self._chain.act(self._with_belief(observation))
+        if self._chain.motions > self._motions:
+            # A motion has begun. The joint's displacement is measured from the cloud on which the motion was planned.
+            self._motions, self._before = self._chain.motions, track
         if action is None and self._chain.is_finished and self._last is not None:
             if self._checked == MAX_CHECKS:
                 return None
@@ -224,38 +239,60 @@ class PerceivingChain:
         """Return whether the latest estimate of the scene meets the task's success criteria. The uncertainty of the
         estimate is ignored.
         """
-        assert self._believed is not None
+        assert self._track is not None
         q = observation.joint_positions.astype(np.float64)
-        return all_hold(self._task.success, self._measurement(self._believed, q, distrust=0.0))
+        return all_hold(self._task.success, self._measurement(self._track.found, q, distrust=0.0))
 
     def _begin(self, observation: Observation) -> None:
         """Estimate the scene for the first time in an episode."""
         self._take_in(observation)
-        if self._believed is not None:
+        if self._track is not None:
             self._chain.reset(self._with_belief(observation), self._seed)
 
     def _take_in(self, observation: Observation) -> None:
         """Estimate the scene from an observation, and store the estimate unless the object is hidden."""
         assert observation.cloud is not None, "the cameras were asked for"
-        seen = self._estimator.estimate(observation.cloud.xyz, self._class)
+        cloud = observation.cloud.xyz
+        seen = self._estimator.estimate(cloud, self._class)
         self.looks.append(seen)
-        if not seen.objects:
-            return
-        [found] = seen.objects
-        if self._believed is None and found.confidence < LEAST_CONFIDENCE:
+        found = seen.objects[0] if seen.objects else None
+        if self._track is None:
+            self._refusal = self._refused(found, observation.step)
+        if found is None or self._refusal is not None:
             return
         self._seen_at_first = self._seen_at_first or len(found.points)
-        if len(found.points) >= LEAST_SEEN * self._seen_at_first:
-            self._believed, self._cloud, self._others = found, observation.cloud.xyz, seen.others
+        if len(found.points) < LEAST_SEEN * self._seen_at_first:
+            return
+        self._track = (
+            Track(found, cloud, seen.others)
+            if self._before is None
+            else self._before.after(found, cloud, seen.others, self._goal)
+        )
+
+    def _refused(self, found: ObjectEstimate | None, at_step: int) -> Event | None:
+        """Return the event of an episode whose first cloud does not show the task's object; None if the object is
+        there.
+        """
+        detail: dict[str, Any] = {"class": self._class}
+        if found is not None:
+            likeliest = max(found.classes, key=lambda name: found.classes[name])
+            if CLASS_ODDS * found.confidence >= found.classes[likeliest]:
+                return None
+            detail |= {
+                "probability": round(found.confidence, 4),
+                "likeliest": likeliest,
+                "probability_of_likeliest": round(found.classes[likeliest], 4),
+            }
+        return Event(at_step, self._task.steps[0].name, Cause.OBJECT_NOT_SEEN, detail)
 
     def _with_belief(self, observation: Observation) -> PrivilegedObservation:
-        assert self._believed is not None
-        found, q = self._believed, observation.joint_positions.astype(np.float64)
+        assert self._track is not None
+        track, q = self._track, observation.joint_positions.astype(np.float64)
 
         def scene() -> Scene:
-            return planning_scene({self._name: found}, self._cloud, self._others, q, self._profile)
+            return planning_scene({self._name: track.found}, track.cloud, track.others, q, self._profile)
 
-        return PrivilegedObservation.of(observation, self._measurement(found, q), scene)
+        return PrivilegedObservation.of(observation, self._measurement(track.found, q), scene)
 
     def _measurement(self, found: ObjectEstimate, q: Array, distrust: float = DISTRUST) -> Measurement:
         """Return the estimated state of the scene in the form that the task's success criteria take.
@@ -267,9 +304,7 @@ class PerceivingChain:
         T_world_base = self._profile.T_world_base
         keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
         doubt = distrust * found.joint.openness_deviation / max(self._motions, 1)
-        kinds = {each.type for each in self._task.success}
-        opens, closes = "articulated_open" in kinds, "articulated_closed" in kinds
-        openness = found.joint.openness + doubt * (closes - opens)
+        openness = found.joint.openness - doubt * self._goal
         return Measurement(
             openness={self._name: openness},
             joint_speed={self._name: 0.0},

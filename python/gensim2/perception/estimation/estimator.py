@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -110,6 +110,15 @@ class ObjectEstimate:
     keypoint_deviations: Mapping[str, float]
     size: Array
     object_axis: Literal["x", "y", "z"]
+
+    def at(self, openness: float, deviation: float) -> ObjectEstimate:
+        """Return the estimate with another openness and standard deviation of the openness. The points and keypoints
+        stay where they are.
+        """
+        joint = replace(self.joint, openness=openness, openness_deviation=deviation)
+        T = self.T_base_object.copy()
+        T[:3, :3] = joint_motion(joint.type, joint.axis, joint.value - self.joint.value)[:3, :3] @ T[:3, :3]
+        return replace(self, joint=joint, T_base_object=T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,21 @@ AXIS = 0.25
 
 
 def save_worst(path: Path, estimator: SceneEstimator, arrays: Arrays, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Save a picture of the clouds with the largest keypoint errors, the worst first.
+    """Save a picture of the clouds with the largest keypoint errors, the worst first, as :func:`save_estimates`."""
+    worst = [int(row) for row in np.argsort([-row["keypoint_m"] for row in rows])[:WORST]]
+    titles = [f"{rows[row]['name']}: {1000 * rows[row]['keypoint_m']:.0f} mm" for row in worst]
+    save_estimates(path, estimator, arrays, rows, worst, titles)
+
+
+def save_estimates(
+    path: Path,
+    estimator: SceneEstimator,
+    arrays: Arrays,
+    rows: Sequence[Mapping[str, Any]],
+    shown: Sequence[int],
+    titles: Sequence[str],
+) -> None:
+    """Save a picture of clouds with the estimates for the true class, from the front and from above.
 
     Points of the estimated fixed part are blue, points of the moving part orange. Axes are drawn as lines and keypoints
     as circles: the truth is green, estimates are red.
@@ -43,19 +57,20 @@ def save_worst(path: Path, estimator: SceneEstimator, arrays: Arrays, rows: Sequ
         estimator: estimator whose estimates are drawn.
         arrays: labelled clouds.
         rows: errors of the estimates for these clouds.
+        shown: rows of the clouds that are drawn, in this order.
+        titles: a line of text for each drawn cloud.
 
     Raises:
         WriteError: the file cannot be written.
     """
     from PIL import Image, ImageDraw
 
-    worst = np.argsort([-row["keypoint_m"] for row in rows])[:WORST]
-    height = (2 * SIDE + 20) * -(-len(worst) // COLUMNS)
-    image = Image.new("RGB", (SIDE * min(COLUMNS, len(worst)), height), "white")
+    height = (2 * SIDE + 20) * -(-len(shown) // COLUMNS)
+    image = Image.new("RGB", (SIDE * min(COLUMNS, len(shown)), height), "white")
     draw = ImageDraw.Draw(image)
-    for place, row in enumerate(map(int, worst)):
+    for place, (row, title) in enumerate(zip(shown, titles, strict=True)):
         x, y = SIDE * (place % COLUMNS), (2 * SIDE + 20) * (place // COLUMNS)
-        draw.text((x + 4, y + 4), f"{rows[row]['name']}: {1000 * rows[row]['keypoint_m']:.0f} mm", fill="black")
+        draw.text((x + 4, y + 4), title, fill="black")
         cloud = from_steps(arrays["points"][row])
         found = estimator.estimate(cloud, rows[row]["name"]).objects
         middle = np.median(cloud, axis=0).astype(np.float64)

@@ -1,0 +1,112 @@
+"""Measure the displacement of a joint between two point clouds, and combine it with the estimates of the openness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from gensim2.objects.types import joint_motion
+from gensim2.perception.estimation.estimator import ObjectEstimate, Points
+
+Array = npt.NDArray[np.float64]
+
+LEAST_MOVING = 12
+"""Minimum number of points on the moving part in each cloud; with fewer points no displacement is measured."""
+FAR = 0.02
+"""Maximum distance (m) that counts for a point without a counterpart in the other cloud."""
+GRID, FINE = 41, 9
+"""Number of displacements that are compared over the joint range, and around the best of these displacements."""
+LEAST_GAIN = 0.1
+"""Minimum reduction of the mean distance, as a fraction, by a displacement other than zero."""
+RELATIVE, ABSOLUTE = 0.1, 0.04
+"""Standard deviation of a measured displacement: a fraction of the displacement plus a fraction of the joint range."""
+
+MOVED = 0.15
+"""Minimum displacement towards the goal before a standstill counts as the end of the joint range, as a fraction of the
+range.
+"""
+STALLED = 0.05
+"""Maximum displacement in a motion during which the joint stands still, as a fraction of the joint range."""
+
+
+def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new: Points) -> float | None:
+    """Return the displacement of the joint between two clouds (rad or m), by the joint that was estimated before.
+
+    The points of the moving part are displaced along the estimated joint until they lie on the object in the other
+    cloud, in both directions of time.
+
+    Args:
+        before, after: estimates of the object.
+        old, new: (N, 3) point clouds of the estimates in the base frame, m.
+
+    Returns:
+        The displacement; None if a cloud shows too little of the moving part.
+    """
+    joint = before.joint
+    if min(before.moving.sum(), after.moving.sum()) < LEAST_MOVING:
+        return None
+    moving = [old[before.points[before.moving]].astype(np.float64), new[after.points[after.moving]].astype(np.float64)]
+    trees = [cKDTree(new[after.points]), cKDTree(old[before.points])]
+
+    def distance(value: float) -> float:
+        found = []
+        for points, tree, sign in zip(moving, trees, (1.0, -1.0), strict=True):
+            T = joint_motion(joint.type, joint.axis, sign * value, joint.origin)
+            found.append(np.minimum(tree.query(points @ T[:3, :3].T + T[:3, 3])[0], FAR).mean())
+        return float(np.mean(found))
+
+    span = joint.upper - joint.lower
+    coarse = np.linspace(-span, span, GRID)
+    best = min(coarse, key=distance)
+    step = coarse[1] - coarse[0]
+    best = float(min(np.linspace(best - step, best + step, FINE), key=distance))
+    return best if distance(best) < (1.0 - LEAST_GAIN) * distance(0.0) else 0.0
+
+
+@dataclass(frozen=True)
+class Track:
+    """Estimate of an object that is followed over the motions of an episode.
+
+    Attributes:
+        found: estimate, with an openness that takes all clouds so far into account.
+        cloud: (N, 3) last point cloud that shows the object, base frame, m.
+        moved: displacement of the joint since the first cloud, rad or m.
+        others: row indices of cloud points on other bodies.
+    """
+
+    found: ObjectEstimate
+    cloud: Points
+    others: npt.NDArray[np.int64]
+    moved: float = 0.0
+
+    def after(self, found: ObjectEstimate, cloud: Points, others: npt.NDArray[np.int64], goal: int) -> Track:
+        """Return the track after a motion.
+
+        The openness is the mean of the new estimate and of the old estimate plus the measured displacement, weighted by
+        the inverse variances. If an earlier motion moved the joint towards the goal and this motion did not, the joint
+        is at the end of its range.
+
+        Args:
+            found: new estimate of the object.
+            cloud, others: cloud of this estimate, and points on other bodies.
+            goal: 1 if the motion should open the joint, -1 if it should close the joint, otherwise 0.
+        """
+        change = displacement(self.found, self.cloud, found, cloud)
+        if change is None:
+            return Track(found, cloud, others, self.moved)
+        span = self.found.joint.upper - self.found.joint.lower
+        moved = self.moved + change
+        if goal and goal * self.moved >= MOVED * span and goal * change < STALLED * span:
+            return Track(found.at(0.5 + 0.5 * goal, ABSOLUTE), cloud, others, moved)
+        old, new = self.found.joint, found.joint
+        predicted = float(np.clip(old.openness + change / span, 0.0, 1.0))
+        variances = (
+            old.openness_deviation**2 + (ABSOLUTE + RELATIVE * abs(change) / span) ** 2,
+            new.openness_deviation**2,
+        )
+        shares = np.array([1.0 / each for each in variances])
+        openness = float(shares @ [predicted, new.openness] / shares.sum())
+        return Track(found.at(openness, float(shares.sum() ** -0.5)), cloud, others, moved)
