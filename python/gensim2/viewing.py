@@ -110,23 +110,24 @@ def _location(assets: object) -> Path | str | None:
 
 
 def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
-    """Plan a task in the scene that the seed generates, and run the episode.
+    """Plan a task in the scene that the seed generates, and run the episode. On an estimated scene, the
+    result has no plans.
 
     Raises:
         InputError: the task does not exist, or an argument is invalid.
     """
-    from gensim2.rollout.inputs import read_task_input
+    from gensim2.rollout.inputs import check_scene_source, read_task_input
     from gensim2.rollout.solving import solve
     from gensim2.rollout.worker import record
 
     given = read_task_input(name, seed=seed, **scene)
-    plans = solve(name, seed=seed, **scene).steps
+    check_scene_source(given)
+    plans = () if given.rollout.is_estimated else solve(name, seed=seed, **scene).steps
     config = EpisodeConfig(given.scene, given.rollout)
     episode, recording = record(config, given.strategies, seed, lambda episode, recording: (episode, recording))
     if recording is None:
-        raise InputError(
-            f"no motion was found: {plans[0].found.reason}", field=given.spec.name, remedy="try another --seed"
-        )
+        reason = plans[0].found.reason if plans else episode.cause
+        raise InputError(f"no motion was found: {reason}", field=given.spec.name, remedy="try another --seed")
     ended = "held" if episode.held else f"not held: {episode.cause}"
     return Shown(f"{given.spec.name}, seed {seed}: {ended}", given.scene, recording, plans)
 

@@ -57,7 +57,7 @@ from gensim2.rollout.record import Cause
 from gensim2.scenes.initial_state import PlacedObject
 from gensim2.scenes.randomize import placed
 from gensim2.tasks.library import load_strategies, load_task
-from gensim2.viewing import of_data_set
+from gensim2.viewing import of_data_set, of_task
 
 Array = npt.NDArray[np.float64]
 PANDA = robot("panda")
@@ -577,6 +577,15 @@ def test_benchmark_and_demo_plan_on_the_estimates_of_an_estimator(
     assert "has no effect, because only an estimated scene" in capfd.readouterr().err
 
 
+def test_an_episode_on_an_estimated_scene_can_be_viewed(trained: Path, tmp_path: Path) -> None:
+    scene: dict[str, Any] = {"engine": "mujoco", "assets": "builtin"}
+    found = of_task("CloseBox", 0, scene_source=str(trained), **scene)
+    assert (found.plans, found.recording.steps > 0) == ((), True)
+    assert len(of_task("CloseBox", 0, **scene).plans) == 1
+    with pytest.raises(InputError, match="cannot be read"):
+        of_task("CloseBox", 0, scene_source=str(tmp_path), **scene)
+
+
 def test_what_plans_on_the_true_scene_refuses_an_estimated_one(tmp_path: Path) -> None:
     asked: dict[str, Any] = {"assets": "builtin", "scene_source": "estimator"}
     for call in (
@@ -584,7 +593,7 @@ def test_what_plans_on_the_true_scene_refuses_an_estimated_one(tmp_path: Path) -
         lambda: gensim2.collect(["CloseBox"], episodes=1, out=tmp_path / "data", **asked),
         lambda: gensim2.run_pipeline(target_task="CloseBox", out=tmp_path / "out", **asked),
     ):
-        with pytest.raises(InputError, match="scene_source: is an option of benchmark and demo only"):
+        with pytest.raises(InputError, match="scene_source: is an option of benchmark, demo and view only"):
             call()
 
 

@@ -37,7 +37,7 @@ def _show_measure(result: dict[str, Any]) -> None:
     ]
     heads = ("clouds", "missed", "class", "axis, degrees", "axis, mm", "keypoints, mm", "openness", "part IoU")
     table(("of", *heads), [(name, *_cells(found)) for name, found in rows])
-    line("pairs of numbers are the median and the 90th percentile")
+    line("the rows of classes have the class given; pairs of numbers are the median and the 90th percentile")
 
 
 def _cells(found: dict[str, Any]) -> tuple[str, ...]:

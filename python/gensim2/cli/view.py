@@ -6,13 +6,13 @@ from typing import Annotated, Any
 
 import click
 
-from gensim2.cli.options import EPISODES, command
+from gensim2.cli.options import EPISODES, PLANNER, command
 from gensim2.cli.typed import Name, Option
 
 Port = Annotated[int, click.IntRange(1, 65535)]
 
 
-@command("library", *EPISODES)
+@command("library", *EPISODES, *PLANNER)
 def view(
     what: Annotated[str, Option(metavar="TASK|EPISODE|DATA")],
     *,
@@ -24,8 +24,8 @@ def view(
     """Show an episode in the browser.
 
     The argument is a TASK, which is planned and run, an EPISODE file, or the folder DATA of a data set. The page shows
-    the meshes of the scene, the keyframes of the plan (only for a TASK), the point cloud that a policy would see, and a
-    time slider. The server runs until Ctrl-C. Needs the extra `viz`.
+    the meshes of the scene, the keyframes of the plan (only for a TASK on the true scene), the point cloud that a
+    policy would see, and a time slider. The server runs until Ctrl-C. Needs the extra `viz`.
 
     Args:
         task: Task of a data set.  [default: the first task]

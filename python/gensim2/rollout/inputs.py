@@ -120,7 +120,7 @@ def require_true_scene(**given: Unpack[RunArguments]) -> None:
     """
     for name, default in (("scene_source", TRUE_SCENE), ("depth_noise", None)):
         if given.get(name, default) != default:
-            raise InputError("is an option of benchmark and demo only", field=name)
+            raise InputError("is an option of benchmark, demo and view only", field=name)
 
 
 def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -152,7 +153,8 @@ def measure(
         progress: listener.
 
     Returns:
-        Plain data: error statistics with an estimated class, with the given true class, and for each class.
+        Plain data: error statistics with an estimated class, with the given true class, and for each class with the
+        given true class, and by true class the number of clouds of each estimated class.
 
     Raises:
         InputError: the estimator cannot be read, or a class or object does not exist.
@@ -174,9 +176,9 @@ def measure(
     if not clouds:
         raise InputError("the cameras see none of the objects", field="classes", remedy="give other classes")
     arrays = stacked(clouds)
-    rows = measured(estimator, arrays)
+    rows, given = measured(estimator, arrays), measured(estimator, arrays, given=True)
     if out is not None:
-        save_worst(out / "worst.png", estimator, arrays, rows)
+        save_worst(out / "worst.png", estimator, arrays, given)
     return {
         "schema_version": 1,
         "estimator": str(folder),
@@ -185,8 +187,11 @@ def measure(
         "noise": "deployed" if noisy else None,
         "objects": len(ids),
         "estimated": figures(rows),
-        "given": figures(measured(estimator, arrays, given=True)),
-        "classes": {name: figures([row for row in rows if row["name"] == name]) for name in drawn},
+        "given": figures(given),
+        "classes": {name: figures([row for row in given if row["name"] == name]) for name in drawn},
+        "estimated_classes": {
+            name: Counter(row.get("likeliest", "no object") for row in rows if row["name"] == name) for name in drawn
+        },
     }
 
 
