@@ -199,7 +199,11 @@ KINDS = (
         Kind(f"keypoint {value!r:.20}", told(keypoints={"a": value}), r"keypoints\.a: not three finite numbers")
         for value in ("abc", ["0", "0", "0"], [0, 0], [0, 0, True], [0, 0, 1e30], [0, 0, 10**400], {"x": 0}, None)
     ),
-    Kind("a keypoint far away", told(keypoints={"a": [0, 0, 100]}), r"keypoints\.a: its keypoint reaches to 25"),
+    Kind(
+        "a keypoint far away",
+        told(keypoints={"a": [0, 0, 100]}),
+        r"keypoints\.a: the largest value of the keypoint is 25",
+    ),
     Kind("a keypoint without a name", told(keypoints={"": [0, 0, 0]}), r"keypoints: '' is not a valid name"),
     Kind("a keypoint name of no text", told(keypoints={"\ud800\n": [0, 0, 0]}), r"keypoints: .* is not a valid name"),
     Kind("keypoints in a list", told(keypoints=[1, 2]), r"keypoints: no keypoints"),

@@ -304,11 +304,11 @@ def changed_trajectory(dataset: DataSet, name: str, values: Callable[[Any], Any]
             "episode 0.actions: contains a number that is not finite at step 0",
         ),
         ("actions", lambda a: a[:3], "episode 0.actions: has 3 steps, but the episode"),
-        ("actions", lambda a: a.astype(np.float64), "episode 0.actions: is float64"),
+        ("actions", lambda a: a.astype(np.float64), "episode 0.actions: must have the type float32"),
         ("actions", lambda a: a.reshape(-1), "episode 0.actions: has"),
-        ("obs", lambda a: a[:-1], "episode 0.obs: is float32 of shape"),
-        ("rewards", lambda a: a.astype(np.int64), "episode 0.rewards: is int64"),
-        ("success", lambda a: a[:1], "episode 0.success: is bool of shape"),
+        ("obs", lambda a: a[:-1], "episode 0.obs: must have the type float32"),
+        ("rewards", lambda a: a.astype(np.int64), "episode 0.rewards: must have the type"),
+        ("success", lambda a: a[:1], "episode 0.success: must have the type bool"),
     ],
 )
 def test_an_episode_that_is_none_is_named(dataset: DataSet, name: str, values: Callable[[Any], Any], said: str) -> None:

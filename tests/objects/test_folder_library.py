@@ -130,8 +130,8 @@ def test_a_colour_that_is_no_number_is_counted(load: Load) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"scale": 1e3}, r"info\.json: scale: its geometry reaches to 800"),
-        ({"joint_position_range": [0, 1e6]}, r"joint_position_range: its joint reaches to 1e\+06"),
+        ({"scale": 1e3}, r"info\.json: scale: the largest value of the geometry is 800"),
+        ({"joint_position_range": [0, 1e6]}, r"joint_position_range: the largest value of the joint is 1e\+06"),
     ],
 )
 def test_what_no_table_holds_is_refused(load: Load, change: dict[str, object], message: str) -> None:

@@ -56,7 +56,7 @@ REFUSED: dict[str, tuple[Change, str]] = {
     "collision is a speck": (told(scale=1e-6), r"collision\.obj: has no collision part"),
     "scale is missing": (told(scale=None), r"info\.json: scale: is missing"),
     "scale is 1e30": (told(scale=1e30), r"info\.json: scale: must be a positive number of plausible size"),
-    "scale is 1000": (told(scale=1000), r"scale: its geometry reaches to 50"),
+    "scale is 1000": (told(scale=1000), r"scale: the largest value of the geometry is 50"),
     "keypoint is text": (told(keypoints={"a": ["1", "2", "3"]}), r"keypoints\.a: not three finite numbers"),
     "descriptions are a list": (told(keypoint_descriptions=[1]), r"keypoint_descriptions: must be a mapping"),
     "info.json is a list": (lambda folder: (folder / "info.json").write_text("[1]"), r"info\.json: holds no fields"),
