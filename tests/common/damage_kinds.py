@@ -126,7 +126,7 @@ KINDS = (
     Kind(
         "a moving link named base",
         lambda folder: (urdf('"base"', '"root"', -1)(folder), urdf('"link_0"', '"base"', -1)(folder)),
-        r"link base: the name 'base' is reserved",
+        r"link base: the moving link must not be named 'base'",
     ),
     Kind("a joint without child", urdf('<child link="link_1"/>', ""), r"joint joint_1: a joint needs a parent and a"),
     Kind("a joint to no link", urdf('<child link="link_1"/>', '<child link="x"/>'), r"joint joint_1: no link 'x'"),

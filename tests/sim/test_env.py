@@ -199,7 +199,7 @@ def test_reset_options_replace_what_would_be_drawn(crates: Callable[..., Any], c
         ({"openness": 10**400}, "openness: must be numbers"),
         ({"offset": [0.0, 0.0]}, "offset: must be 3 finite numbers"),
         ({"pose": [0, 0, 0, 2, 0, 0, 0]}, "pose: the quaternion"),
-        ({"pose": [0, 0, 0, 1, 0, 0, 0], "offset": [0, 0, 0]}, "offset: give either"),
+        ({"pose": [0, 0, 0, 1, 0, 0, 0], "offset": [0, 0, 0]}, "offset: must not be given together"),
     ],
 )
 def test_bad_reset_options_are_named(

@@ -160,7 +160,10 @@ def test_an_option_may_name_a_generated_object_that_is_not_listed() -> None:
         ({"openness": {"drawer": 1.5}}, "openness.drawer: must lie in 0..1"),
         ({"openness": {"ball": 0.5}}, "openness: golf_ball has no joint"),
         ({"instance": {"ball": "1"}}, "instance: no instance '1' of golf_ball"),
-        ({"pose": {"ball": [0, 0, 0, 1, 0, 0, 0]}, "offset": {"ball": [0, 0, 0]}}, "offset: give either"),
+        (
+            {"pose": {"ball": [0, 0, 0, 1, 0, 0, 0]}, "offset": {"ball": [0, 0, 0]}},
+            "offset: must not be given together",
+        ),
     ],
 )
 def test_options_of_several_objects_name_them(options: dict[str, Any], expected: str) -> None:
