@@ -68,7 +68,8 @@ def mounted(
         if link not in _links(element):
             raise InputError(f"the URDF {element.get('name')!r} has no link {link!r}", field="link")
     names = {palm}
-    # repeated, because joints may be in any order in the file
+    # A child joint may precede its parent in the file. Repeating the loop once for each joint finds all links below the
+    # palm in any order.
     for joint in (joints := hand.findall("joint")) * len(joints):
         if _end(joint, "parent") in names:
             names.add(_end(joint, "child"))
@@ -103,7 +104,7 @@ def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
     for one, other in (*joined, *pairs):
         ET.SubElement(
             srdf, "disable_collisions", link1=one, link2=other, reason="Default"
-        )  # SAPIEN ignores other reasons
+        )  # SAPIEN honours an exclusion only if its reason is "Default".
     return ET.tostring(srdf, encoding="unicode")
 
 

@@ -20,11 +20,12 @@ keypoint.
 
 
 def fetch_files() -> RobotFiles:
-    """Return ManiSkill's description with a fixed base, in the user's cache folder.
+    """Return ManiSkill's description of the Fetch robot, changed to a robot with a fixed base. The files are written to
+    the user's cache folder.
 
-    Head and torso are fixed. The three continuous joints are limited to half a turn in either direction, because
-    simulators count full turns of continuous joints differently; the hand still reaches every orientation. A new link
-    represents the hand frame.
+    Head and torso are fixed, and a new link represents the hand frame. The three continuous joints are limited to half
+    a turn in either direction, because simulators count the full turns of continuous joints differently. With these
+    limits the hand still reaches every orientation.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.

@@ -69,10 +69,10 @@ def fixed_base(
 
 
 def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
-    """Return the text of an SRDF, extended by pairs of links that never touch.
+    """Return the text of an SRDF file, extended by pairs of links whose collisions are ignored.
 
-    Neighbouring links may touch by default. If another link is inserted between them, they are no longer neighbours, so
-    the SRDF has to disable their collisions explicitly.
+    Collisions between neighbouring links are ignored by default. If a new link is inserted between two neighbours, they
+    are no longer neighbours. Then the SRDF must exclude the pair explicitly.
     """
     root = read_xml(srdf)
     for one, other in pairs:

@@ -71,8 +71,8 @@ class Gripper(Protocol):
     def widest(self) -> float: ...
 
     def target(self, command: Row) -> Row:
-        """Return the targets (rad or m) of a driven joint for an array of commands of any shape; commands are clipped
-        to the range from -1 to 1.
+        """Return the target of a driven joint, in rad or m, for each command in an array of any shape. Commands outside
+        the range from -1 to 1 are clipped.
         """
 
     @property
@@ -83,7 +83,9 @@ class Gripper(Protocol):
         """Return the command that opens the pads to ``opening`` (m), without clipping to -1 and 1."""
 
     def command_at(self, q: Array) -> float:
-        """Return the command whose targets are the given joint values (g,), without clipping to -1 and 1."""
+        """Return the command that moves the gripper joints to the values ``q`` (g,). The result may lie outside the
+        range from -1 to 1.
+        """
 
     def grip(self, opening: float, force: float, stiffness: float) -> float:
         """Return the command at which each pad presses with ``force`` (N) on an object of width ``opening`` (m).
@@ -101,11 +103,12 @@ class Gripper(Protocol):
         """Return the joint values (g,) at which the distance of the pads is ``opening``, m."""
 
     def at_command(self, command: float) -> Array:
-        """Return the joints (g,) at a command, without an object between the pads."""
+        """Return the gripper's joint values (g,) after it has executed a command without an object between the pads."""
 
     def planned(self, opening: float) -> float:
-        """Return the value of the driven joints at the pad distance ``opening``, m. In the solver this joint value is
-        named ``finger_width``.
+        """Return the value of the driven joints at which the distance of the pads is ``opening``, m.
+
+        The planner's solver uses this value as ``finger_width``.
         """
 
     def travel(self, command: float, other: float) -> float:
@@ -117,14 +120,15 @@ class Gripper(Protocol):
 
 @dataclass(frozen=True)
 class SlidingGripper:
-    """Two fingers that slide by equal distances, driven by one motor each or by one common motor.
+    """Gripper with two fingers that slide by equal distances. Each finger has its own motor, or one motor drives both
+    fingers.
 
     Attributes:
-        joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`; if ``driven`` is empty,
+        joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`. If ``driven`` is empty,
             both sliding joints are driven.
         fingers: names of the two sliding joints, which are at 0 when the pads touch.
-        open, closed: targets (m) of a sliding joint at commands 1 and -1; the closed target lies beyond contact, so
-            that the pads press.
+        open, closed: targets (m) of a sliding joint at the commands 1 and -1. The target ``closed`` lies beyond the
+            position at which the pads meet, so that closed pads press on each other.
     """
 
     joints: tuple[str, ...]

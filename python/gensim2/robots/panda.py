@@ -11,10 +11,12 @@ from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfi
 
 
 def panda_files() -> RobotFiles:
-    """Return the paths of ManiSkill's robot description, or of this package's copy if ManiSkill is not installed.
+    """Return the paths of ManiSkill's description of the Panda. If ManiSkill is not installed, return the paths of a
+    copy in this package.
 
-    This package includes a copy of Franka's ``franka_description`` (Apache-2.0). Its joints, inertias and collision
-    meshes equal ManiSkill's. ManiSkill's visual meshes additionally have normals.
+    The copy is Franka's ``franka_description`` (Apache-2.0). It has the same joints, inertias and collision meshes as
+    ManiSkill's description, so both behave alike in simulation. Only the visual meshes differ: the meshes in ManiSkill
+    also have normals.
     """
     if find_spec("mani_skill") is None:
         folder = Path(__file__).parent / "franka_description"
@@ -48,7 +50,8 @@ def panda() -> RobotProfile:
             agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True
         ),
         footprint=Footprint(base_half=0.12, hand_half=0.12, hand_drop=0.02),
-        # The joint weights and the bounding box are those of the original GenSim2; Franka publishes the limits.
+        # The limits are the values that Franka publishes. The joint weights and the workspace are the values of the
+        # original GenSim2.
         solver={
             "limits": "panda",
             "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],

@@ -31,16 +31,17 @@ FINGER_KEYPOINTS = {
 
 
 def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict[str, Array]:
-    """Return the tool keypoints of a gripper with two fingers, each (3,), m in the hand frame.
+    """Return the tool keypoints of a gripper with two fingers by name. Each keypoint is a position (3,) in the hand
+    frame, m.
 
     Args:
         tip: distance of the fingertips from the hand's origin along z, m.
         side: distance between the right finger and the middle of the open gripper, m.
-        base: distance of the finger bases from the hand's origin along z, m; None: 3 cm less than ``tip``.
+        base: distance of the finger bases from the hand's origin along z, m. The default is 3 cm less than ``tip``.
 
     Example:
         ```python
-        keypoints = finger_keypoints(0.105, 0.053)    # those of the Panda
+        keypoints = finger_keypoints(0.105, 0.053)    # keypoints of the Panda
         ```
     """
     base = tip - 0.03 if base is None else base
@@ -55,11 +56,14 @@ def _no_options() -> kpam.Options:
 
 @dataclass(frozen=True)
 class Footprint:
-    """Area that a robot occupies on the table at the start of an episode, m.
+    """Space on and above the table that a robot occupies at the start of an episode. Objects are placed outside this
+    space. All lengths are in m.
 
     Attributes:
-        base_half, hand_half: half side lengths of the areas occupied by the base and by the hand at rest.
-        hand_drop: height of the zone below the resting tool that must stay free of objects.
+        base_half: half the side length of the square that the base occupies.
+        hand_half: half the side length of the square below the hand.
+        hand_drop: distance below the tool in its rest pose. Objects in the square below the hand must be lower than
+            this distance allows.
     """
 
     base_half: float
@@ -85,17 +89,17 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class Simulation:
-    """Simulation parameters of a robot. PD drives represent the robot's motors.
+    """Parameters for simulating a robot. In simulation, PD drives take the place of the motors.
 
     Attributes:
-        agent: name of the ManiSkill agent; recorded states contain this name. If ManiSkill has no agent of this name,
-            :mod:`gensim2.sim.agents` creates the agent from the profile.
+        agent: name of the ManiSkill agent, ManiSkill's class for a robot. Recorded states contain this name. If
+            ManiSkill has no agent of this name, :mod:`gensim2.sim.agents` creates the agent from the profile.
         arm: one drive for all arm joints, or a tuple with one drive for each joint.
         gripper: drive of the driven gripper joints.
-        mimic: drive of the joints that follow the driven gripper joints; a stiff drive represents a rigid transmission.
-        passive: drive of the joints without a motor: a spring to 0.
-        tendons: whether PhysX couples the URDF's mimic joints by fixed tendons, as ManiSkill's agents do. Joints in
-            ``gripper.mimics`` do not need tendons.
+        mimic: drive of the joints that follow the driven gripper joints. A stiff drive represents a rigid transmission.
+        passive: drive of the joints without a motor, which acts as a spring that pulls the joint to 0.
+        tendons: whether PhysX couples the mimic joints of the URDF by fixed tendons, as in ManiSkill's own agents.
+            Joints in ``gripper.mimics`` need no tendons, because their drives follow the driven joints.
         physics_hz: simulation rate in Hz; a multiple of the control rate.
     """
 
@@ -110,7 +114,9 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Maximum velocity, acceleration and jerk of m arm joints, each (m,), in rad or m per s, s^2 and s^3."""
+    """Limits of the m arm joints: the maximum velocity (m,) in rad/s or m/s, the maximum acceleration (m,) in rad/s^2
+    or m/s^2, and the maximum jerk (m,) in rad/s^3 or m/s^3.
+    """
 
     velocity: Array
     acceleration: Array
@@ -304,7 +310,9 @@ class RobotProfile:
         )
 
     def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
-        """Return the tool keypoints in the world, (3,) m each, for a hand pose ``T_world_hand`` (4, 4)."""
+        """Return the positions of the tool keypoints by name, each (3,) in the world frame, m. ``T_world_hand`` (4, 4)
+        is the pose of the hand.
+        """
         points = self._tool_points @ T_world_hand[:3, :3].T + T_world_hand[:3, 3]
         return dict(zip(self.tool_keypoints, points, strict=True))
 
@@ -335,13 +343,16 @@ class RobotProfile:
     def simulated_targets(self, positions: Row, ends: npt.NDArray[np.int64]) -> Row:
         """Return joint targets that compensate the tracking delay of the simulated drives.
 
+        The target of a control step is the desired position of a later step, so that the delayed joint is in the right
+        position at the right time.
+
         Args:
             positions: (N, m) desired arm joints at the end of each control step.
-            ends: (N,) for each control step, the index of the step in which its motion ends. A target never lies beyond
-                the position at the end of the motion.
+            ends: (N,) integers. Each control step is part of a motion, and the number is the index of the last step of
+                this motion. No target is taken from a step after the end of the motion.
 
         Returns:
-            (N, m) targets of each control step.
+            (N, m) joint targets, one row for each control step.
         """
         rows = np.minimum(np.arange(len(positions))[:, None] + np.array(self.lag_steps), ends[:, None])
         targets: Row = positions[rows, np.arange(self.arm_size)]

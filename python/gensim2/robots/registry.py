@@ -96,10 +96,10 @@ def robot_names() -> tuple[str, ...]:
 
 
 class RobotPlace(str):
-    """File or module of a robot that this process has loaded. A process that unpickles this object is permitted to load
-    the robot, too.
+    """Name of the file or module from which this process has loaded a robot.
 
-    A plain ``str``, for example one read from a file, does not permit loading.
+    If this object is sent to another process with pickle, that process may also load the robot, which runs the user's
+    code. A plain ``str`` gives no such permission, because it may have been read from an untrusted file.
     """
 
     __slots__ = ()
@@ -226,7 +226,8 @@ def _made(make: Maker, where: str) -> RobotProfile:
             f"{make.__name__}() must return a RobotProfile, but returned {profile!r:.80}", file=where, field="robot"
         )
 
-    # The profile's files are read in this block, so their errors are reported in the same form.
+    # Checking the profile reads the robot's files. Errors in these files, and errors in the user's function files(),
+    # become an InputError that names the field ``files``.
     def refused(error: BaseException) -> InputError:
         known = type(error).__module__.startswith("gensim2_kpam")
         said = str(error) if known else f"files() raises {_told(error, Path(where))}"
@@ -238,7 +239,9 @@ def _made(make: Maker, where: str) -> RobotProfile:
 
 
 def _parted(place: str) -> tuple[Path | None, str, str]:
-    """Split a location into file or module and function name; the function name may be empty."""
+    """Split the location of a robot into a file, a module and the name of a function. Either the file is None or the
+    module is empty; the name of the function may be empty.
+    """
     path, _, function = place.rpartition(":")
     if place.endswith(".py"):
         return Path(place), "", ""
@@ -279,7 +282,8 @@ def _from_file(file: Path, function: str) -> Maker:
             remedy="put the file at the same path on all machines that the run uses, or use module:function",
         )
     names = _names_in.get(file)
-    # The names can be missing now if the file was edited after it was loaded.
+    # If the file was edited after it was loaded, its list of robots is outdated. Load the file again if the list is
+    # empty or lacks the wanted function.
     if not names or (function and function not in names):
         names = _loaded(file)
     found = [name for name in names if not function or name == function]

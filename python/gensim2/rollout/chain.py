@@ -50,18 +50,25 @@ CALM_ARM = 0.02
 class ChainController:
     """Controller that plans and executes the steps of a task in order.
 
-    A step is planned on the scene at its start. The step is planned again, from the robot's current state and velocity,
-    if its object moves before the hand touches it, or if the fingers close on nothing. If a grasped object is lost, the
-    step that grasped the object is repeated. If a motion ends and the step is not done, the same strategy is tried once
-    more, then the next strategy. If no strategy can be planned, the controller uses a strategy with the field
-    ``makes_room``, which moves an obstacle away. A step is planned at most ``MAX_ROUNDS`` times. After the last step
-    the hand returns to the rest pose if it is near the objects (:mod:`gensim2.rollout.retreat`).
+    Each step is planned when it starts, on the current scene. The controller reacts to problems as follows:
+
+    - If the object moves before the hand touches it, or if the fingers close on nothing, the step is planned again from
+      the robot's current state and velocity.
+    - If a grasped object is lost, the step that grasped the object is repeated.
+    - If a motion ends but the step's criterion is not met, the same strategy is tried once more, then the next
+      strategy.
+    - If no strategy can be planned, the controller uses a strategy with the field ``makes_room``, which moves an
+      obstacle away.
+
+    A step is planned at most ``MAX_ROUNDS`` times. After the last step the hand returns to the rest pose if it is near
+    the objects (:mod:`gensim2.rollout.retreat`).
 
     Args:
         strategies: strategies by name, as plain data or parsed.
-        open_loop: whether to plan all steps at the start, on predicted scenes, each with the first strategy that has a
-            complete plan, and not to react to deviations.
-        one_plan: whether to plan every step once, with its first strategy, and always to continue with the next step.
+        open_loop: whether to plan all steps at the start, on predicted scenes. Each step then uses the first strategy
+            that has a complete plan, and the controller does not react to deviations.
+        one_plan: whether to plan every step only once, with its first strategy, and always to continue with the next
+            step.
         options: solver options for every plan.
 
     Raises:
@@ -161,7 +168,8 @@ class ChainController:
                 turn = self._turns[-1]
                 deviation = self._deviation(observation, run)
                 if self._one_plan:
-                    # with a single plan the step is not planned again; the deviation has been recorded
+                    # A controller with a single plan does not plan again. The deviation has already been recorded as an
+                    # event, so ignore it here.
                     deviation = None
                 if deviation is None and not run.is_over:
                     return self._follow(run, observation)
@@ -207,8 +215,11 @@ class ChainController:
         return self._pressing(action, observation, run.scene.finger_stiffness)
 
     def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
-        """Start the motion that moves the hand away from the objects, and return the first action of this motion; None
-        if the hand is far away or must stay.
+        """Plan the motion that moves the hand away from the objects after the last step, and return the first action of
+        the motion.
+
+        The result is None if the hand is already far from the objects, if it must keep its grasp or position for the
+        goal, or if the remaining time is too short for the motion.
         """
         strategy = self._strategies[run.strategy]
         stays = isinstance(strategy, KeypointStrategy) and strategy.solver_config.let_go is None
@@ -241,10 +252,13 @@ class ChainController:
         return self._width[1]
 
     def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
-        """Return the action with a gripper command that presses with the planned force at the current pad distance.
+        """Return the action with a gripper command at which the fingers press on the grasped object with the planned
+        force.
 
-        A finger's drive acts as a spring. If the object is narrower than planned, or if the pads sink into the object
-        as in some simulators, the planned command would press with less than the planned force.
+        The drive of a finger acts as a spring: its force grows with the distance between the commanded and the actual
+        position. If the object is narrower than planned, or if the simulator lets the pads sink into the object, the
+        planned command would give a smaller force. Therefore the command is computed from the current distance of the
+        pads.
         """
         held = self._held
         if held is None or held.force is None:
@@ -256,7 +270,12 @@ class ChainController:
         self._events.append(Event(observation.step, self._step.name, what))
 
     def _deviation(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
-        """Update which object is grasped; return the cause of a deviation from the plan, or None."""
+        """Check whether execution deviates from the plan, and record a deviation as an event. The method also updates
+        which object the hand holds.
+
+        Returns:
+            Cause of the deviation; None if there is no deviation.
+        """
         found = self._look(observation, run)
         if found is not None:
             self._notice(observation, found)
@@ -403,8 +422,10 @@ class ChainController:
         return [name for name in step.strategies if self._strategies[name].makes_room is None]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
-        """Return the plan of the current step that the planner made when it chose the grasp of the object in the hand;
-        None if the planner made no such plan.
+        """Return a plan of the current step with the strategy ``name`` that was made in advance, or None.
+
+        When the planner chooses a grasp, it also plans the later step that uses the grasped object. That plan is
+        available while the hand still holds the object.
         """
         grasp = self._held_by
         if grasp is None or self._held is None or grasp.step != self._step.name:

@@ -82,8 +82,8 @@ class ChainPlan:
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """Return the sort key, lower is better: complete plans first, then plans with more ``room``, then the planner's
-        rank.
+        """Return the key by which plans are sorted; the best plan has the lowest key. Complete plans come first, then
+        plans that leave the hand more room at the next object, then plans with a lower rank in the planner.
         """
         return not self.planned.is_solved, ceil((ROOM - self.room) / 0.01), self.planned.rank
 
@@ -125,13 +125,14 @@ class ChainPlan:
 
 @dataclass
 class ChainTurn:
-    """One execution of a step. A step is executed again if its grasped object is lost.
+    """One execution of a task step. A step is executed again if its grasped object is lost.
 
     Attributes:
         step: executed step.
         plans: plans made in this execution, oldest first.
         tries: number of complete executions of each strategy.
-        acted: measurement after the fingers last closed, or before they last opened.
+        acted: measurement right after the fingers last closed on an object, or right before they last released it. It
+            shows the gripper in the state that the step should bring about.
     """
 
     step: Step
@@ -140,8 +141,10 @@ class ChainTurn:
     acted: Measurement | None = None
 
     def is_done(self, measured: Measurement) -> bool:
-        """Return whether the step is done. A criterion about the gripper also counts if it was met when the gripper
-        last grasped or released the object.
+        """Return whether the step is done.
+
+        A criterion about the gripper may have been met only at the moment when the gripper grasped or released the
+        object. Such a criterion counts as met.
         """
         return all(
             criterion.holds(measured)

@@ -1,6 +1,7 @@
-"""Count in how many mutated worlds the success criteria hold, although the task is not done in these worlds.
+"""Count how often the success criteria of a task wrongly say that the task is done.
 
-:mod:`gensim2.rollout.mutated` builds and judges the worlds.
+The criteria are evaluated in mutated worlds: copies of a successful end state in which one thing was changed so that
+the task is not done. :mod:`gensim2.rollout.mutated` builds these worlds and evaluates the criteria.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ LARGEST_ERROR = 0.01
 
 
 class Mutation(StrEnum):
-    """Change that makes a successful end state unsuccessful, so that the task is not done."""
+    """Kind of change to a successful end state. After the change the task is not done."""
 
     NOTHING = "nothing was done"
     """The arm does nothing in the whole episode (the no-op baseline)."""
@@ -52,12 +53,14 @@ DONE = "done"
 
 @dataclass(frozen=True)
 class WorldCount:
-    """Number of worlds of one kind, and number of these worlds in which all criteria hold.
+    """Number of mutated worlds with the same mutation, and number of these worlds in which the success criteria wrongly
+    hold.
 
     Attributes:
-        step: name of the step whose ``done`` is judged; None for the goal of the task.
-        mutation: value of a :class:`Mutation`, or ``DONE``.
-        subject: name of the object that is not where it should be; empty if nothing was done.
+        step: name of the step whose criteria ``done`` are evaluated; None if the criteria of the task's goal are
+            evaluated.
+        mutation: value of a :class:`Mutation`, or ``DONE`` for worlds in which the task is done.
+        subject: name of the object in the wrong place; empty for worlds in which the arm did nothing.
         criteria: types of the criteria about this object.
         worlds: number of worlds.
         fooled: number of worlds in which all criteria hold.
@@ -144,7 +147,9 @@ class CheckerResult:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures as JSON data, without the counts by kind of world."""
+        """Return the totals as JSON data: the numbers of scenes and worlds, and how often the criteria were wrong or
+        right. The counts for each mutation are not included.
+        """
         fooled, worlds = total(self.of_goal)
         done, built = self.recognized
         return {

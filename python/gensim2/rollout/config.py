@@ -48,21 +48,23 @@ class EvaluationArguments(SceneArguments, ExecutionArguments, total=False):
 
 @dataclass(frozen=True)
 class RolloutOptions:
-    """Options of all episodes of a run, without the options of scenes.
+    """Options for all episodes of a run, except the options of the scenes
+    (:class:`~gensim2.scenes.config.SceneOptions`).
 
     Attributes:
         open_loop: whether to plan all steps at the start, each with the first strategy that has a complete plan.
-        one_plan: whether to plan each step only once, with its first strategy; deviations are recorded but not handled.
+        one_plan: whether to plan each step only once, with its first strategy. Deviations are recorded, but the
+            controller does not react.
         disturbance: ``"push"`` or ``"drop"``, applied once in an episode at a random time; None for no disturbance.
-        attempts: maximum number of attempts from the same initial scene; no attempt follows a success.
-        noise: standard deviation (rad) of the noise that is added to joint targets in random periods; recordings also
-            contain the noise-free action.
+        attempts: maximum number of attempts from the same initial scene. No attempt follows a success.
+        noise: standard deviation (rad) of noise that is added to joint targets during random periods of an episode.
+            Recordings contain the noise-free action, too.
         engines: ``"both"`` also runs each demonstration in the other physics engine; the demonstration must succeed in
             both.
-        scene_source: ``"true"``: the planner knows the state of the simulator. Otherwise the folder of an estimator
-            (``gensim2 perceive train``): the planner gets a scene that this estimator computes from point clouds.
-        depth_noise: noise of the depth cameras of an estimated scene, as for
-            :func:`~gensim2.perception.noise.read_noise`; None: exact depth images.
+        scene_source: with ``"true"`` the planner knows the state of the simulator. Any other value is the folder of an
+            estimator (``gensim2 perceive train``), which computes the planner's scene from point clouds.
+        depth_noise: noise of the depth cameras from which a scene is estimated, as for
+            :func:`~gensim2.perception.noise.read_noise`. With None the depth images are exact.
 
     Raises:
         InputError: the noise is out of range, or an option cannot be combined with an estimated scene.
@@ -118,7 +120,8 @@ DEFAULT_ROLLOUT = RolloutOptions()
 
 @dataclass(frozen=True)
 class EpisodeConfig:
-    """Inputs of a task's episodes, without strategies and seed, as plain values that can be pickled.
+    """Configuration of a task's episodes, as plain values that can be pickled. The strategies and the seed of an
+    episode are given separately.
 
     Attributes:
         scene: settings of the task's scenes.

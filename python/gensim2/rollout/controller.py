@@ -29,7 +29,8 @@ class PrivilegedObservation(Observation):
 
     Attributes:
         measurement: true state of objects and gripper.
-        scene: function that returns the scene with geometry. It is slower, and must be called before the next step.
+        scene: function that computes the current scene with the geometry of all objects. The function is slow, so it is
+            called only when needed. It must be called before the next control step, because it reads the simulator.
     """
 
     measurement: Measurement
@@ -37,7 +38,7 @@ class PrivilegedObservation(Observation):
 
     @staticmethod
     def of(observation: Observation, measurement: Measurement, scene: Callable[[], Scene]) -> PrivilegedObservation:
-        """Return an observation to which the true state is added."""
+        """Return a privileged observation, which adds the true state to ``observation``."""
         seen = observation
         return PrivilegedObservation(
             seen.step, seen.time, seen.language, seen.arrays, seen.cloud, seen.cameras, measurement, scene
@@ -87,17 +88,20 @@ class Event:
 
 
 class Controller(Protocol):
-    """Chooses every action of an episode (docs/guides/controllers.md).
+    """Interface of a controller, which chooses every action of an episode (docs/guides/controllers.md).
 
-    A class may define optional attributes:
+    A controller class may define these optional attributes:
 
-    - ``privileged = True``: its constructor also gets ``task`` and ``profile``, and its observations are
-      :class:`PrivilegedObservation`.
-    - ``observation_spec``: an :class:`~gensim2.perception.ObservationSpec` or its fields. Default: point clouds; for
-      privileged controllers only the robot's state. The loop reads the spec before every observation, so a controller
-      that seldom needs clouds sets it to ``PROPRIOCEPTIVE`` in between.
-    - ``reference``: a :class:`Reference`, read after every action and recorded; None if the action has no reference.
-    - ``close()``: release resources such as connections; called when the controller is no longer needed.
+    - ``privileged = True``: the constructor also gets ``task`` and ``profile``, and each observation is a
+      :class:`PrivilegedObservation` with the true state of the simulator.
+    - ``observation_spec``: the required observations, as an :class:`~gensim2.perception.ObservationSpec` or its fields.
+      By default an observation contains a point cloud; for a privileged controller it contains only the robot's state.
+      The spec is read before every observation. A controller that seldom needs a cloud can set the spec to
+      ``PROPRIOCEPTIVE`` for the other control steps, which saves time.
+    - ``reference``: a :class:`Reference`, which is read and recorded after every action. It is None if the action has
+      no reference.
+    - ``close()``: a method that releases resources such as connections. It is called when the controller is no longer
+      needed.
     - ``turn``, ``history``, ``events``: name of the current task step, records of all started steps, and reported
       events. ``turn`` is read after every action, ``history`` and ``events`` after the episode. Without these
       attributes a step ends when its criterion holds.

@@ -132,9 +132,10 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
     """Return the specification of the controller that plans and executes the steps of a task.
 
     Args:
-        task: task, which only the controller of estimated scenes gets as an argument.
+        task: the task. Only a controller that estimates the scene needs it here; the other controllers get the task
+            later.
         strategies: strategies by name, as plain data.
-        rollout: options of the episode, such as the scene that the planner gets.
+        rollout: options of the episode. They select the scene that the planner gets: the true scene or an estimate.
         robot_name: name of the robot.
     """
     if rollout.is_estimated:

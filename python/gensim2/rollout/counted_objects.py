@@ -22,8 +22,9 @@ def can_be_counted(given: TaskInput) -> bool:
 
 
 def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
-    """Return a task whose scenes use ``count`` generated objects of each articulated class. The library does not list
-    these objects.
+    """Return a task whose scenes use ``count`` generated objects of each articulated class.
+
+    The seed selects the objects. Objects that the library lists are not used.
 
     Raises:
         InputError: the objects are from a folder, or the task has no articulated object.
@@ -64,13 +65,15 @@ def number_of_objects(given: TaskInput) -> int:
 
 
 def is_counted(instances: str) -> bool:
-    """Return whether :func:`with_objects` made the value ``instances`` of a task."""
+    """Return whether ``instances``, the selection of objects of a task, is a value set by :func:`with_objects`."""
     return _COUNTED in instances
 
 
 def hashes(given: TaskInput) -> list[str]:
-    """Return hashes of a few generated objects of each class, with which a resumed run detects changes of the
-    generator. Without generated objects the list is empty.
+    """Return hashes of a few generated objects of each class. The list is empty for a task without generated objects.
+
+    A resumed run compares the hashes with those of the interrupted run. A difference shows that the generator has
+    changed.
     """
     chosen = given.scene.instances
     if not is_counted(given.instances) or not isinstance(chosen, frozenset):
@@ -89,6 +92,7 @@ def _articulated(given: TaskInput) -> dict[str, str]:
 def _drawn(given: TaskInput, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
     new = set(given.library.choose(asset_class, "new"))
     ids = tuple(each for each in given.library.sample(asset_class, count + len(new), seed) if each not in new)
-    # The ids are numbers in ascending order. A random permutation avoids that only small numbers are used.
+    # The ids are numbers in ascending order. Without a random permutation, the first ``count`` ids would always be
+    # small numbers.
     order = rng(seed, f"objects/{asset_class}").permutation(len(ids))[:count]
     return tuple(ids[number] for number in sorted(order))

@@ -1,8 +1,11 @@
-"""Determine why an episode failed: the first fault that was not corrected, with measured values.
+"""Find out why an episode failed, and describe the cause with measured values.
 
-Steps are checked in order, and the fault is attributed to the first step that was not done. The cause is searched in
-this order: the last deviation that the controller reported in this step, a fault of the step's last plan, and a fault
-in the measurements of the step.
+The steps of the task are checked in order. The first step that was not done is the one that failed. For this step the
+cause is the first of these that applies:
+
+1. the last deviation from the plan that the controller reported in this step;
+2. a fault of the step's last plan;
+3. a fault that the measurements during the step show.
 """
 
 from __future__ import annotations
@@ -43,15 +46,15 @@ PLAN_CAUSES = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """End of an episode.
+    """Result of an episode, from which its failure is explained.
 
     Attributes:
         goal: whether the goal is reached at the end.
         stable: whether the simulation was stable, both in the episode and in the no-op baseline.
-        settled: whether the scene was at rest.
+        settled: whether the scene was at rest when the episode was evaluated.
         cut: whether the time limit ended the episode before the controller ended it.
         truncated: whether the episode was longer than the task allows.
-        by_itself: whether the goal is also reached in the no-op baseline.
+        by_itself: whether the goal is reached in the no-op baseline, that is, without a moving arm.
     """
 
     goal: bool
@@ -119,8 +122,8 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # A grasping step without a criterion always counts as done, so the measurements of later steps are used to
-            # check the grasp. A criterion that was met only while the hand held the object does not count.
+            # A step can meet its criterion and still be faulty. A grasping step may have no criterion, so its grasp is
+            # checked with the measurements. A criterion may also have been met only while the hand held the object.
             gave_up = self._given_up(step) if not went_on else None
             return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
@@ -154,8 +157,8 @@ class _Facts:
         return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
 
     def _given_up(self, step: Step) -> Fault | None:
-        """Return the step's last deviation as its fault; None if the hand reached an actuation pose after the
-        deviation.
+        """Return the last deviation in the step as a fault. Return None if there was no deviation, or if the controller
+        corrected it and the hand then reached an actuation pose.
         """
         last = next((event for event in reversed(self.events) if event.step == step.name), None)
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))

@@ -40,15 +40,15 @@ class Pushable(Protocol):
 
 
 class Disturbed(WrappedController):
-    """Controller that is disturbed once in an episode, while it grasps or carries its first rigid object.
+    """Controller with one disturbance in each episode, which affects the first rigid object that the task acts on.
 
     Args:
-        controller: controller to disturb; it is not informed about the disturbance.
+        controller: controller that gives the actions. It is not informed about the disturbance.
         world: world in which the controller acts.
-        task: task whose first step on a rigid object is disturbed; without such a step nothing is disturbed.
-        kind: ``"push"`` moves the object by 3 cm before the hand touches it; ``"drop"`` opens the fingers while they
-            hold the object.
-        seed: seed of the episode.
+        task: the task. If no step acts on a rigid object, no disturbance occurs.
+        kind: ``"push"`` moves the object by 3 cm before the hand touches it. ``"drop"`` opens the fingers while they
+            carry the object.
+        seed: seed of the episode, which determines the time and the direction of the disturbance.
     """
 
     privileged = True  # ``privileged`` is true, because this controller reads the object's pose from the simulator.

@@ -19,11 +19,11 @@ THINKING_SHARE = 0.8
 
 
 class Asked:
-    """Requests actions from a controller within the time that the robot can wait.
+    """Gets actions from a controller without making the robot wait too long.
 
-    A simulated robot waits for the controller. A real robot needs an action in every control step. While the controller
-    computes, the arm keeps its last command, or its position if there was no command. The delayed action is still
-    valid, because the arm has been kept in the state that the controller observed.
+    A simulated robot waits for the controller. A real robot needs an action in every control step. If the controller
+    needs more time, the arm repeats its last command; before the first command it stays at its position. Meanwhile the
+    arm hardly leaves the state that the controller observed, so the delayed action can still be executed.
 
     Args:
         controller: controller that computes the actions.
@@ -92,8 +92,8 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
                 return step
             body.step(action)
             if not body.waits:
-                # After a delay the loop shortens the following control steps. At most half a control step is made up in
-                # this manner, so that commands do not follow each other too fast.
+                # After a delay the loop shortens the following control steps to catch up. It catches up by at most half
+                # a control step, so that the interval between two commands does not become too short.
                 period = 1.0 / body.profile.control_hz
                 due = max(due, time.monotonic() - 0.5 * period) + period
                 time.sleep(max(0.0, due - time.monotonic()))

@@ -96,10 +96,11 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
 
 
 def check_scene_source(given: TaskInput) -> str | None:
-    """Check that the planner can get the scene that the task's options ask for.
+    """Check that the planner can get the scene that the options select: the true scene, or an estimate from point
+    clouds.
 
     Returns:
-        Digest of the controller and its estimator; None for the true scene.
+        Digest that identifies the controller and its estimator; None for the true scene.
 
     Raises:
         InputError: the estimator cannot be read, or it cannot estimate the scene of this task.
@@ -113,10 +114,10 @@ def check_scene_source(given: TaskInput) -> str | None:
 
 
 def require_true_scene(**given: Unpack[RunArguments]) -> None:
-    """Check that the arguments of a function that plans on the true scene ask for no other scene.
+    """Check that the arguments do not select an estimated scene, for functions that can only plan on the true scene.
 
     Raises:
-        InputError: the arguments ask for an estimated scene.
+        InputError: the arguments select an estimated scene.
     """
     for name, default in (("scene_source", TRUE_SCENE), ("depth_noise", None)):
         if given.get(name, default) != default:
@@ -152,15 +153,19 @@ def instances_word(**given: Unpack[RunArguments]) -> str:
 def read_task_inputs(
     tasks: Sequence[str], *, seed: int, origin: str | None = None, **given: Unpack[RunArguments]
 ) -> tuple[list[TaskInput], dict[str, str]]:
-    """Read and check the tasks whose objects are available. Also return a mapping from the names of the remaining tasks
-    to the reason why they cannot be run.
+    """Read and check the inputs of tasks. Tasks that the given objects do not permit are skipped.
 
     Args:
         tasks, origin: as for :func:`of_these_objects`.
+        seed: seed of the run.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
+    Returns:
+        Inputs of the tasks that can be run, and, for each skipped task, its name and the reason.
+
     Raises:
-        InputError: a task is named twice, or as for :func:`of_these_objects` and :func:`read_task_input`.
+        InputError: two tasks have the same name, or :func:`of_these_objects` or :func:`read_task_input` rejects an
+            argument.
     """
     assets, word = scene_options(**given).assets, instances_word(**given)
     wanted, skipped = of_these_objects(assets, tasks, word, origin)
@@ -236,7 +241,7 @@ def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, .
             )
             for name, thing in spec.objects.items()
         }
-    except InputError as error:  # the message must name the caller's argument
+    except InputError as error:  # Name the argument ``instances`` in the message, because the user gave this argument.
         raise InputError(error.message, file=error.file, field="instances", remedy=error.remedy) from error
 
 
@@ -255,13 +260,18 @@ def _classes(spec: TaskSpec) -> dict[str, str]:
 def of_these_objects(
     assets: str | Path | None, tasks: Sequence[str] = (), instances: str = "all", origin: str | None = None
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the tasks that can be run with the given objects, and the reason for each task that cannot be run.
+    """Find the tasks that can be run with the given objects.
 
     Args:
         assets: library of the objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
-        tasks: names of library tasks, or folders; empty for all tasks of ``origin``.
+        tasks: names of library tasks, or folders of tasks. If the sequence is empty, all tasks with the given
+            ``origin`` are checked.
         instances: name of the set of objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
-        origin: origin of the tasks if none is named; None: the paper's suite.
+        origin: source of the tasks: the paper's suite (default), or the name of a designer. It cannot be combined with
+            ``tasks``.
+
+    Returns:
+        Names of the tasks that can be run, and, for each other task, its name and the reason why it cannot be run.
 
     Raises:
         InputError: a folder cannot be read, a task is unknown, no task can be run, or both tasks and an origin are

@@ -89,7 +89,9 @@ def fault_of_criterion(
 
 
 def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
-    """Return the distance (m) that a rigid object moved before the actuation pose; None if below ``DRIFTED``."""
+    """Return how far (m) a rigid object moved between the start of the measurements and the time when the hand reached
+    the actuation pose. Return None if the distance is at most ``DRIFTED``.
+    """
     if at_actuation is None or name not in at_actuation.poses:
         return None
     moved = change(measured[0], at_actuation, name).distance
@@ -165,8 +167,8 @@ def _of_joint(
 
 
 def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -> float:
-    """Return the distance (m) that the hand still moved in the direction of the object's motion after the object had
-    stopped.
+    """Return how far (m) the hand slipped: the distance that the hand moved on, in the direction in which it had moved
+    the object, after the object had stopped.
     """
     stopped = next(i for i, travelled in enumerate(course) if travelled > max(course) - 0.1 * LEAST_TRAVEL)
     began = next(i for i, travelled in enumerate(course) if travelled > 0.5 * course[stopped])

@@ -108,10 +108,10 @@ def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] 
     """Return whether the last command was kept long enough to evaluate the episode.
 
     Args:
-        held: time since the last new command, in the unit that ``unit`` returns.
-        at_rest: whether the scene is at rest. If None, because the scene was not measured, the function only checks
-            that the minimum time has passed.
-        unit: function that converts seconds, for example to control steps (:meth:`RobotProfile.steps`).
+        held: time for which the last command has been kept, in seconds or in control steps.
+        at_rest: whether the scene is at rest. With None the scene was not measured, and only the minimum time counts.
+        unit: function that converts seconds to the unit of ``held``: ``float`` for seconds, or
+            :meth:`RobotProfile.steps` for control steps.
     """
     return held >= unit(MAX_SETTLE_SECONDS) or (held >= unit(SETTLE_SECONDS) and at_rest is not False)
 

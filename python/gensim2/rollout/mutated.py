@@ -1,10 +1,13 @@
-"""Build worlds in which a task is not done, and count how often its success criteria say that it is done.
+"""Test success criteria: build worlds in which a task is not done, and count how often the criteria say that it is
+done.
 
 A successful end state is built from the steps of the task and the shapes of the objects. Then one thing in this state
-is made wrong: for example, a joint is left at its start, or an object lies beside its goal. Each :class:`Mutation`
-states why the task is not done in its worlds. The mutations do not use the thresholds of the criteria. They use only
-the types of the criteria: whether a joint must be opened, closed or left ajar, and in which direction an object must be
-moved.
+is changed: for example, a joint stays at its start, or an object lies beside its goal. Each kind of change
+(:class:`Mutation`) states why the task is then not done.
+
+The worlds must not depend on the thresholds of the criteria, because the thresholds are what is tested. Therefore the
+mutations use only the types of the criteria: whether a joint must be opened, closed or left ajar, and in which
+direction an object must be moved.
 """
 
 from __future__ import annotations
@@ -91,7 +94,8 @@ class _State:
 
     Attributes:
         objects: objects with their poses.
-        carried: by name of a rigid object, the name of the articulated object in which it lies.
+        carried: rigid objects that lie in articulated objects. It maps the name of the rigid object to the name of the
+            articulated object.
         hand: (3,) point between the fingertips, m; None at the start of the episode.
     """
 
@@ -103,7 +107,9 @@ class _State:
         return replace(self, objects={**self.objects, **changed})
 
     def with_openness(self, name: str, openness: float) -> _State:
-        """Move the joint of an object, and all rigid objects that lie in the object's measured link."""
+        """Set the openness of an articulated object. Rigid objects that lie in the object's moving part, such as a
+        drawer, move together with this part.
+        """
         before = self.objects[name]
         after = replace(before, openness=openness)
         moved = {name: after}
@@ -251,8 +257,10 @@ class _Worlds:
         return list(final.values())
 
     def _without(self, name: str, states: Sequence[_State]) -> list[Measurement] | None:
-        """Return the measurements of a successful episode in which one step is omitted; None if the step moves no
-        joint, if the joint was near its target already, or if the states cannot be built.
+        """Return the measurements of an episode in which the step ``name`` is left out and all other steps succeed.
+
+        The result is None if the step moves no joint, if the joint was already near its target, or if the states cannot
+        be built.
         """
         steps = self._task.steps
         step = next(step for step in steps if step.name == name)
@@ -263,14 +271,13 @@ class _Worlds:
         course = self._course([each for each in steps if each is not step])
         return None if course is None else [self._measured(state) for state in course]
 
-    # Mutations.
-
     def _mutants(self, step: Step, before: _State, after: _State) -> Iterator[_Mutant]:
-        """Yield states that differ from ``after`` only in that a step is not done.
+        """Yield states that equal ``after``, except that a step is not done.
 
         Args:
-            step: the step.
-            before: state to which the step's object is returned.
+            step: the step that is not done.
+            before: state before the step. The mutations take the original position of the step's object from this
+                state.
             after: state in which the step is done.
         """
         if (motion := self._task.motion_of(step)) is not None:
@@ -388,14 +395,12 @@ class _Worlds:
         pose = measured_pose(thing)
         return float((hulls @ pose[:3, :3].T + pose[:3, 3])[:, 2].max())
 
-    # Measurements.
-
     def _measured(self, state: _State) -> Measurement:
         found = measure_initial_state(replace(self._start, objects=state.objects), self._env.profile)
         return self._with_start(found, state.hand)
 
     def _of(self, mutant: _Mutant) -> Measurement:
-        """Return the measurement of a mutant, after simulation if something in it can fall."""
+        """Return the measurement of a mutated state. If an object may fall, the state is simulated first."""
         if not mutant.settles:
             return self._measured(mutant.state)
         things = mutant.state.objects
@@ -409,7 +414,10 @@ class _Worlds:
         return self._with_start(self._env.measure(), mutant.state.hand)
 
     def _with_start(self, found: Measurement, hand: Array | None) -> Measurement:
-        """Return a measurement with the objects' positions at the reset, and with the hand at the position ``hand``."""
+        """Return the measurement ``found``, completed for the criteria. The objects' start positions are replaced by
+        their positions at the start of the episode. The hand is placed at ``hand``, or at its start if ``hand`` is
+        None.
+        """
         starts = {name: self._first.objects[name].position for name in found.start_positions}
         gripper = self._env.profile.gripper_with(self._start.start)
         if hand is not None:
@@ -426,8 +434,11 @@ def _wanted(motion: JointCriterion) -> float:
 
 
 def _put(state: _State, name: str, goal: str) -> _State | None:
-    """Put a rigid object on or in another object, or on the table below the other object's measured keypoint; return
-    None if there is no space.
+    """Put a rigid object on or in another object, and place the hand at the rigid object.
+
+    If the object does not fit there and the other object is not a container, the object is put on the table, below the
+    point of the other object that the success criteria measure. Return None if the object does not fit into a
+    container.
     """
     thing, target = state.objects[name], state.objects[goal]
     opened = replace(target, openness=1.0) if target.openness is not None else target

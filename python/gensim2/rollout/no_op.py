@@ -74,18 +74,18 @@ class NoOpResult:
 def no_op_baseline(
     world: World, seed: int, *, options: Mapping[str, Any] | None = None, steps: int | None = None
 ) -> NoOpResult:
-    """Simulate the scene of a seed without a moving arm, for ``steps`` control steps plus the time in which a scene
-    settles.
+    """Simulate the scene of a seed without the arm, and return whether the goal is reached without any action.
 
-    The scene is built without the arm, because an arm at rest touches nothing, and simulation is ten times faster
-    without it. The simulation ends early if no object moves in the first ``UNMOVED_SECONDS``: then no object will move
-    later.
+    An arm at rest touches nothing, and simulation without an arm is ten times faster. The simulation takes ``steps``
+    control steps, and then the time until the scene is at rest. It ends early if no object moves in the first
+    ``UNMOVED_SECONDS``, because then no object will move later.
 
     Args:
         world: simulated world, which is reset first.
         seed: seed of the reset.
         options: options of the reset.
-        steps: number of control steps; default: the task's limit minus the time to settle.
+        steps: number of control steps. By default it is the step limit of the task, reduced by the maximum time for the
+            scene to come to rest.
     """
     steps_in, period = world.profile.steps, 1.0 / world.profile.control_hz
     longest, settle = steps_in(MAX_SETTLE_SECONDS), steps_in(SETTLE_SECONDS)

@@ -1,4 +1,6 @@
-"""Add noise to the commanded joint targets and record the noise-free action, so that demonstrations show recovery."""
+"""Add noise to the joint targets, so that demonstrations also show how the arm recovers from errors. The noise-free
+action is recorded as the correct action.
+"""
 
 from __future__ import annotations
 

@@ -63,7 +63,8 @@ class StrictMiss(StrEnum):
     NOT_LASTING = "goal undone a second later"
     MOVING = "still moving a second later"
     DISTURBED = "moved before the actuation pose"
-    # only in records of old versions of gensim2, whose goals did not require it
+    # This reason occurs only in records of old versions of gensim2. In later versions the goal itself requires that the
+    # object is in the container.
     NOT_INSIDE = "not inside the container"
     OTHERS_MOVED = "another object moved"
     PRESSED_IN = "pressed into something"
@@ -128,13 +129,13 @@ class PlanRecord:
 
 @dataclass(frozen=True)
 class StepRecord:
-    """One step of the task.
+    """Record of one step of the task.
 
     Attributes:
         name: name of the step.
-        plans: plans, oldest first; more than one after a deviation or a failed strategy.
-        paper: whether the step's criterion was met at any control step of the step, as the ``paper`` verdict requires;
-            True without a criterion.
+        plans: plans, oldest first. There is more than one plan after a deviation or a failed strategy.
+        paper: whether the step's criterion was met at any time while the step was executed, as the ``paper`` verdict
+            requires. It is true for a step without a criterion.
         done: whether the step's criterion was met when the step ended.
     """
 
@@ -160,11 +161,12 @@ class StepRecord:
 
 @dataclass(frozen=True)
 class AttemptRecord:
-    """One of several attempts from the same initial scene.
+    """Record of one attempt, when an episode has several attempts from the same initial scene.
 
     Attributes:
         seed: seed of the solver.
-        first: by name of the step, the strategy that was tried first instead of the default.
+        first: steps that started with another strategy than the default. It maps the name of the step to the name of
+            the strategy.
         paper, held, strict, cause: as in :class:`Episode`.
     """
 
@@ -198,32 +200,37 @@ class EngineRecord:
 
 @dataclass(frozen=True)
 class Episode:
-    """An episode: a reset, and all plans and actions after it.
+    """Record of an episode, from the reset of the scene to its evaluation.
 
     Attributes:
         seed: seed of the reset.
         objects: objects by name.
-        placement_draws: number of random placements until all objects were apart and within reach.
+        placement_draws: number of times that random placements of the objects were sampled, until all objects were
+            apart and within reach.
         steps: steps that were started.
-        control_steps: number of executed control steps, including settling.
+        control_steps: number of executed control steps, including the steps in which the scene came to rest.
         paper: ``paper`` verdict: each step's criterion was met at some control step of this step.
         held: ``held`` verdict, the success criterion: the goal is reached at the end, with the scene at rest, and is
             not reached in the no-op baseline.
-        strict: ``strict`` verdict (docs/reference/episodes.md); ``strict_misses`` has the reasons for a failure.
-        still: whether the goal is reached in the no-op baseline; None if the baseline was not needed.
-        settled: whether the scene was at rest at the evaluation, which ``held`` requires.
+        strict: ``strict`` verdict (docs/reference/episodes.md). ``strict_misses`` contains the reasons if the episode
+            does not pass.
+        still: whether the goal is reached in the no-op baseline, a simulation of the scene without the arm; None if the
+            baseline was not needed.
+        settled: whether the scene was at rest when the episode was evaluated. The ``held`` verdict requires this.
         truncated: whether the episode was longer than the task allows.
         cause: reason why the episode does not pass ``held``; None if it passes.
-        diagnosis: measured values about the cause and about each unmet condition of ``strict``.
+        diagnosis: measured values that describe the cause and each unmet condition of the ``strict`` verdict.
         randomization: name of the scene's randomization preset.
         start: (n,) all active joints of the robot at the start.
-        attempts: all attempts from this start in order, if several were allowed; all other fields describe the deciding
-            attempt (:mod:`gensim2.rollout.run`).
+        attempts: all attempts from the same start, in order, if several attempts were allowed. All other fields
+            describe the attempt that counts (:func:`gensim2.rollout.run.attempted`).
         disturbed_at: control step of the disturbance; None without a disturbance.
-        engines: verdicts in each engine if the episode ran in two engines, else empty. The episode then passes a
-            verdict only if it passes this verdict in both engines; ``cause``, ``diagnosis``, ``strict_misses`` and
-            ``still`` come from the first engine in which it fails, all other fields from the first engine.
-        index: position in the log or data set; -1 if the episode is in neither. Ignored when episodes are compared.
+        engines: verdicts in each engine if the episode ran in two physics engines; otherwise empty. An episode in two
+            engines passes a verdict only if it passes the verdict in both. The fields ``cause``, ``diagnosis``,
+            ``strict_misses`` and ``still`` then come from the first engine in which the episode fails. All other fields
+            come from the first engine.
+        index: position in the log or data set; -1 if the episode is in neither. A comparison of episodes ignores this
+            field.
         episode_digest: SHA-256 of the episode's file; None without a file.
     """
 

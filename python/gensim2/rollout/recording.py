@@ -1,4 +1,4 @@
-"""Record an episode as a value that can be pickled; arrays are as in ManiSkill's trajectory format."""
+"""Record an episode as an object that can be pickled. The arrays have the form of ManiSkill's trajectory files."""
 
 from __future__ import annotations
 
@@ -24,18 +24,20 @@ class Recording:
 
     Attributes:
         seed: seed of the reset.
-        reset_options: options with which the reset reproduces the scene, independently of the available instances.
+        reset_options: options with which the reset reproduces the scene, even if other instances are available later.
         instances: id of each object's instance.
         control_mode: control mode of the actions, as in ManiSkill.
         actions: (T, m + 1) float32 actions.
         obs: (T + 1, D) float32 state observations.
-        env_states: tree of (T + 1, ...) float32: ``actors`` and ``articulations`` by name.
+        env_states: float32 states (T + 1, ...) of all bodies, in nested mappings: ``actors`` (rigid bodies) by name,
+            and ``articulations`` by name.
         rewards: (T,) float32 rewards.
         terminated, truncated, success: (T,) bool flags.
-        reference: (T, ...) float32 references of the actions, if the controller reports them: ``joint_positions`` and
-            ``joint_velocities`` (m) of the arm, ``tool_pose`` (7, base frame), ``gripper`` (2: distance between the
-            pads, m, and force of each finger, N, or NaN), and, if noise was added, the noise-free ``action`` (m + 1).
-            NaN at steps without a reference.
+        reference: planned motion behind the actions, if the controller reports it, as float32 arrays (T, ...) by name.
+            ``joint_positions`` and ``joint_velocities`` have m values for the arm. ``tool_pose`` has 7 values in the
+            base frame. ``gripper`` has 2 values: the distance between the pads, m, and the force of each finger, N, or
+            NaN. If noise was added, ``action`` has the m + 1 values of the noise-free action. Steps without a reference
+            contain NaN.
     """
 
     seed: int

@@ -90,7 +90,9 @@ def planned_retreat(
     home = solver.plan_to(last, goal, velocity_scale=SPEED, acceleration_scale=SPEED).trajectory
     if home is not None:
         rows += list(home.sample_every(1.0 / profile.control_hz)[1:])
-    elif not rows:  # No motion to the rest pose exists if, for example, an open door occupies its space.
+    # The planner finds no motion to the rest pose if, for example, an open door is in the way. Then the hand only moves
+    # away from the objects.
+    elif not rows:
         rows = _straight_out(solver, q, profile)
     if not rows:
         return None
@@ -102,10 +104,12 @@ def planned_retreat(
 
 
 def _straight_out(solver: kpam.Scene, q: Array, profile: RobotProfile) -> list[Array]:
-    """Return the joints (n,) at each control step of a straight motion along which the hand does not come closer to any
-    body.
+    """Plan a straight motion along which the hand does not come closer to any body.
 
-    The hand moves against the fingers' direction, up, or both. The result is empty if all these directions are blocked.
+    The function tries three directions: opposite to the direction of the fingers, up, and both combined.
+
+    Returns:
+        Joint positions (n,) at each control step of the motion; empty if all directions are blocked.
     """
     T_base_hand = profile.model.forward_kinematics(q)
     up = np.linalg.inv(profile.T_world_base)[:3, :3] @ np.array([0.0, 0.0, 1.0])
@@ -123,7 +127,8 @@ def _followed(solver: kpam.Scene, q: Array, T_base_hand: Array, way: Array, coun
     before, distance = q, float(solver.distance(q, CLEAR))
     for share in np.linspace(0.0, 1.0, count + 1)[1:]:
         pose = T_base_hand.copy()
-        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way  # The polynomial 3 s^2 - 2 s^3 starts and ends at rest.
+        # The polynomial 3 s^2 - 2 s^3 gives the motion zero velocity at its start and end.
+        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way
         found = solver.ik(pose, before, max_solutions=1)
         if not len(found) or np.abs(found[0] - before).max() > MAX_STRIDE:
             return []

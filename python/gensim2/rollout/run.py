@@ -66,12 +66,13 @@ def run(
 ) -> EpisodeResult:
     """Run one episode and evaluate it.
 
-    The controller acts until it ends the episode or the task's step limit is reached. Then its last command is kept
-    until the scene has settled, and the episode is evaluated. The settling steps are part of the episode, so a replay
-    ends in the same state. If the goal is lost during settling, the controller continues if time is left. If the goal
-    is reached, the simulation continues for the ``strict`` verdict, and the no-op baseline is run; neither is part of
-    the episode. The episode also ends if the controller ends it before the first action, or if all objects have left
-    the workspace, so that the point cloud is empty.
+    The controller acts until it ends the episode or the task's step limit is reached. The episode also ends if all
+    objects have left the workspace, so that the point cloud is empty. Then the last command is kept until the scene is
+    at rest, and the episode is evaluated. The steps of this phase are part of the episode, so a replay ends in the same
+    state. If the goal is lost in this phase and time is left, the controller continues.
+
+    If the goal is reached at the end, two more simulations follow, which are not part of the episode: the scene is
+    simulated further for the ``strict`` verdict, and the no-op baseline is run.
 
     Args:
         world: simulated world, which is reset for the episode and again for the no-op baseline.
@@ -79,10 +80,12 @@ def run(
         seed: seed of the reset.
         options: options of the reset.
         record: whether to store states and observations of every step.
-        stop: ``"controller"``: the episode fails if the controller has not ended it at the step limit. ``"goal"``: the
-            episode also ends once the goal has been reached for ``GOAL_SECONDS`` and is still reached after the scene
-            has settled. At the step limit (minus the time to settle) the episode ends and is evaluated as usual.
-        still: function that returns the no-op baseline, for callers that cache it; default: ``no_op_baseline``.
+        stop: condition that ends the episode. With ``"controller"`` the controller must end the episode before the step
+            limit; otherwise the episode fails. With ``"goal"`` the episode also ends when the goal has been reached for
+            ``GOAL_SECONDS`` and is still reached after the scene has come to rest. If the goal is not reached, the
+            episode ends shortly before the step limit, so that the scene can come to rest, and is evaluated as usual.
+        still: function that returns the no-op baseline. Callers can pass a function that caches the result; by default
+            ``no_op_baseline`` is called.
         every: number of control steps between evaluations of the steps' criteria, for the ``paper`` verdict.
 
     Raises:
@@ -116,7 +119,7 @@ def run(
                     done, held_for, rested = all_hold(world.task.success, motion.trace[-1]), 0, motion.steps
     except EmptyCloudError:
         if not motion.steps:
-            raise  # A scene in which the cameras see nothing at the start is an error of the input.
+            raise  # If the cameras see nothing at the start, the input is wrong, so the error is passed to the caller.
         cut = False  # The objects have left the cameras' view, so the episode ends here, before its step limit.
     finally:
         asked.close()
@@ -326,8 +329,8 @@ class Attempt:
         return step.model_copy(update={"strategies": (first, *(name for name in step.strategies if name != first))})
 
     def controller(self, spec: ControllerSpec) -> ControllerSpec:
-        """Return the controller with the solver seed of this attempt, and, in later attempts, with more start values
-        for the solver.
+        """Return the controller's specification for this attempt. Later attempts give the solver another seed and more
+        start values, so that it can find other solutions.
         """
         if self.seed == 0:
             return spec
@@ -344,13 +347,14 @@ class Attempt:
 
 
 def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attempts: int) -> EpisodeResult:
-    """Make attempts until one succeeds, and return the deciding attempt.
+    """Make attempts until one succeeds, and return the result that counts for the episode.
 
-    The deciding attempt is the successful attempt; if there is none, the first attempt that passes the ``paper``
-    verdict; otherwise the first attempt. All results of the episode are from this attempt. If the goal is reached in
-    the no-op baseline, no other attempt is made.
+    The result is the first attempt that passes the ``held`` verdict. If no attempt passes it, the result is the first
+    attempt that passes the ``paper`` verdict, or else the first attempt. All fields of the episode come from this one
+    attempt. If the goal is reached in the no-op baseline, no other attempt is made.
 
     Args:
+        task: the task.
         run: function that runs an attempt, always from the same initial scene.
         max_attempts: maximum number of attempts.
     """

@@ -37,12 +37,13 @@ class EpisodeRunner:
     Args:
         scene: settings of the scenes of all tasks.
         execution: settings of the workers.
-        progress: progress display, which advances by one after each job; the caller starts a stage of the display.
+        progress: progress display. The runner advances the display after each job, but it does not start a stage; its
+            user starts the stage.
         rollout: options of all episodes.
-        log: file to which failed tries of jobs are written with tracebacks; None for no log.
+        log: file to which the tracebacks of failed jobs are written; None for no log.
 
     Attributes:
-        failed_tries: number of failed tries of jobs.
+        failed_tries: number of times that a job failed. A job that is repeated can fail several times.
     """
 
     def __init__(

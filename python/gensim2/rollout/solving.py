@@ -46,8 +46,9 @@ class SolvedStep:
     def to_dict(self) -> dict[str, Any]:
         """Return the step as plain data.
 
-        ``plan`` is null if the solver was not called. If ``plan`` is incomplete, ``part`` is the motion that is
-        executed instead: the reachable part, at whose end the hand releases the object.
+        The field ``plan`` is null if the solver was not called. If the solver found no complete motion, ``plan``
+        describes the failed complete motion, and ``part`` is the shortened motion that is executed instead. The
+        shortened motion goes as far as the arm can reach, and at its end the hand releases the object.
         """
         plan, part = self.found.plan, None
         if self.found.whole is not None:
@@ -64,15 +65,15 @@ class SolvedStep:
 
 @dataclass(frozen=True)
 class SolveResult:
-    """Plans in the scene of one seed.
+    """Plans for the steps of a task in the scene of one seed.
 
     Attributes:
         task: name of the task.
         objects: class and id of each object, by name.
         steps: planned steps in the order of the task.
         count: number of the task's steps.
-        picture: file with a picture of a step with keypoints, keyframes and residuals: the first step without a
-            complete motion, or the last step. None if not drawn.
+        picture: image file that shows keypoints, keyframes and residuals of one step; None if no image was made. The
+            step is the first step without a complete motion, or else the last step.
     """
 
     task: str

@@ -48,8 +48,8 @@ def strict_misses(
     Args:
         world: simulated world one second after the last command.
         start: measurement before the first control step.
-        at_actuation: measurement at the first actuation pose; None if the controller does not report the pose; early
-        motion is then not checked.
+        at_actuation: measurement at the first actuation pose. With None the controller does not report this pose, and
+            the function does not check whether an object moved before.
         before: measurement one control step before ``later``.
         later: current measurement.
     """
@@ -82,11 +82,13 @@ def is_about_the_gripper(task: TaskSpec) -> bool:
 
 
 def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]:
-    """Return the penetrations (m) deeper than ``DEEPEST`` of rigid objects into other bodies, by the names of object
-    and body.
+    """Return rigid objects that penetrate other bodies by more than ``DEEPEST``.
 
     The planner's collision library measures the penetrations, whatever the simulation engine. Contacts with the robot
     do not count.
+
+    Returns:
+        Penetration depth (m), by the name of the rigid object and the name of the other body.
     """
     import gensim2_kpam as kpam  # imported here: reading records does not need the solver
 
@@ -149,7 +151,9 @@ def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
-    """Return displacements beyond the tolerance of objects that no step of the task acts on."""
+    """Return the objects that have moved although no step of the task acts on them, with their displacements.
+    Displacements within the tolerance are ignored.
+    """
     moved = {}
     for name, points in later.keypoints.items():
         if name in acted_on:

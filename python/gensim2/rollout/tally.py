@@ -85,7 +85,7 @@ def held_by_engine(episodes: Iterable[Episode]) -> dict[str, int]:
 
 
 def disagree(episode: Episode) -> bool:
-    """Return whether only one of two engines passes ``held``."""
+    """Return whether an episode passes the ``held`` verdict in only one of two physics engines."""
     return len({each.held for each in episode.engines}) > 1
 
 
@@ -95,7 +95,7 @@ def engines_record(engines: Mapping[str, int], disagreed: Sequence[int]) -> dict
 
 
 def interval(successes: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % confidence interval of a rate (Wilson 1927); (0, 1) without trials."""
+    """Return the 95 % confidence interval (Wilson 1927) of a success rate. Without trials the interval is (0, 1)."""
     if trials == 0:
         return 0.0, 1.0
     from scipy.stats import binomtest  # imported here: argument checks do not need SciPy

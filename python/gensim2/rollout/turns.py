@@ -73,7 +73,12 @@ def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int =
 
 
 def goal_reached(task: TaskSpec, end: Measurement, turns: Sequence[Turn]) -> bool:
-    """Return whether the goal is reached at the end, and every step whose result does not last to the end was done."""
+    """Return whether the goal is reached at the end of the episode.
+
+    Some steps are undone by a later step: for example, a drawer is opened and later closed. The final state does not
+    show whether these steps were done. Therefore the function also requires that they were done when they were
+    executed.
+    """
     done = {turn.step.name for turn in turns if turn.paper}
     return all_hold(task.success, end) and task.transient <= done
 
@@ -93,7 +98,8 @@ def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[S
         own.setdefault(turn.step.name, []).append(turn)
     records = history or [StepRecord(name, [], False, False) for name in own]
     return [
-        # A step that began and ended within a single action has no turn, so its record stays as it is.
+        # A step that began and ended within a single action has no interval of measurements, so its record is not
+        # changed.
         replace(record, paper=any(t.paper for t in own[record.name]), done=own[record.name][-1].done)
         if record.name in own
         else record

@@ -43,19 +43,20 @@ PRELOAD: Mapping[Engine, tuple[str, ...]] = {
     "mujoco": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.mujoco.scene"),
 }
 
-#: Solver options for screening, where hundreds of candidates are planned and most fail: the solver tries few poses and
-#: searches briefly.
-#: For closing real laptops the results equal those of the default options, in a thirtieth of the time.
+#: Solver options for screening. Screening plans hundreds of candidates, and most of them fail, so the solver should try
+#: few poses and stop early.
+#: In the task of closing real laptops, these options gave the same results as the default options in a thirtieth of the
+#: time.
 SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candidates": 6, "samples": 200}
 
-#: Screening result of a candidate in one scene: a score from 0 to 1, the reason for a score below 1, and measured
-#: values for
-#: :func:`gensim2.design.diagnosis.diagnoses`.
+#: Result of screening a candidate in one scene. It contains a score from 0 to 1, the reason if the score is below 1
+#: (otherwise None), and measured values that :func:`gensim2.design.diagnosis.diagnoses` uses.
 Screened = tuple[float, str | None, dict[str, Any]]
 
 
 def prepare(scenes: Sequence[SceneOptions]) -> None:
-    """Load modules and data that all episodes of a run need, so that the first episode does not take longer.
+    """Load the modules and data that all episodes of a run need. Otherwise the first episode would take longer than
+    later episodes.
 
     Args:
         scenes: options of the scenes, for each engine of the run.
@@ -71,7 +72,9 @@ def prepare(scenes: Sequence[SceneOptions]) -> None:
 
 @lru_cache(maxsize=2)
 def simulator(scene: SceneConfig) -> HeadlessEnv:
-    """Return the simulator of a scene. The last two simulators are cached, because jobs are ordered by task."""
+    """Return the simulator of a scene. The last two simulators are cached, because consecutive jobs mostly use the same
+    task and the same one or two engines.
+    """
     from gensim2.sim.headless import HeadlessEnv
 
     return HeadlessEnv(scene)
@@ -115,7 +118,8 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
     except MemoryError:
         raise
     except BaseException as error:
-        # A failing candidate must not end the search. A panic of the solver (Rust) is not a subclass of Exception.
+        # An error in one candidate must not end the search over candidates, so it becomes a score of 0. A panic in the
+        # solver's Rust code is included, although PyO3 does not derive its exception from Exception.
         if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
             raise
         return 0.0, f"planner error: {type(error).__name__}: {error}", {}

@@ -64,7 +64,9 @@ class World(Body, Protocol):
 
     @property
     def reset_options(self) -> Mapping[str, Any]:
-        """Reset options that reproduce the current scene, together with the seed of the last reset."""
+        """Options of :meth:`reset`. A reset with these options and the seed of the last reset reproduces the current
+        scene.
+        """
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
@@ -76,8 +78,8 @@ class World(Body, Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """Return the measurements that criteria depend on. In a scene without an arm, the arm's values are the values
-        at the start.
+        """Return the measurements that the criteria use. If the scene has no arm, the measurements describe an arm in
+        its start position.
         """
         ...
 
