@@ -160,8 +160,8 @@ def moves(given: dict[str, Any], move: bool) -> bool:
             "must be confirmed by a person at a terminal", field="--move", remedy="leave it out for a dry run"
         )
     click.echo(
-        "Only software stops the arm; this stop is not safety-rated. Is the emergency stop within reach? Did you test "
-        "the emergency stop today? Is everybody outside the arm's reach?",
+        "This program stops the arm by software only, and this stop is not safety-rated. Is the emergency stop within "
+        "reach? Did you test the emergency stop today? Is everybody outside the arm's reach?",
         err=True,
     )
     word = click.prompt(f"Write the arm's name, {given['arm']}, to move it", default="", show_default=False, err=True)

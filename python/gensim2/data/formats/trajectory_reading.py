@@ -92,7 +92,7 @@ def take_apart(tree: ForeignTree, sizes: Mapping[str, int], out: Path, progress:
     assert record is not None
     if set(names) != set(record.tasks):
         missing = sorted(set(record.tasks) ^ set(names))[0]
-        wrong = f"the list of tasks and the folders of tasks do not match: {missing} occurs only once"
+        wrong = f"the list of tasks and the folders of tasks do not match: {missing} occurs in only one of the two"
         raise InputError(wrong, file=tree.path, remedy=REMEDY)
     DataSet(out, record).save()
 
