@@ -58,13 +58,20 @@ Words = str | Sequence[str]
 def chosen_instances(
     library: ObjectSource, task: TaskSpec, instances: Words | Mapping[str, Words]
 ) -> dict[str, tuple[str, ...]]:
-    """Return, by object, the ids of the instances that resets choose from.
+    """Return the ids of the instances from which a reset chooses each object.
 
     Args:
         library: library of the objects.
-        task: task, which may restrict the instances of its objects.
-        instances: selection of instances. A mapping from object names to ids overrides the task's restriction. Any
-            other value selects among the instances that the task allows.
+        task: the task, which may allow only some instances of an object.
+        instances: selection of instances. A mapping gives a selection for each named object, and this selection may
+            include instances that the task does not allow. A selection without names applies to all objects, and only
+            to the instances that the task allows.
+
+    Returns:
+        Ids by the name of the object.
+
+    Raises:
+        InputError: the task has no object of a given name, or an object has no instance to choose from.
     """
     given = dict(instances) if isinstance(instances, Mapping) else {}
     for name in given:

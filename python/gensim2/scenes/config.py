@@ -42,18 +42,21 @@ class SceneArguments(TypedDict, total=False):
     """Keyword arguments for the scenes of a task.
 
     Keys:
-        assets: folder of objects, or ``"builtin"``. None: the folder ``GENSIM2_ASSETS``, by default the built-in
-            library. An environment also accepts an open library.
-        instances: objects to choose from, unless the task restricts them: ``all``, ``train``, ``test``, ``new``
-            (generated objects that are not listed), an id, or ``random`` (one id, determined by the seed of a run). An
-            environment also accepts a list, or a mapping from object names.
-        physics: ``"default"``, ``"original"``, a preset with changed settings such as ``"original+gripper=default"``,
-            or a file of settings (docs/reference/simulation.md).
-        redraw: ``"placement"`` or ``"none"``, which overrides the setting ``redraw`` of ``physics``; None: no override.
-        robot: name of a known robot (:func:`gensim2.load_robot` registers your own).
+        assets: folder of objects, or ``"builtin"`` for the built-in library. By default the environment variable
+            ``GENSIM2_ASSETS`` names the folder; if the variable is not set, the built-in library is used. A simulation
+            environment also accepts a library that is already open.
+        instances: selection of the objects that a reset may choose. A task may allow only some of them. The value is
+            ``all``, ``train``, ``test``, ``new`` (generated objects that the library does not list), an id, or
+            ``random`` (one id, determined by the seed of a run). A simulation environment also accepts a list, or a
+            mapping from object names to selections.
+        physics: physics settings (docs/reference/simulation.md). The value is ``"default"``, ``"original"``, a preset
+            with changed settings such as ``"original+gripper=default"``, or a settings file.
+        redraw: ``"placement"`` or ``"none"``, which overrides the setting ``redraw`` of ``physics``. By default nothing
+            is overridden.
+        robot: name of a known robot. :func:`gensim2.load_robot` makes a robot of your own known.
         randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/reference/simulation.md).
-        engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md). Default: ``"sapien"`` if SAPIEN is
-            installed, else ``"mujoco"``.
+        engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md). The default is ``"sapien"`` if SAPIEN is
+            installed, and otherwise ``"mujoco"``.
     """
 
     assets: str | Path | ObjectSource | None
@@ -70,12 +73,15 @@ SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """Scene options that all tasks of a run share, from a user's arguments (:meth:`of`) or from a file.
+    """Options that the scenes of all tasks of a run share. They come from a user's arguments (:meth:`of`) or from a
+    file.
 
     Attributes:
         assets: folder of objects or ``"builtin"``.
-        physics: name of the physics settings (:mod:`gensim2.scenes.physics`), never a file name.
-        robot: name of a robot that this process knows; a name never loads a robot.
+        physics: name of the physics settings (:mod:`gensim2.scenes.physics`). Settings from a file are converted to
+            such a name.
+        robot: name of a robot that this process already knows. A robot is never loaded because of this name, since
+            loading runs the user's code.
         randomization: name of the randomization preset.
         engine: simulation engine.
 
@@ -144,7 +150,8 @@ class SceneOptions:
         return second
 
     def in_engines(self, engines: Engines) -> tuple[Self, ...]:
-        """Return a tuple of these options; for ``"both"``, also a copy with the other physics engine.
+        """Return the options for each physics engine of a run: these options, and, if ``engines`` is ``"both"``, a copy
+        with the other physics engine.
 
         Raises:
             InputError, MissingExtraError: as for :meth:`second_engine`.
@@ -158,14 +165,16 @@ class SceneOptions:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Return the arguments of the registered environment that differ from its defaults."""
+        """Arguments for ``gym.make`` that create an environment with these options. Arguments that equal the default
+        are left out.
+        """
         usual = SceneOptions(self.assets).to_record()
         return {name: value for name, value in self.to_record().items() if value != usual[name]}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneConfig(SceneOptions):
-    """Configuration that, with a seed, determines a scene of one task, as values that can be pickled.
+    """Configuration of the scenes of one task. A configuration and a seed determine a scene. All values can be pickled.
 
     Attributes:
         task: task of the scenes.

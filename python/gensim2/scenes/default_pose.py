@@ -44,14 +44,16 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
 
     Args:
         model: object to place.
-        poses: ``"original"`` uses the pose of the original GenSim2 for a released articulated model, if there is one.
-            Rigid objects always rest on the table, because in the original GenSim2 some of them overlap the table.
+        poses: ``"default"`` computes the pose from the geometry. ``"original"`` uses the pose of the original GenSim2,
+            if the object is an articulated model that the original GenSim2 published with a pose. Rigid objects always
+            rest on the table, because in the original GenSim2 some of them overlap the table.
     """
     if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)
         if pose is not None:
-            # In some poses of the original GenSim2 the moving link overlaps the table. In SAPIEN 2 a force of 5 N moves
-            # such a link; in SAPIEN 3 the contact blocks the joint even at 400 N, so these objects are lifted.
+            # In some poses of the original GenSim2 the moving link overlaps the table. The original GenSim2 used SAPIEN
+            # 2, in which a force of 5 N moves such a link. In SAPIEN 3 the contact with the table blocks the joint even
+            # at 400 N. Therefore such an object is lifted until the link no longer overlaps the table.
             sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
             return DefaultPose(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
     openness = 0.0 if isinstance(model, RigidObject) else model.default_openness

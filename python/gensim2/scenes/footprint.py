@@ -17,7 +17,9 @@ JOINT_SAMPLES = 13
 
 
 def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[Array]:
-    """Return the convex hulls, each (N, 3) m in the root frame, at joint value ``value``."""
+    """Return the convex hulls of an object at the joint position ``value``. Each hull is an array of points (N, 3) in
+    the root frame, m.
+    """
     if isinstance(model, RigidObject):
         return list(model.hulls[BODY])
     moving = model.joint.child_link
@@ -26,7 +28,12 @@ def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[
 
 
 def swept_points(model: ArticulatedObject | RigidObject) -> Array:
-    """Return the vertices (N, 3), root frame, m, of the convex hull of the object over its joint range."""
+    """Return the vertices of the convex hull around all positions that an object takes when its joint moves through its
+    range.
+
+    Returns:
+        (N, 3) points in the root frame, m.
+    """
     if isinstance(model, RigidObject):
         values = [0.0]
     else:

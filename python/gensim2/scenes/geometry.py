@@ -19,12 +19,16 @@ INSIDE = "inside"
 
 
 def measured_link(model: Model) -> str:
-    """Return the link with the last keypoint of an object; ``BODY`` for a rigid object."""
+    """Return the name of the link whose position the success criteria measure. It is the link with the object's last
+    keypoint, or ``BODY`` for a rigid object.
+    """
     return list(model.keypoints.values())[-1].link if isinstance(model, ArticulatedObject) else BODY
 
 
 def is_container(model: Model) -> bool:
-    """Return whether rigid objects can be put into an object, as the name of the object's measured keypoint shows."""
+    """Return whether rigid objects can be put into an object. In this case the name of the object's last keypoint
+    contains the word "inside".
+    """
     return isinstance(model, ArticulatedObject) and INSIDE in list(model.keypoints)[-1]
 
 

@@ -157,7 +157,9 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
 
 
 def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, float]:
-    """Return the open interval of openness that a goal requires of an object."""
+    """Return the lower and upper bound of an object's openness that the criteria of a goal require. The bounds
+    themselves do not satisfy the criteria.
+    """
     low, high = -np.inf, np.inf
     for criterion in criteria:
         if isinstance(criterion, ArticulatedOpen) and criterion.object == name:
@@ -182,8 +184,9 @@ def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robo
     along = np.array(DIRECTIONS[criterion.direction])
     across = np.array([-along[1], along[0]])
     offset = thing.position[:2] - base[:2]
-    # A displacement counts if it has the required distance and deviates sideways by at most half of it. Such
-    # displacements form a wedge; the code computes its point that is closest to the robot's base.
+    # The criterion accepts a displacement if the object moves at least the required distance in the required direction,
+    # and sideways by at most half the distance that it moves in this direction. The accepted positions form a wedge.
+    # The loop finds the position in the wedge that is closest to the robot's base.
     best = np.inf
     for way in np.linspace(criterion.distance, criterion.distance + 1.0, 101):
         strayed = float(np.clip(-offset @ across, -way / 2, way / 2))

@@ -132,15 +132,16 @@ def sample_initial_state(
     physics: PhysicsSwitches = PRESETS[DEFAULT_PHYSICS],
     randomization: Preset = PAPER,
 ) -> InitialState:
-    """Sample the scene of a seed; ``options`` replace random values.
+    """Sample the initial state of a scene. Values given in ``options`` replace the sampled values.
 
-    A single object keeps its first random placement. If ``physics`` allows it, several objects are placed again, at
-    most ``MAX_DRAWS`` times, until all objects are ``GAP`` apart (including the volume that a joint sweeps) and within
-    the robot's reach, and all rigid objects are clear of the robot's start. If the preset randomizes the robot's start,
-    a new start is sampled until the robot overlaps no object. Placements given by options are not changed.
+    A single object keeps its first random placement. If there are several objects and ``physics`` allows it, the
+    placements are sampled until three conditions hold, at most ``MAX_DRAWS`` times. All objects must be ``GAP`` apart,
+    including the volume through which a joint moves a part. All objects must be within the robot's reach. Rigid objects
+    must not overlap the space that the robot occupies at the start. If the preset randomizes the robot's start, a start
+    is sampled until the robot overlaps no object. Placements given by options are never changed.
 
-    Two separate random generators are used: one for the values of the task's ranges, one for the additional values of a
-    preset. A preset therefore does not change the values of the task's ranges.
+    A preset does not change the values that are sampled from the task's ranges, because the additional values of a
+    preset come from a second random generator.
 
     Args:
         task: task with the ranges.
@@ -149,8 +150,9 @@ def sample_initial_state(
         seed: seed of the reset.
         options: checked reset options by object.
         robot: robot profile.
-        physics: physics settings; they determine default poses, and whether placements are sampled again.
-        randomization: preset; it scales the task's ranges and may randomize additional values.
+        physics: physics settings, which determine the default poses of objects and whether placements are sampled
+            again.
+        randomization: preset, which scales the task's ranges and may randomize additional values.
 
     Raises:
         InputError: an instance does not exist, or its files cannot be used.
@@ -162,7 +164,7 @@ def sample_initial_state(
     for name, spec in task.objects.items():
         draws[name] = draw_object(generator, spec.randomization, randomization, instances[name])
         chosen = options[name].get("instance")
-        # ``chosen`` is a word such as ``train``, not an id.
+        # ``chosen`` must be an id. A word such as ``train`` selects ids but is not an id itself, so it is rejected.
         if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance, physics.hulls)
@@ -311,7 +313,8 @@ class _Room:
 
     def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
-        # The default pose and the ranges of an articulated object keep it away from the robot.
+        # An articulated object is always clear of the robot, because its default pose and the task's ranges of
+        # placement keep it away.
         if isinstance(thing.model, ArticulatedObject):
             return True
         if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):

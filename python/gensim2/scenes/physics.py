@@ -40,25 +40,30 @@ _EXTRAS: Mapping[Engine, str] = {"sapien": "sim", "mujoco": "mujoco"}
 
 @dataclass(frozen=True)
 class PhysicsSwitches:
-    """Settings of a scene's physics: ``"default"``, or ``"original"`` for the value of the original GenSim2.
+    """Settings of a scene's physics. For each setting one can choose gensim2's default or the value of the original
+    GenSim2.
+
+    Most settings have the value ``"default"`` or ``"original"``. The values mean:
 
     Attributes:
-        joint_friction: default: Coulomb friction and damping of the object; original: a coefficient for each class,
-            multiplied by the load on the joint.
-        densities: default: masses of the objects; original: masses from the volume of the hulls and a density for each
-            class.
-        materials: friction and restitution of all bodies except the table.
-        solver: default: settings and contact offsets for the engine; original: the PhysX settings of the original
-            GenSim2.
-        poses: default: poses computed from the geometry; original: poses of the original GenSim2 for released models.
-        gripper: finger drives. Default: the profile's; ``"soft"``: drives with which the solver settings of the
-            original GenSim2 can hold objects; original: the drives of the original GenSim2.
-        hulls: collision hulls of real objects, which the planner uses, too. Default: hulls that keep cavities open;
-            original: the convex hull of each connected part of a file.
-        redraw: ``"placement"``: placements of several objects are sampled again until all fit; ``"none"``: the first
-            sample is used.
+        joint_friction: resistance of the objects' joints. Default: Coulomb friction and damping of the object.
+            Original: a coefficient for each class, multiplied by the load on the joint.
+        densities: masses of the objects. Default: the mass stored with the object. Original: the volume of the hulls
+            times a density for each class.
+        materials: friction and restitution of all bodies except the table. Default: separate values for finger pads,
+            rigid objects and other bodies. Original: the same values for all bodies.
+        solver: settings of the physics solver. Default: settings and contact offsets for the engine. Original: the
+            PhysX settings of the original GenSim2.
+        poses: poses of the objects before randomization. Default: computed from the geometry. Original: poses of the
+            original GenSim2, for the models that it published.
+        gripper: finger drives. Default: the drives of the robot profile. Original: the drives of the original GenSim2.
+            A third value is ``"soft"``: drives with which the solver settings of the original GenSim2 can hold objects.
+        hulls: collision hulls of real objects, which the planner uses, too. Default: hulls that keep cavities open.
+            Original: the convex hull of each connected part of a file.
+        redraw: what happens if several objects do not fit. With ``"placement"`` the placements are sampled again until
+            all objects fit. With ``"none"`` the first sample is used.
         criteria_rate: how often the steps' criteria are evaluated for the ``paper`` verdict. Default: every control
-            step; original: every 0.85 s.
+            step. Original: every 0.85 s.
     """
 
     joint_friction: PhysicsSource = "default"
@@ -123,9 +128,9 @@ def physics_name(word: object, redraw: str | None = None) -> str:
     """Return the normalized name of the physics settings that a user gave on the command line or in Python.
 
     Args:
-        word: name as for :func:`physics_word`, or the path of a YAML or JSON file of settings; its field ``base`` names
-        the preset for all other settings.
-        redraw: value of the setting ``redraw``; None: the value in ``word``.
+        word: name as for :func:`physics_word`, or the path of a YAML or JSON file of settings. The field ``base`` of
+            the file names the preset from which all other settings are taken.
+        redraw: value of the setting ``redraw``. With None the value in ``word`` is kept.
 
     Raises:
         InputError: a preset, setting or value is unknown, or the file cannot be read.

@@ -29,11 +29,12 @@ START_SPREAD = 0.1
 
 @dataclass(frozen=True)
 class Draw:
-    """Random values of one object.
+    """Random values of one object in a scene.
 
     Attributes:
         instance: id of the instance.
-        x, y, yaw: offset from the default pose, m, and rotation about the world's z axis, rad.
+        x, y: horizontal offset from the default pose, m.
+        yaw: rotation about the world's z axis, relative to the default pose, rad.
         openness_offset: offset from the mean openness.
     """
 
@@ -111,7 +112,11 @@ def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[flo
 
 
 def openness_at_reset(ranges: Randomization, draw: Draw, default_openness: float) -> float:
-    """Return the mean openness of the task (or of the instance) plus the sampled offset, clipped to 0..1."""
+    """Return the openness of an object at the reset: the mean openness plus the sampled offset, clipped to the range
+    from 0 to 1.
+
+    The task may give the mean openness in ``ranges``. Otherwise it is ``default_openness``, the value of the object.
+    """
     mean = ranges.openness_mean
     return float(np.clip((default_openness if mean is None else mean) + draw.openness_offset, 0.0, 1.0))
 

@@ -23,15 +23,16 @@ ObjectOptions = Mapping[str, Any]
 
 
 def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Mapping[str, ObjectOptions]:
-    """Return reset options by object. ManiSkill's own options are checked and not returned.
+    """Check all reset options and return the options of gensim2 by object. Options of ManiSkill are only checked,
+    because ManiSkill reads them itself.
 
     Args:
-        options: values of the options. Each option of this project is a mapping from object names to values, or only a
-            value if there is a single object.
+        options: values by the name of the option. The value of a gensim2 option is a mapping from object names to
+            values. If the scene has a single object, the value can be given without a mapping.
         names: names of the objects.
 
     Raises:
-        InputError: an option or an object is unknown, or a value is invalid; the message names the option, object or
+        InputError: an option or an object is unknown, or a value is invalid. The message names the option, object or
             value.
     """
     if options is not None and not isinstance(options, Mapping):

@@ -23,18 +23,19 @@ class SceneSampler:
     """Samples the initial states of one task by seed, in the same way in every environment.
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, the spec's fields as a mapping, or a
-            :class:`~gensim2.scenes.config.SceneConfig`, which includes all other arguments.
+        task: name of a library task, a :class:`TaskSpec`, or the spec's fields as a mapping. A
+            :class:`~gensim2.scenes.config.SceneConfig` is also possible; it contains the task and all settings of the
+            scenes, so no other argument is needed.
 
     Attributes:
         task: spec of the task.
         library: library of the objects.
-        robot: name of the robot, valid in any process.
+        robot: name under which any process can find the robot.
         profile: profile of the robot.
         physics: name of the physics settings.
         engine: simulation engine.
         randomization: randomization preset.
-        instances: by object, the ids that a reset chooses from.
+        instances: ids from which a reset chooses, by object.
 
     Raises:
         InputError: an argument is invalid.

@@ -16,7 +16,9 @@ _WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78,
 
 @dataclass(frozen=True)
 class Box:
-    """Visible part of the table: an axis-aligned box with a material, in the frame of the table top's centre, m."""
+    """Axis-aligned box with a material that represents a visible part of the table. Lengths are in m, in a frame at the
+    centre of the table top.
+    """
 
     center: tuple[float, float, float]
     half_size: tuple[float, float, float]
@@ -36,6 +38,6 @@ def visible_boxes() -> tuple[Box, ...]:
 
 
 def corners() -> npt.NDArray[np.float64]:
-    """Return the corners (8, 3), m, of the box of the table top, relative to the centre of the box."""
+    """Return the corners of the table top as points (8, 3), relative to its centre, m."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
     return np.asarray(signs * np.array(HALF_SIZE), dtype=np.float64)

@@ -1,12 +1,16 @@
 """Provide a ManiSkill environment for each task.
 
-``HeadlessEnv`` simulates only the physics and reaches exactly the states of the ManiSkill environment. Importing this
-module registers the environments with gymnasium, without importing ManiSkill:
+Importing this module registers the environments with gymnasium, without importing ManiSkill:
 
-    import gymnasium as gym import gensim2.sim env = gym.make("GenSim2-OpenDrawer-v1")
+    import gymnasium as gym
+    import gensim2.sim
 
-The id ``gensim2.sim:GenSim2-OpenDrawer-v1`` makes gymnasium import this module. Recorded trajectories have such ids, so
-that ManiSkill's tools can replay them.
+    env = gym.make("GenSim2-OpenDrawer-v1")
+
+The id ``gensim2.sim:GenSim2-OpenDrawer-v1`` works without this import, because gymnasium imports the module that is
+named before the colon. Recorded trajectories contain ids of this form, so that ManiSkill's tools can replay them.
+
+The class ``HeadlessEnv`` simulates only the physics. It reaches exactly the same states as the ManiSkill environment.
 """
 
 from __future__ import annotations
@@ -25,7 +29,8 @@ __all__ = ["TASK_ENV_ID", "GenSim2Env", "HeadlessEnv", "env_id", "make_env", "ma
 
 __getattr__ = lazy_names(__name__)
 
-# ManiSkill imports progress bars for notebooks, which this package does not use. They warn if ipywidgets is missing.
+# Hide a warning that is irrelevant here. ManiSkill imports progress bars for notebooks, which warn if ipywidgets is
+# missing, but this package does not use them.
 warnings.filterwarnings("ignore", message="IProgress not found")
 
 register_all()

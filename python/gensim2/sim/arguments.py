@@ -34,7 +34,8 @@ OBS_MODES = (
 
 
 def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
-    """Convert ManiSkill's error about an observation mode to an InputError; ignore other errors.
+    """Raise an InputError if ManiSkill raised ``error`` because the observation mode ``obs_mode`` is unknown. Otherwise
+    do nothing.
 
     Raises:
         InputError: ``error`` is about the observation mode.
@@ -45,7 +46,9 @@ def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
 
 
 def checked_seed(seed: Any) -> int | None:
-    """Return the seed of a reset: an integer or None. A list, as from vectorized environments, must have one entry."""
+    """Check the seed of a reset and return an integer or None. A vectorized environment may pass a list; the list must
+    contain exactly one seed.
+    """
     if isinstance(seed, list | tuple | np.ndarray) and np.ndim(seed) == 1:
         if len(seed) != 1:
             raise InputError(f"must be a single seed for a single environment, not {len(seed)}", field="seed")

@@ -1,4 +1,6 @@
-"""Build the robot of the headless environment from its profile, and drive it like ManiSkill's ``pd_joint_pos``."""
+"""Build the robot of the headless environment from its profile, and drive its joints in the same way as ManiSkill's
+controller ``pd_joint_pos``.
+"""
 
 from __future__ import annotations
 
@@ -70,12 +72,12 @@ class Arm:
 def parsed(
     urdf: str, config: Mapping[str, Any] | None = None, prepare: Callable[[URDFLoader], None] | None = None
 ) -> ArticulationBuilder:
-    """Parse a URDF, and return a builder without visuals.
+    """Parse a URDF file, and return a builder of the articulation. The builder omits visual shapes.
 
     Args:
         urdf: path of the file.
-        config: ManiSkill's configuration of materials and patch radii of links.
-        prepare: function called with the loader before it reads the file.
+        config: contact materials of links, and the radii of their contact patches, in ManiSkill's format.
+        prepare: function that is called with the loader before the loader reads the file.
     """
     loader = URDFLoader()
     # The loader needs a scene to create builders; the builder can later build into any scene.
@@ -124,7 +126,9 @@ def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
 
 @cache
 def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
-    """Parse a robot. The result is cached for each default material, because the parser stores the current default
-    material in the builder.
+    """Parse the URDF of a robot and return a cached builder.
+
+    The parser stores the current default contact material in the builder. The default material depends on the physics
+    settings, so the cache has separate builders for different settings.
     """
     return parsed(urdf, urdf_config(friction, pads))

@@ -12,7 +12,8 @@ from gensim2.sim.driver import renderer
 
 
 def state_drawing(engine: Engine, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> StateDrawing:
-    """Return a drawing of recorded states by MuJoCo's renderer if the engine is ``mujoco``, else by the ray caster.
+    """Return an object that draws recorded states of a scene. MuJoCo's renderer draws states of the engine ``mujoco``;
+    the ray caster draws states of the other engine.
 
     Args:
         engine: engine of the states.

@@ -55,8 +55,9 @@ def renderer(engine: Engine) -> Renderer:
 def can_render() -> bool:
     """Return whether SAPIEN is installed and a Vulkan driver works in this process.
 
-    ``sapien.Device("cpu")`` works without a driver, so this function creates an object that needs a driver. It takes
-    less than 0.1 s and about 80 MB, once in each process.
+    Creating ``sapien.Device("cpu")`` does not show whether a driver works, because it succeeds without a driver.
+    Therefore this function creates an object that needs a driver. The first call in a process takes less than 0.1 s and
+    about 80 MB.
     """
     if find_spec("sapien") is None:
         return False

@@ -59,10 +59,10 @@ class EngineScene(Protocol):
         """Return ManiSkill's state (13 + 2 n,) of the robot: root pose, root velocities, qpos, qvel."""
 
     def snapshot(self) -> tuple[Array, str]:
-        """Return the full physics state, and the hash of its scene.
+        """Return the full physics state, and a hash that identifies the scene to which the state belongs.
 
         Raises:
-            InputError: the engine cannot continue exactly from a stored state.
+            InputError: the engine cannot store a state from which the simulation continues exactly.
         """
 
     def restore(self, state: Array, scene: str) -> None:

@@ -73,34 +73,39 @@ def spare_imports_from_collection() -> None:
 
 
 class GenSim2Env(RaycastObservations):
-    """A robot at a table with the objects of a task.
+    """ManiSkill environment in which a robot stands at a table with the objects of a task.
 
-    Physics and control run on the CPU at the robot's rates. The PhysX settings are fixed to ManiSkill's: TGS solver,
-    persistent contact manifold, 15 position iterations and 1 velocity iteration. Every reset rebuilds the scene, so
-    episodes are exactly repeatable: a seed always gives the same scene, and the same actions give the same states, in
-    any process, with or without images.
+    Physics and control run on the CPU at the rates of the robot. The PhysX settings are ManiSkill's and cannot be
+    changed: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration. Every reset
+    rebuilds the scene, so episodes are exactly repeatable. A seed always gives the same scene, and the same actions
+    give the same states, in any process, with or without images.
 
-    An action of the default control mode ``pd_joint_pos`` is (m + 1,): targets of the m arm joints in rad (7 for the
-    Panda), and the gripper from -1 (closed) to 1 (open).
+    An action of the default control mode ``pd_joint_pos`` is an array (m + 1,). It contains the targets of the m arm
+    joints in rad (the Panda has 7), and then the gripper command from -1 (closed) to 1 (open).
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields as a dict; or a complete
+        task: name of a library task, a :class:`TaskSpec`, the fields of a :class:`TaskSpec` as a dict, or a complete
             :class:`~gensim2.scenes.config.SceneConfig`.
-        obs_mode: a mode of ManiSkill, or ``"raycast"`` for an :class:`~gensim2.perception.Observation`, which needs no
-            renderer, as arrays by name (docs/guides/observations.md).
-        observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
-        reward_mode: ``"sparse"`` (default): 1 if the goal is reached, else 0; ``"normalized_dense"``: a value from 0 to
-            1 that rises with each completed step (evaluate it exactly once in each control step, because each
-            evaluation records completed steps); or ``"none"``.
-        render_backend: ``"auto"`` renders only if observations or ``render_mode`` need it and a driver works.
+        obs_mode: a mode of ManiSkill, or ``"raycast"``. In the mode ``"raycast"``, which needs no renderer, an
+            observation contains the arrays of an :class:`~gensim2.perception.Observation` by name
+            (docs/guides/observations.md).
+        observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for the mode ``"raycast"``.
+        reward_mode: ``"sparse"`` (default), ``"normalized_dense"`` or ``"none"``. A sparse reward is 1 if the goal is
+            reached, and otherwise 0. A dense reward is a value from 0 to 1 that rises with each completed step of the
+            task. Evaluate the dense reward exactly once in each control step, because each evaluation records completed
+            steps.
+        render_backend: ``"auto"`` creates a renderer only if observations or ``render_mode`` need one and a graphics
+            driver works.
         kwargs: arguments of :class:`~gensim2.scenes.config.SceneArguments` and of ManiSkill's ``BaseEnv``;
-            ``robot_uids`` follows from ``robot``. A reset chooses one of ``instances``. An id may also select a
-            generated object that is not listed; such ids are the numbers up to 10^6. An id applies to the first object
-            whose class has several instances; a mapping from object names applies to any object.
+            ``robot_uids`` follows from ``robot``. A reset chooses each object from ``instances``. A single id applies
+            to the first object whose class has several instances; use a mapping from object names to select other
+            objects. An id may also be a number up to 10^6, which selects a generated object that the library does not
+            list.
 
-    Reset options replace random values: ``instance`` (id), ``openness`` (0..1), ``offset`` (x, y, yaw relative to the
-    default pose) or ``pose`` (root in the world frame: x, y, z, qw, qx, qy, qz). For a task with several objects each
-    option is a mapping from an object's name to the value.
+    Options of a reset replace random values. The option ``instance`` is an id, and ``openness`` is a number from 0 to
+    1. The option ``offset`` contains x, y and yaw relative to the default pose. The option ``pose`` is the pose of the
+    object's root in the world frame (x, y, z, qw, qx, qy, qz). For a task with several objects each option is a mapping
+    from the object's name to the value.
 
     Raises:
         InputError: an argument or a reset option is invalid.
@@ -237,7 +242,9 @@ class GenSim2Env(RaycastObservations):
         self._require_open()
         read_options(options, tuple(self.task.objects))
         seed = checked_seed(seed)
-        if seed is not None:  # seed gymnasium's random generator, which this environment does not use itself
+        # By gymnasium's convention a reset with a seed also seeds the environment's random generator. This environment
+        # does not use the generator itself.
+        if seed is not None:
             self._np_random, self._np_random_seed = np_random(seed)
         self.reset_options = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
         result: tuple[Any, dict[str, Any]] = super().reset(seed=seed, options=options)
@@ -312,7 +319,8 @@ class GenSim2Env(RaycastObservations):
         return torch.tensor([self._reward.of(self.measure())], dtype=torch.float32)
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """Execute one control step; ``truncated`` is True from ``max_episode_steps`` on.
+        """Execute one control step. The returned flag ``truncated`` is True when the episode has lasted
+        ``max_episode_steps`` or more steps.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.

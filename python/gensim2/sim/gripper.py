@@ -10,11 +10,12 @@ from gensim2.robots import JointDrive, RobotProfile
 
 
 class Transmission:
-    """Drives for gripper joints without motors.
+    """Moves the gripper joints that have no motor.
 
-    Each follower joint has a drive. Before every physics step the target of this drive is computed from the position of
-    the driven joint. PhysX's fixed tendons cannot couple a revolute joint with a prismatic joint, because a tendon adds
-    joint positions without regard to units. Passive joints are springs with target 0.
+    A follower joint is coupled to a driven joint. In simulation it has its own drive. Before every physics step the
+    drive's target is computed from the position of the driven joint. PhysX can also couple joints, by fixed tendons,
+    but a tendon adds joint positions without regard to units. Therefore a tendon cannot couple a revolute joint with a
+    prismatic joint, and drives are used. A passive joint has a spring that pulls it to the position 0.
 
     Args:
         robot: robot in the simulation.

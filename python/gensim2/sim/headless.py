@@ -90,7 +90,8 @@ class HeadlessEnv(SceneAccessMixin):
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
         self.engine, self.physics = sampler.engine, physics_switches(sampler.physics)
         self.instance_ids = sampler.instances
-        # seed and initial state of the last reset without options, as a cache
+        # Cache of the seed and the initial state of the last reset without options. A reset with the same seed uses it
+        # again.
         self._drawn: tuple[int, InitialState] | None = None
         self.seed = 0
         self.elapsed_steps = 0
@@ -148,8 +149,8 @@ class HeadlessEnv(SceneAccessMixin):
         self._advance()
 
     def substep(self, action: npt.ArrayLike) -> None:
-        """Execute one physics step, which is a part of a control step. This method is for simulated devices that are
-        read at the physics rate.
+        """Execute a single physics step. A control step consists of several physics steps. This method is for simulated
+        sensors that are read more often than once in a control step.
 
         Args:
             action: as for :meth:`step`.
@@ -189,7 +190,8 @@ class HeadlessEnv(SceneAccessMixin):
         return Snapshot(*self._scene.snapshot(), self.elapsed_steps, self._command)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue from a snapshot that was taken in the scene of the last reset, in any process.
+        """Continue the simulation from a snapshot. Before, the environment must be reset to the scene in which the
+        snapshot was taken; another process may have taken the snapshot.
 
         Raises:
             InputError: the engine cannot restore states, or the snapshot belongs to another scene.
@@ -199,7 +201,7 @@ class HeadlessEnv(SceneAccessMixin):
         self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
-        """Move an object as a bump would; the recorded initial state is unchanged.
+        """Move an object suddenly, to simulate a bump. The initial state that recordings contain does not change.
 
         Args:
             name: name of the object.
@@ -241,7 +243,11 @@ class HeadlessEnv(SceneAccessMixin):
         return read_scene(self._reader, self._parts)
 
     def state(self) -> dict[str, dict[str, Row]]:
-        """Return ManiSkill's ``env_states``: root pose (7,), velocities (6,); for articulations also qpos, qvel."""
+        """Return the state of all bodies in the form of ManiSkill's ``env_states``.
+
+        The state of a rigid body contains the pose (7,) and the velocities (6,). The state of an articulation contains
+        the pose and the velocities of its root, and then its joint positions and joint velocities.
+        """
         assert self._reader
         found: dict[str, dict[str, Row]] = {
             "actors": {},
@@ -297,13 +303,14 @@ class HeadlessEnv(SceneAccessMixin):
             self._pictures = None
 
     def observation(self, tool: bool = True) -> Row:
-        """Return the state observation (D,).
+        """Return the state observation, a vector (D,).
 
-        It has the robot's qpos, qvel and tool pose. Then, in the task's order, it has openness, qpos, root pose and
-        moving link's pose of each articulated object, and the pose of each rigid object.
+        The vector begins with the joint positions of the robot, the joint velocities of the robot, and the pose of the
+        tool. The values of the objects follow in the task's order. An articulated object has its openness, its joint
+        position, the pose of its root and the pose of its moving link. A rigid object has its pose.
 
         Args:
-            tool: False leaves NaN for the tool pose.
+            tool: whether to compute the pose of the tool. If False, the vector contains NaN instead of the pose.
         """
         q = self.q.astype(np.float32)
         tool_row = tool_pose(self.profile, q) if tool else NO_POSE

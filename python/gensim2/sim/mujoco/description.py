@@ -62,11 +62,12 @@ class Link:
 
 @lru_cache(maxsize=256)
 def links_of(urdf: Path, content_hash: str = "") -> tuple[Link, ...]:
-    """Read the links of a URDF, parents before children.
+    """Read the links of a URDF. Each link comes after its parent link.
 
     Args:
         urdf: path of the URDF.
-        content_hash: hash of the URDF's source files, which is used as a cache key.
+        content_hash: hash of the files from which the URDF was made. If the files change, the hash changes, and the
+            URDF is read again instead of taken from the cache.
 
     Raises:
         InputError: the file cannot be read or is not a URDF.

@@ -1,4 +1,6 @@
-"""Draw recorded states with MuJoCo's renderer, in a separate MuJoCo model with visible surfaces and without physics."""
+"""Draw recorded states with MuJoCo's renderer. A MuJoCo model for drawing contains only visible surfaces and no
+physics, so it is not the model that is simulated.
+"""
 
 from __future__ import annotations
 
@@ -103,7 +105,9 @@ class SceneRenderer:
 
 
 class MujocoDrawing(StateDrawing):
-    """Renders recorded states with MuJoCo from the camera position of videos; arguments as for the base class."""
+    """Draws recorded states with MuJoCo, as seen by the camera with which videos are recorded. The arguments are the
+    arguments of the base class.
+    """
 
     def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> None:
         super().__init__(profile, objects)
@@ -118,7 +122,9 @@ class MujocoDrawing(StateDrawing):
 
 
 def _model(scene: RaycastScene, width: int, height: int) -> mujoco.MjModel:
-    """Compile a model with one mocap body for each solid and for each camera, in this order."""
+    """Compile a MuJoCo model for drawing. It contains mocap bodies, whose poses can be set directly: first one body for
+    each solid of the scene, then one body for each camera.
+    """
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.stat.extent, spec.stat.center = 1.0, (0.5, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Write scenes and objects as MJCF files, which ``python -m mujoco.viewer`` opens."""
+"""Write scenes and objects as MJCF files. One can view the files with ``python -m mujoco.viewer``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ START = "start"
 
 
 def write_scene(task: str | TaskSpec, file: Path, seed: int = 0, **scene: Unpack[SceneArguments]) -> None:
-    """Write the scene of a seed as the engine ``mujoco`` simulates it: robot, table, objects, drives, contact pairs.
+    """Write a scene to an MJCF file, exactly as the engine ``mujoco`` simulates the scene. The file contains the robot,
+    the table, the objects, the drives and the pairs of bodies that can touch.
 
     Example:
         ```python
@@ -36,7 +37,7 @@ def write_scene(task: str | TaskSpec, file: Path, seed: int = 0, **scene: Unpack
     Args:
         task: name of a library task, or a spec.
         file: file to write; it contains the meshes.
-        seed: seed of the scene.
+        seed: seed that determines the scene.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Raises:
@@ -61,7 +62,8 @@ def write_object(model: ArticulatedObject | RigidObject, file: Path) -> None:
     """
     pose = default_pose(model, "default")
     placed = PlacedObject(model, pose.position, pose.quaternion, 0.0, pose.openness)
-    profile = robot_profile(DEFAULT_ROBOT)  # the profile determines the physics rate
+    # A profile is needed even without a robot in the scene, because it determines the physics rate.
+    profile = robot_profile(DEFAULT_ROBOT)
     setup = InitialState({model.asset_class: placed}, 1, profile.reset_qpos, DEFAULT_PRESET)
     _write(profile, setup, file, robot=False)
 

@@ -48,15 +48,15 @@ With this value balls roll as far as in PhysX, which stops slow bodies.
 
 @dataclass(frozen=True)
 class Shape:
-    """A collision shape in the model.
+    """A collision shape in the MuJoCo model.
 
     Attributes:
         geom: name of the MuJoCo geom.
-        owner: name of the robot's agent, ``"table"``, or the name of an object.
-        link: name of the shape's link.
+        owner: ``"table"``, the name of an object, or the agent name of the robot.
+        link: name of the link to which the shape belongs.
         is_static: whether the shape never moves.
-        slides: whether a prismatic joint of an object moves the shape.
         friction: friction coefficient.
+        slides: whether the shape belongs to a part of an object that slides on a prismatic joint, such as a drawer.
         is_rigid: whether the shape belongs to a rigid object.
     """
 
@@ -70,8 +70,8 @@ class Shape:
 
 
 def mixed_name(owner: str, part: str) -> str:
-    """Return the unique name of a link or joint in the MuJoCo model, made from the name of its robot or object and its
-    own name.
+    """Return a unique name for a link or joint in the MuJoCo model. It consists of ``owner``, the name of the robot or
+    object, and ``part``, the name of the link or joint.
     """
     return f"{owner}/{part}"
 
@@ -83,7 +83,9 @@ def surface_friction(thing: PlacedObject) -> float:
 
 
 def steps_of(profile: RobotProfile) -> int:
-    """Return the number of MuJoCo steps in one physics step of the robot (a period of ``physics_hz``)."""
+    """Return the number of MuJoCo time steps in one physics step of the robot. A physics step lasts 1 / ``physics_hz``,
+    and MuJoCo may need a smaller time step.
+    """
     return max(1, -(-PHYSICS_HZ // profile.simulation.physics_hz))
 
 
