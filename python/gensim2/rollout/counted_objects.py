@@ -72,7 +72,7 @@ def is_counted(instances: str) -> bool:
 def hashes(given: TaskInput) -> list[str]:
     """Return hashes of a few generated objects of each class. The list is empty for a task without generated objects.
 
-    A resumed run compares the hashes with those of the interrupted run. A difference shows that the generator has
+    A resumed run compares the hashes with the hashes of the interrupted run. A difference shows that the generator has
     changed.
     """
     chosen = given.scene.instances

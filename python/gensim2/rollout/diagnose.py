@@ -1,7 +1,7 @@
 """Find out why an episode failed, and describe the cause with measured values.
 
-The steps of the task are checked in order. The first step that was not done is the one that failed. For this step the
-cause is the first of these that applies:
+The steps of the task are checked in order. The first step that was not done has failed. Its cause is the first entry of
+this list that applies:
 
 1. the last deviation from the plan that the controller reported in this step;
 2. a fault of the step's last plan;

@@ -5,9 +5,9 @@ A successful end state is built from the steps of the task and the shapes of the
 is changed: for example, a joint stays at its start, or an object lies beside its goal. Each kind of change
 (:class:`Mutation`) states why the task is then not done.
 
-The worlds must not depend on the thresholds of the criteria, because the thresholds are what is tested. Therefore the
-mutations use only the types of the criteria: whether a joint must be opened, closed or left ajar, and in which
-direction an object must be moved.
+The count is meant to show whether the thresholds of the criteria are right. Therefore the worlds must not depend on the
+thresholds. The mutations use only the types of the criteria: whether a joint must be opened, closed or left ajar, and
+in which direction an object must be moved.
 """
 
 from __future__ import annotations

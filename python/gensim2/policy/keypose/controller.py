@@ -112,9 +112,9 @@ class KeyposeController:
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
         self._rows: deque[npt.NDArray[np.float32]] = deque()
-        #: Number of events of each kind in the episode, by name: predictions, motions to the object and to the rest
-        #: pose (with the obstacles that they avoid in the name), programs that are out of reach or incomplete, and lost
-        #: objects.
+        #: Number of events in the episode, by kind: predictions, programs that the arm cannot execute or executes only
+        #: partly, lost objects, and free motions to the object or to the rest pose. Free motions are counted separately
+        #: for each set of obstacles that they avoid.
         self.told: Counter[str] = Counter()
 
     @property

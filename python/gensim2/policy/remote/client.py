@@ -117,8 +117,8 @@ class RemoteController:
             self._connection = None
 
     def disown(self) -> None:
-        """Close the connection, and make the next connection use a wrong token. With this fault one can test the
-        watchdog of ``gensim2 robot``.
+        """Close the connection, and make the next connection use a wrong token. With this fault, a run of
+        ``gensim2 robot`` can test its watchdog.
         """
         self.close()
         self._token = f"not {self._token}"

@@ -1,4 +1,4 @@
-"""Write scenes and objects as MJCF files. One can view the files with ``python -m mujoco.viewer``."""
+"""Write scenes and objects as MJCF files. The command ``python -m mujoco.viewer`` can open the files."""
 
 from __future__ import annotations
 
