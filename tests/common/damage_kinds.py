@@ -141,7 +141,9 @@ KINDS = (
         r"joint [xy]: joints form a loop",
     ),
     Kind(
-        "joints that mimic each other", urdf("</robot>", MIMIC_LOOP), r"joint a: mimic: joints mimic each other: a -> b"
+        "joints that mimic each other",
+        urdf("</robot>", MIMIC_LOOP),
+        r"joint a: mimic: the joints mimic each other in a loop \(a -> b",
     ),
     Kind("a joint that mimics itself", urdf('<axis xyz="-1 0 0"/>', '<mimic joint="joint_0"/>'), r"mimic each other"),
     Kind(
@@ -217,13 +219,13 @@ KINDS = (
     Kind("a range of words", told(joint_position_range=["0", "1"]), r"joint_position_range: not two finite numbers"),
     Kind("a range of nothing", told(joint_position_range=[1, 1 + 1e-9]), r"range: must be two increasing"),
     Kind("an axis in a list", told(axis=["x"]), r"info\.json: axis: \['x'\] is not x, y or z"),
-    Kind("a license that is a number", told(license=3), r"info\.json: license: 3 is not text"),
+    Kind("a license that is a number", told(license=3), r"info\.json: license: the value 3 is not text"),
     # Meshes
     Kind("mesh is empty", put(LEFT, ""), None, r"1 mesh files unreadable: .*contains no triangle"),
     Kind("mesh is incomplete", cut(LEFT, 0.5), None, r"1 mesh files unreadable: .*a vertex has fewer than three"),
     Kind("mesh is binary", put(LEFT, bytes(range(256)) * 400), None, r"1 mesh files unreadable"),
     Kind("mesh is STL in disguise", put(LEFT, b"solid left\nfacet normal 0 0 1\n"), None, r"contains no triangle"),
-    Kind("a vertex that is NaN", swap(LEFT, "-0.5", "nan"), None, r"has a vertex that is not finite"),
+    Kind("a vertex that is NaN", swap(LEFT, "-0.5", "nan"), None, r"vertex coordinate that is not a finite number"),
     Kind("a vertex at 1e30", swap(LEFT, "-0.5", "1e30"), None, r"has a vertex coordinate beyond 1e\+06"),
     Kind("vertices of two numbers", swap(LEFT, " 0.4\n", "\n"), None, r"1 mesh files unreadable"),
     Kind("a face that refers to 0", swap(LEFT, "f 1 4", "f 0 4"), None, r"refers to a vertex that does not exist"),

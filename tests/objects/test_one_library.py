@@ -99,7 +99,7 @@ def test_two_objects_of_one_name_are_refused(release: Path, cube: Cube) -> None:
     other = release / "rigidbody_objs" / "models" / "box_rotate"
     other.mkdir()
     cube(other, "collision", (-0.02, -0.03, -0.05), (0.02, 0.03, 0.05))
-    with pytest.raises(InputError, match="box_rotate: is the name of both an articulated class and a rigid object"):
+    with pytest.raises(InputError, match="box_rotate: the name belongs to both an articulated class and a rigid"):
         open_library(release)
 
 

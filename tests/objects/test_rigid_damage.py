@@ -53,7 +53,7 @@ REFUSED: dict[str, tuple[Change, str]] = {
         lambda folder: (folder / "collision.obj").write_text(""),
         r"collision\.obj: cannot be read: contains no triangle",
     ),
-    "collision is a speck": (told(scale=1e-6), r"collision\.obj: has no collision part"),
+    "collision is a speck": (told(scale=1e-6), r"collision\.obj: the file has no usable collision part"),
     "scale is missing": (told(scale=None), r"info\.json: scale: is missing"),
     "scale is 1e30": (told(scale=1e30), r"info\.json: scale: must be a positive number of plausible size"),
     "scale is 1000": (told(scale=1000), r"scale: the largest value of the geometry is 50"),

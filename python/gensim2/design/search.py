@@ -309,7 +309,7 @@ def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0
 
 
 def _compared(standing: Sequence[CandidateResult]) -> str:
-    """Return one sentence about the winner: its lead, and the candidates that count as equal."""
+    """Return a sentence that states how often the best candidate succeeded, and how many candidates count as equal."""
     best = standing[0]
     low, high = interval(round(best.held), best.episodes)
     equal = [other for other in standing[1:] if other.episodes and _is_tied(other, best, LEADERS)]

@@ -76,7 +76,7 @@ def place_support(draft: Draft, support: Affordance, at: tuple[float, float]) ->
 
 
 def carry(draft: Draft, support: Affordance, thing: Affordance, at: tuple[float, float]) -> None:
-    """Add an object at ``at``, and two steps that pick up the object and put it on a support."""
+    """Add an object at the position ``at``, a step that grasps the object, and a step that puts it on a support."""
     role, below = role_of(thing.noun), role_of(support.noun)
     draft.objects[role] = ObjectSpec(asset_class=thing.asset_class, place=Place(at=at), randomization=CLOSE_ABOUT)
     draft.grasp(role)

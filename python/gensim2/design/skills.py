@@ -17,7 +17,7 @@ from gensim2.tasks.strategies import Strategies
 
 Way = Literal["open", "close"]
 
-#: Strategies of the library for a joint, by joint type and by the limit to which the joint is moved.
+#: Names of the library's strategies that open or close a joint, for each joint type.
 _JOINTS: dict[tuple[str, Way], tuple[str, ...]] = {
     ("revolute", "open"): (
         "hook_door_inside",
@@ -65,7 +65,7 @@ _INTO = (((0.87, 0.42, -0.25), 0.7), ((0.9, 0.1, -0.42), 0.8), ((1.0, 0.0, 0.0),
 #: Heights in metres above the floor of a cabinet at which an object is released, lowest first.
 _ABOVE_FLOOR = (0.022, 0.045, 0.06)
 
-#: Motions that hand over a grasped object, for each direction, as named in solver configs.
+#: Motions that carry a grasped object in each hand-over direction. Solver configs use the same names of motions.
 _HANDING: dict[str, tuple[str, ...]] = {
     "left": ("move-left", "move-left"),
     "right": ("move-right", "move-right"),
@@ -125,7 +125,9 @@ def places_in(container: Affordance, thing: Affordance) -> Strategies:
 
 
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
-    """Return strategies that release the grasped object above or in a rigid object, at increasing heights."""
+    """Return strategies that release the grasped object above or in a rigid object. Each strategy releases the object
+    at a different height, beginning with the lowest.
+    """
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
     return {

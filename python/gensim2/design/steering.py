@@ -53,8 +53,7 @@ _YES: dict[Question, tuple[Part, ...]] = {
     "effect": ("approach", "keypoint", "gripper"),
 }
 
-#: Causes of failure that planning cannot show, only simulation. Each cause is listed with the parts of the alignment
-#: that may be to blame.
+#: For each cause of failure that only a simulation can show: the parts of the alignment that may be to blame.
 _BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
     Cause.NO_CONTACT: ("approach", "keypoint", "gripper", "offset"),
     Cause.CONTACT_SLIPPED: ("approach", "gripper", "offset"),
@@ -84,9 +83,9 @@ class Evidence:
     """Results of trials that show whether an alignment meets one of the three conditions.
 
     Attributes:
-        question: the condition: ``reach``, ``follow`` or ``effect``.
-        parts: parts of the alignment, such as the keypoint or the direction, that explain the result. The result also
-            counts for other alignments in which these parts are similar.
+        question: the condition that the trials test: ``reach``, ``follow`` or ``effect``.
+        parts: parts of the alignment, such as the keypoint or the direction, that decide the result. The result also
+            counts for other alignments that are similar in these parts.
         yes: fraction of trials that met the condition.
         trials: number of trials.
     """

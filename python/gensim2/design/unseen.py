@@ -13,16 +13,16 @@ from gensim2.tasks.spec import TaskSpec
 
 @dataclass(frozen=True)
 class Apart:
-    """Division of the instances of a task's articulated objects: some instances are used by the search for strategies,
-    and others test the result of the search.
+    """Division of the instances of a task's articulated objects into instances that the search for strategies uses and
+    instances that test the result of the search.
 
     Attributes:
         library: object library.
         classes: class of each articulated object, by the object's name in the task. Rigid classes have a single
             instance each and are left out.
-        kind: instances that test the result. ``"new"``: new objects, which the library generates for generated classes.
-            ``"test"``: the test split, for classes of real objects. ``"all"``: all instances, because a class has too
-            few instances for a test split.
+        kind: set of the instances that test the result. The set ``"new"`` contains new objects of generated classes,
+            and ``"test"`` is the test split of classes of real objects. The set ``"all"`` contains all instances; it is
+            used if a class has too few instances for a test split.
         search: instances that the search uses, as a value of ``--instances``.
     """
 
@@ -32,10 +32,10 @@ class Apart:
     search: str
 
     def verification(self, episodes: int, seed: int) -> list[Drawn]:
-        """Return the instances that each verification episode may use.
+        """Return, for each verification episode, the instances from which the episode takes its objects.
 
-        If ``kind`` is ``"new"``, an episode gets the id of a new object for each articulated object of the task.
-        Otherwise an episode gets the name of a split.
+        If ``kind`` is ``"new"``, the entry of an episode contains the id of a new object for each articulated object of
+        the task. Otherwise the entry is the name of the set, ``kind``.
         """
         if self.kind != "new":
             return [self.kind] * episodes

@@ -118,10 +118,12 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
 
 
 def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str, Any]]:
-    """Return the number of successful episodes (verdict ``held``) of each task in two engines, on the same scenes.
+    """Compare the success of each task in two engines on the same scenes. An episode succeeds if its verdict ``held``
+    is true.
 
-    ``p_value`` is the p-value of Fisher's exact test of equal rates. ``lost`` are the seeds of episodes that succeed
-    only in the first engine, and ``won`` the seeds of episodes that succeed only in the second engine.
+    Each dictionary describes one task. ``held`` contains the number of successful episodes in each engine, and
+    ``p_value`` is the p-value of Fisher's exact test of equal success rates. ``lost`` lists the seeds of episodes that
+    succeed only in the first engine. ``won`` lists the seeds of episodes that succeed only in the second engine.
     """
     from scipy.stats import fisher_exact  # imported late because it takes long to import
 
@@ -143,12 +145,13 @@ def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str,
 
 
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
-    """Return the mean success rate, its standard deviation between runs, and its 95 % confidence interval.
+    """Return the mean success rate, its standard deviation between runs, and its 95 % confidence interval by each
+    verdict.
 
-    The result has these three figures for each verdict, that is, for each definition of success.
+    A verdict is a definition of success, such as ``held``.
 
-    The interval for several tasks is computed as if all episodes belonged to one task. This makes the interval wider
-    than necessary.
+    The interval is computed from the episodes of all tasks together, as if they belonged to one task. The interval is
+    therefore wider than necessary.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

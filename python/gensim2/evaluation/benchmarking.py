@@ -186,9 +186,9 @@ def benchmark_both(
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
     """Return the tasks that grasp a rigid object, and the names of all other tasks.
 
-    If no task grasps a rigid object but the run exists already, return all tasks. The run was then started without a
-    disturbance. The arguments are later compared with the record of the run, and this comparison reports that the
-    disturbance has changed.
+    If the run exists already and none of its tasks grasps a rigid object, return all tasks. Such a run was started
+    without a disturbance, so a later comparison with the record of the run reports that the argument ``disturbance``
+    has changed.
 
     Raises:
         InputError: no task of a new run grasps a rigid object.
@@ -202,11 +202,11 @@ def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskI
 
 
 def _perceivable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], dict[str, str], dict[str, str]]:
-    """Select the tasks whose scene the planner can get, from the simulator or from an estimator.
+    """Select the tasks whose scene the simulator or an estimator can give to the planner.
 
     Returns:
-        The selected tasks; the digests of their estimators, which a resumed run compares; and for each task that is not
-        selected, its name and the reason.
+        The selected tasks, the digests of their estimators, and the reason for each task that is not selected, by the
+        task's name. A resumed run compares the digests with those of the first call.
 
     Raises:
         InputError: no task remains.

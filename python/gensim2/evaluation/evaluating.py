@@ -40,7 +40,7 @@ class EvaluationResult(Table):
 
     @property
     def held_mean(self) -> float:
-        """Success rate, averaged over the tasks, 0 to 1."""
+        """Mean success rate over all tasks by the verdict ``held``, from 0 to 1."""
         rates = [rate for row in self.rows for rate in row.rates("held")]
         return sum(rates) / len(rates)
 
@@ -188,8 +188,8 @@ def _keep_missing(
     episodes: Sequence[Episode],
     progress: Progress,
 ) -> None:
-    """Repeat episodes that should be filmed but whose states were not stored. This happens if an earlier call with the
-    same folder made no videos.
+    """Repeat each episode that needs a video but has no recorded states, and store its states. The states are missing
+    if an earlier call wrote the episode into the same folder without a video.
     """
     files = folder.task(given.spec.name).path
     kept = _recorded(files)

@@ -41,7 +41,7 @@ class Table:
         arguments: settings that determine the episodes, other than the tasks.
         versions: versions of the packages that affect results.
         rows: one row per task.
-        skipped: names of tasks that cannot be run with these objects, with the reasons.
+        skipped: name of each task that was not run, with the reason.
         speeds: episodes per second of wall time in this call, by task; None if all episodes were finished before.
         cpu_s: CPU time of all worker processes in this call, s, excluding their start.
     """
@@ -105,11 +105,11 @@ def tabulate(
 
     Args:
         given: tasks to run. All tasks share the object library and the options.
-        told: arguments of the command that the run's record stores, in addition to those in ``extent``.
+        told: arguments of the command. The run's record stores these arguments and the fields of ``extent``.
         identity: digests of all inputs that determine the results.
         function: function of :mod:`gensim2.rollout.worker` that runs one episode.
         arguments: function that returns the episode arguments for a task, its configuration and its folder.
-        make: function that makes the command's result from the table.
+        make: function that converts the table to the result of the command.
         after: function that is called with the finished episodes of each task.
     """
     from gensim2.data.runfolder import RunFolder, default_run_dir

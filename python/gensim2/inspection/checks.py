@@ -19,7 +19,7 @@ BASE_GAP = 1.0  # mm, maximum distance between the object's lowest point and the
 FREE_GAP = 10.0  # mm, minimum distance of a free-space keypoint from each link of the open object
 SURFACE_GAP = 10.0  # mm, maximum distance of a surface keypoint from its link
 MASS = (0.02, 80.0)  # kg, minimum and maximum mass
-PUSH = 40.0  # N, maximum force that may be needed at the keypoint to move the joint against its friction
+PUSH = 40.0  # N, limit on the force at the keypoint that overcomes the friction of the joint
 MAX_HULLS = 64  # maximum number of hulls of a link
 FREE = ("above", "inside", "base")  # a keypoint with one of these words in its name lies in free space
 

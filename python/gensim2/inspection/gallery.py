@@ -168,8 +168,9 @@ class _Maker:
         """Return the path of a picture. If the picture is missing, render it and remove its outdated versions.
 
         Args:
-            content: name of the folder with the prepared object. The name contains digests of the object's files and of
-                the code that prepared the object, so it changes if the picture may have changed.
+            content: text that changes whenever the appearance of the object can change. It is the name of the folder
+                with the prepared object, which contains digests of the object's files and of the code that prepared the
+                object.
         """
         text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
         picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"
@@ -235,7 +236,8 @@ _Verdicts = tuple[str | None, Mapping[tuple[str, str], list[dict[str, Any]]]]
 
 
 def _verdicts(path: Path) -> _Verdicts:
-    """Return the name of the library (if the file contains it), and the findings of each object, by class and id.
+    """Read a file of findings. Return the name of the library, and the findings of each object by its class and id. The
+    name is None if the file does not state it.
 
     Raises:
         InputError: the file is not from ``gensim2 assets validate --json``.

@@ -165,7 +165,7 @@ class Studio:
         """
         subject = self._subject
         if subject is None:
-            raise ValueError("add an object to the studio first")
+            raise ValueError("the studio contains no object; call put or put_rigid first")
         if isinstance(subject, ArticulatedObject):
             joint = subject.joint
             self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))
@@ -205,8 +205,8 @@ def camera_pose(center: Array, distance: float, azimuth: float, elevation: float
 
 
 def _clear_distance(points: Array, azimuth: float) -> float:
-    """Return the distance from which a camera just sees all points. The distance is measured to the target of the
-    camera, and the points (N, 3) are given relative to the target.
+    """Return the smallest distance (m) between a camera and its target at which the camera sees all points. The points
+    (N, 3) are given relative to the target, which is the point at which the camera looks.
     """
     R, _ = camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
     ahead, left, up = R.T @ points.T
@@ -246,7 +246,7 @@ def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool
     from PIL import Image, ImageDraw, ImageFont
 
     picture = Image.fromarray(shot.pixels)
-    factor = 4  # supersampling, because PIL does not smooth edges
+    factor = 4  # the marks are drawn larger by this factor and then reduced, because PIL does not smooth edges
     layer = Image.new("RGBA", (factor * picture.width, factor * picture.height), (0, 0, 0, 0))
     draw = ImageDraw.Draw(layer)
     for name, mark in shot.marks.items():
@@ -298,7 +298,7 @@ def turntable(studio: Studio, instance: ArticulatedObject, views: int) -> Image.
 
 
 def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Image:
-    """Return views of a rigid object in one row, starting with the robot's side."""
+    """Return views of a rigid object from all around in one row. The first view is taken from the robot's side."""
     from PIL import Image
 
     azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]

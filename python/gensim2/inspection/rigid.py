@@ -12,11 +12,11 @@ from gensim2.robots import robot
 MAX_HULLS = 64
 MASSES = (0.002, 2.0)  # kg, minimum and maximum mass
 REST_SECONDS = 5.0
-REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # an object that rests on the table may move by at most this (m, rad)
+REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # limits on the translation (m) and rotation (rad) of a resting object
 BASE_HEIGHT = 0.001  # m, maximum distance of the lowest point from the table
 KEYPOINT_DISTANCE = 0.02  # a keypoint may lie at most this far (m) outside the object's bounding box
 TIME_STEP = 0.01
-SPARE = 0.004  # minimum space (m) between an object and the open fingers around it
+SPARE = 0.004  # m, the open fingers must be at least this much farther apart than the object is wide
 
 
 def geometric_findings(rigid: RigidObject) -> list[Finding]:

@@ -31,7 +31,7 @@ BUDGET: kpam.Options = {
     "candidates": 4,
     "samples": 50,
     "extra_seeds": 0,
-}  # few candidates and samples suffice, because the solver finds a path to the keypoint quickly or not at all
+}  # The solver gets few candidates and samples, because it finds a path to the keypoint quickly or not at all.
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
@@ -111,7 +111,7 @@ REST_DRIFT = 0.02  # maximum change of openness at rest
 LOAD_FACTOR = 1.5  # The joint must move if the force on it is this many times the resistance by gravity and friction.
 SWEEP_SECONDS = 6.0
 PUSH_ON_SECONDS = 0.5  # s, duration of the final push against the joint limit
-BODY_DRIFT = 1e-4  # m; under load, the fixed body must not move by more than this
+BODY_DRIFT = 1e-4  # m, maximum displacement of the fixed body while the joint is pushed
 TIME_STEP = 0.01
 CONTROL_STEPS = 5
 
@@ -272,7 +272,7 @@ class _Stage:
         self._resistance = DEFAULT.resist(self._object, instance)
 
     def whole(self) -> list[Finding]:
-        """Return a finding for each collision hull that the physics engine ignored or changed."""
+        """Return a finding for each collision hull that the physics engine ignored or whose shape it changed."""
         found = []
         for link in self._object.links:
             hulls, shapes = self.instance.hulls.get(link.name, ()), link.collision_shapes

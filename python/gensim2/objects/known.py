@@ -1,4 +1,4 @@
-"""List joint type and description of the 34 articulated classes in the paper's Table 3."""
+"""List the joint types and the descriptions of the 34 articulated classes in Table 3 of the GenSim2 paper."""
 
 from __future__ import annotations
 

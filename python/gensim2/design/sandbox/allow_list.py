@@ -194,7 +194,10 @@ class Reader:
             raise Refused(node, "an import must be at the top level of the program")
         for alias in node.names:
             if alias.name not in self.offered:
-                raise Refused(node, f"{MODULE} has no {_short(alias.name)}; it has {', '.join(sorted(self.offered))}")
+                raise Refused(
+                    node,
+                    f"{MODULE} has no {_short(alias.name)}; a program can import {', '.join(sorted(self.offered))}",
+                )
             if alias.asname is not None:
                 raise Refused(node, "an import with 'as' is not allowed")
             self.known.add(alias.name)

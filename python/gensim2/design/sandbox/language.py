@@ -20,7 +20,7 @@ METHODS = ("step", "goal")
 #: Fields of the task that a program may set as attributes of ``self`` or of the class.
 SETTINGS = ("description", "max_episode_steps")
 #: Maximum number of values and characters in a task. Without this limit, a short program could build a task of
-#: exponential size: it only has to nest lists that contain the same list several times.
+#: exponential size from nested lists, each of which contains the next list several times.
 MAX_SIZE = 100_000
 #: Maximum nesting of values.
 MAX_DEPTH = 50
@@ -93,10 +93,11 @@ class Task:
         raise AttributeError(f"self has no attribute {name!r}")
 
     def set(self, name: str, value: Any) -> None:
-        """Assign an attribute; an object takes the attribute's name.
+        """Assign an attribute. If the value is an object, the attribute's name becomes the object's name.
 
         Raises:
-            ValueError: the object already has another name, or the name is reserved.
+            ValueError: the value is an object that already has another name, or the attribute is reserved for a
+                setting.
         """
         if isinstance(value, Object):
             if name in SETTINGS:
@@ -170,7 +171,7 @@ def arguments(function: str, names: Sequence[str], values: Iterable[Any], named:
     values = list(values)
     takes = f"{function}() takes {', '.join(names)}"
     if len(values) > len(names):
-        raise TypeError(f"{takes}; {len(values)} were given")
+        raise TypeError(f"{takes}; {len(values)} arguments were given")
     found = dict(zip(names, values, strict=False))
     for name, value in named.items():
         if name not in names:
@@ -182,7 +183,7 @@ def arguments(function: str, names: Sequence[str], values: Iterable[Any], named:
 
 
 def _criterion(kind: str, names: tuple[str, ...]) -> Callable[..., dict[str, Any]]:
-    """Return the task language's function that creates a criterion of type ``kind``."""
+    """Return the function with which task code creates a success criterion of type ``kind``."""
 
     def make(*values: Any, **named: Any) -> dict[str, Any]:
         return {"type": kind, **arguments(kind, names, values, named)}
@@ -230,7 +231,7 @@ class _Plain:
         """
         self._size += 1 + (len(value) if isinstance(value, str) else 0)
         if self._size > MAX_SIZE:
-            raise ValueError(f"the task contains more than {MAX_SIZE} values and characters")
+            raise ValueError(f"the task contains more than {MAX_SIZE} values and characters in total")
         if depth > MAX_DEPTH:
             raise ValueError("values are nested too deeply")
         if isinstance(value, Object):

@@ -16,8 +16,8 @@ from gensim2.objects.types import Keypoint
 
 LICENSE = "Apache-2.0"
 
-# Pose of the model frame (y up, z to the front) in the root frame (z up, front towards -x), as in every
-# PartNet-Mobility model.
+# Pose of the model frame (y up, z to the front) in the root frame (z up, front towards -x). PartNet-Mobility models use
+# the same pose.
 T_ROOT_MODEL = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 

@@ -37,7 +37,9 @@ class ArticulatedShelf(Shelf):
 
 
 class GeneratedShelf(ArticulatedShelf):
-    """Generated articulated objects. Ids are numbers up to 10^6, but ``instances`` lists only built-in instances."""
+    """Generated articulated objects. Every number up to 10^6 is the id of an object, but ``instances`` lists only the
+    built-in objects.
+    """
 
     source: Source = "generated"
     license = GENERATED_LICENSE
@@ -60,7 +62,7 @@ class GeneratedShelf(ArticulatedShelf):
     def new(self, asset_class: str) -> tuple[str, ...]:
         """Return the ids of a fixed number of instances that can be generated but are not built in.
 
-        An id is a number. These ids follow the ids of the built-in instances.
+        Ids are consecutive numbers; the first id returned is the number after the last built-in instance.
         """
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))
@@ -123,7 +125,7 @@ class FolderShelf(ArticulatedShelf):
         try:
             return self.load(asset_class, self._found[asset_class][0]).joint.type
         except AssetError:
-            return "unknown"  # a later call of ``load`` reports the error in the file
+            return "unknown"  # no error is raised here, because ``load`` reports the error when the object is used
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
         from gensim2.objects.library.released import READER_MODULES, read_model

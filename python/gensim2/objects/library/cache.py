@@ -89,8 +89,8 @@ def source_digest(*modules: str) -> str:
 def cached_hulls(
     key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
 ) -> tuple[list[Array], dict[str, int]]:
-    """Return hulls, each (N, 3), and statistics of the decomposition from the cache. If the cached file is missing or
-    damaged, ``make`` computes them.
+    """Return the hulls of a decomposition, each (N, 3), and its statistics. The results come from the cache; if the
+    cached file is missing or damaged, ``make`` computes the results.
 
     Raises:
         InputError: the cache folder cannot be written to.

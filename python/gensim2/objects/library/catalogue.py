@@ -34,8 +34,9 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
         listed: ids of the class's instances in the library.
 
     Returns:
-        The ids of the split; None if the class has no such split. Splits are defined only for complete copies of the
-        GenSim2 release. If ``listed`` lacks an id of the split, the function therefore returns all ids in ``listed``.
+        The ids of the split, or None if the class has no split of this name. The splits are defined for complete copies
+        of the GenSim2 release only. If a copy is incomplete, so that ``listed`` lacks an id of the split, all ids in
+        ``listed`` are returned.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:
@@ -78,8 +79,8 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Combine the object sources ``shelves``, which must not have a class in common. The objects of all other
-        classes come from ``stand_in``.
+        """Combine the object sources ``shelves``, no two of which may contain the same class. A class that none of them
+        contains comes from the source ``stand_in``.
         """
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
@@ -199,9 +200,9 @@ class Library:
         Args:
             asset_class: name of the class.
             which: ``"train"``, ``"test"`` or ``"all"``.
-            tenth: number (0 to 9) of the tenth of the instances that is the test split. The instances are numbered in
-                the random order. The size of a tenth is rounded up, so the last tenths may include instances from the
-                start of the order again.
+            tenth: number (0 to 9) of the tenth of the instances that is the test split. The instances are divided into
+                tenths in their random order. The size of a tenth is rounded up, so the last tenths may share instances
+                with the first tenths.
 
         Raises:
             InputError: the class is too small for a test split, or the split or tenth does not exist.
@@ -232,8 +233,7 @@ class Library:
         """Return the ids that an ``--instances`` value selects.
 
         Args:
-            asset_class: name of the class. A rigid class has a single object, which any value except an unknown id
-                selects.
+            asset_class: name of the class. A rigid class has a single object, so every valid value selects this object.
             which: value of ``--instances``. ``train``, ``test`` and ``all`` select a split. ``train-1`` to ``train-9``
                 and ``test-1`` to ``test-9`` select the splits that use another tenth of the instances for testing.
                 ``new`` selects generated instances that the library does not list. ``random`` selects one instance
@@ -353,7 +353,9 @@ def open_library(where: Path | str | None = None) -> Library:
     known: set[str] = set()
     for shelf in shelves:
         for name in known.intersection(shelf.classes()):
-            raise AssetError("is the name of both an articulated class and a rigid object", file=folder, field=name)
+            raise AssetError(
+                "the name belongs to both an articulated class and a rigid object", file=folder, field=name
+            )
         known.update(shelf.classes())
     return Library(folder.resolve().name, str(folder.resolve()), shelves, GeneratedRigidShelf())
 

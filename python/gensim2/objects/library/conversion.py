@@ -13,8 +13,8 @@ from gensim2.objects.types import AssetError
 
 @contextlib.contextmanager
 def as_urdf(source: Path) -> Iterator[tuple[Path, bool]]:
-    """Convert an MJCF or USD file to a URDF file that exists until the ``with`` block ends. Any other file is yielded
-    unchanged.
+    """Convert an MJCF or USD file to a temporary URDF file, which is deleted when the ``with`` block ends. For any
+    other file, yield ``source`` itself.
 
     Yields:
         The URDF file, and whether all collision shapes are known to be convex.

@@ -15,9 +15,10 @@ def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[s
     """Return a description of an object as plain data, in metres, kg and rad. Joint values are in rad for a revolute
     joint and in m for a prismatic joint.
 
-    ``size`` (3,) is the bounding box in the root frame, with the joint closed. ``split`` is the paper's split
-    (``"none"`` for an unlisted instance). ``joint`` is None for a rigid object. Only articulated objects have
-    ``object_axis``, ``default_openness`` and ``urdf``; only rigid objects have ``grip``, ``friction`` and ``folder``.
+    ``size`` (3,) is the size of the bounding box in the root frame, with the joint closed. ``split`` is ``"train"`` or
+    ``"test"``, or ``"none"`` for an instance that the library does not list. ``joint`` is None for a rigid object. Only
+    articulated objects have ``object_axis``, ``default_openness`` and ``urdf``; only rigid objects have ``grip``,
+    ``friction`` and ``folder``.
     """
     common = {
         "class": model.asset_class,

@@ -111,7 +111,7 @@ def find_source(where: str) -> Path:
         if file.suffix in MODELS and not file.is_dir():
             return file
     except (OSError, RuntimeError, ValueError):
-        pass  # ``where`` is not a valid path; the code below raises the error
+        pass  # the code below reports that ``where`` is not a valid path
     try:
         return existing_folder(where)
     except AssetError as error:

@@ -230,7 +230,7 @@ class _Source:
         for element in self.root.findall("joint"):
             each = by_name.get(str(element.get("name")))
             if each is None:
-                continue  # This is the fixed joint that was added to turn the model upright.
+                continue  # This joint is not from the file: it was added to turn the model upright, and it is fixed.
             if each is chosen:
                 self._settle(element, each)
             elif each.type != "fixed":
@@ -270,7 +270,7 @@ class _Source:
         movable = {j.name: j for j in joints if j.type in MOVABLE}
         listed = "; ".join(f"{j.name} ({', '.join([j.type, *self._meaning(j.child)])})" for j in movable.values())
         if not movable:
-            raise AssetError("has no movable joint", file=self.file, field="joint")
+            raise AssetError("the file has no movable joint", file=self.file, field="joint")
         if name is not None:
             if name not in movable:
                 raise AssetError(
@@ -448,8 +448,7 @@ def _replace(element: ET.Element, tag: str, new: ET.Element) -> None:
 def _near_axis(points: Array, axis: Array) -> Array:
     """Return the centre (3,) of the bounding box of the points that lie nearest to an axis.
 
-    A point counts as nearest if its distance exceeds the smallest distance by at most 5 % of the difference between the
-    largest and the smallest distance.
+    The distances of all points from the axis span a range. The points in the lowest 5 % of this range count as nearest.
 
     Args:
         points: (N, 3) points.

@@ -63,7 +63,9 @@ def read_info(folder: ObjectFolder) -> Info:
     if not isinstance(points, dict) or not points:
         raise AssetError("no keypoints", file=file, field="keypoints", remedy="name at least one point")
     if len(points) > MAX_KEYPOINTS:
-        raise AssetError(f"has {len(points)} keypoints, more than {MAX_KEYPOINTS}", file=file, field="keypoints")
+        raise AssetError(
+            f"the file has {len(points)} keypoints, more than {MAX_KEYPOINTS}", file=file, field="keypoints"
+        )
     keypoints = {
         plain_name(name, file, "keypoints"): numbers(point, 3, file, f"keypoints.{name}")
         for name, point in points.items()
@@ -112,7 +114,7 @@ def _text(value: Any, file: Path, name: str) -> str | None:
     if value is None:
         return None
     if not isinstance(value, str):
-        raise AssetError(f"{reprlib.repr(value)} is not text", file=file, field=name)
+        raise AssetError(f"the value {reprlib.repr(value)} is not text", file=file, field=name)
     text = " ".join(value.split())
     if not text.isprintable() or len(text) > LONGEST_TEXT:
         remedy = f"up to {LONGEST_TEXT} printable characters"
@@ -161,8 +163,8 @@ def _convex(value: Any, file: Path) -> bool:
 
 
 COLOURS = ("blue", "red", "yellow", "green")
-# Keypoints in old files are named after colours, so the names do not show which keypoint is the contact point. The
-# nearest keypoint to the moving link becomes the contact point if its distance from the link is at most this (m).
+# Old files name keypoints after colours, so the names do not show which keypoint is the contact point. The keypoint
+# nearest to the moving link then becomes the contact point, if its distance from the link is at most ``NEAR`` (m).
 NEAR = 0.03
 HEAD = "articulated_object_head"
 

@@ -26,8 +26,8 @@ DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
 class ObjFile(NamedTuple):
     """Content of an OBJ file.
 
-    ``meshes`` contains one mesh for each material. ``materials`` states for each material file that the OBJ file names
-    whether the material file exists.
+    ``meshes`` contains one mesh for each material. ``materials`` contains the name of each material file to which the
+    OBJ file refers, and whether this file exists.
     """
 
     meshes: list[Mesh]
@@ -96,11 +96,11 @@ def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], 
     if not groups:
         raise ValueError("contains no triangle")
     if len(groups) > MAX_LOOKS:
-        raise ValueError(f"has {len(groups)} materials, more than {MAX_LOOKS}")
+        raise ValueError(f"the file has {len(groups)} materials, more than {MAX_LOOKS}")
     if not np.isfinite(points).all():
-        raise ValueError("has a vertex that is not finite")
+        raise ValueError("the file has a vertex coordinate that is not a finite number")
     if np.abs(points).max() > FARTHEST_VERTEX:
-        raise ValueError(f"has a vertex coordinate beyond {FARTHEST_VERTEX:g}")
+        raise ValueError(f"the file has a vertex coordinate beyond {FARTHEST_VERTEX:g}")
     meshes = []
     for name, faces in groups:
         used, renumbered = np.unique(faces, return_inverse=True)
@@ -151,9 +151,9 @@ class MeshReader:
         self._materials: dict[str, bool] = {}
 
     def get(self, element: ShapeElement, scale: float, T: Array) -> list[Mesh]:
-        """Return the meshes of an element, transformed by the pose of its link and then scaled.
+        """Return the meshes of a visual or collision element in another frame, multiplied by ``scale``.
 
-        ``T`` (4, 4) is the pose of the link before scaling, relative to the frame in which the meshes are needed.
+        ``T`` (4, 4) is the unscaled pose of the element's link in the frame of the result.
 
         Raises:
             AssetError: the file has no ``.obj`` suffix or is not a regular file inside the folder, or the object has

@@ -87,7 +87,9 @@ class _Converter:
         """Parse a file of the folder, and replace each ``include`` element by the content of the included file."""
         content = self._tree.read(name, MAX_URDF)
         if b"<!" in content.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
-            raise AssetError("declares a document type or entities", file=self._tree.path / name, remedy="remove them")
+            raise AssetError(
+                "the file declares a document type or entities", file=self._tree.path / name, remedy="remove them"
+            )
         try:
             root = ET.XML(content)
         except (ET.ParseError, ValueError, LookupError) as error:
@@ -117,7 +119,9 @@ class _Converter:
         return folders[-1] if folders else None
 
     def _check(self, element: ET.Element, in_default: bool) -> None:
-        """Remove elements that an object does not need, and refuse unknown elements, such as ``replicate``."""
+        """Remove elements that do not affect an object, such as lights and cameras, and refuse elements that the
+        conversion does not support, such as ``replicate``.
+        """
         in_default = in_default or element.tag == "default"
         element.attrib.pop("texture", None)
         for name, value in element.items():
@@ -140,7 +144,7 @@ class _Converter:
         """Read a mesh file in the folder. Return the coordinates of its vertices and the vertex indices of its
         triangles, as two flat arrays with three entries for each vertex and for each triangle.
         """
-        self._tree.read(name, MAX_OBJECT)  # refuses files outside the folder
+        self._tree.read(name, MAX_OBJECT)  # ``read`` raises an error for a file outside the folder
         with opened_mesh(self._tree.inside(name)) as scene:
             mesh = scene.to_geometry()
             corners, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
@@ -179,8 +183,8 @@ class _Converter:
     def _add_body(self, body: int, is_root: bool) -> None:
         """Add a body as a chain of links, one link for each joint of the body.
 
-        A link's origin is at the anchor of its joint. All joints move the last link of the chain, so this link gets the
-        shapes of the body.
+        The origin of each link is at the anchor of its joint. The last link of the chain gets the shapes of the body,
+        because only this link is moved by all joints of the body.
         """
         model, urdf = self._model, self._urdf
         name = urdf.name(model.body(body).name, "link")
@@ -264,7 +268,9 @@ class _Converter:
         else:
             remedy = "use boxes, spheres, cylinders, capsules or meshes"
             field = f"geom {model.geom(geom).name[:80]}".strip()
-            raise AssetError("has a type that cannot be imported", file=self._file, field=field, remedy=remedy)
+            raise AssetError(
+                "the shape has a type that cannot be imported", file=self._file, field=field, remedy=remedy
+            )
 
 
 def _pose(position: Array, quaternion: Array) -> Array:

@@ -103,7 +103,7 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     owner, same = order // 3, edge[order[1:]] == edge[order[:-1]]
     left, right = owner[:-1][same], owner[1:][same]
     smooth = np.einsum("ij,ij->i", normals[left], normals[right]) > CREASE
-    # At a smooth edge both adjacent faces use the same vertices.
+    # Adjacent faces share the vertices of smooth edges only.
     corner_of = np.arange(3 * n).reshape(-1, 3)
     pairs = []
     for i in range(3):

@@ -56,7 +56,7 @@ FALLBACK_SCALE = 0.25
 # Maximum absolute value of coordinates (m) and joint values (m or rad). Larger values are mistakes. They would also
 # exhaust the memory, because the decomposition into convex parts uses grids that cover the object.
 FARTHEST = 10.0
-SOLID_CORNERS = 4  # a collision file with fewer vertices has no volume
+SOLID_CORNERS = 4  # a collision file with fewer vertices than this has no volume
 HULL_MODULES = (
     "gensim2.objects.meshwork.clearance",
     "gensim2.objects.meshwork.convexes",
@@ -245,11 +245,11 @@ def read_model(
 
 @dataclass(frozen=True)
 class _Geometry:
-    """Scaled meshes of the body and the moving link, by link: visual meshes (``seen``) and collision meshes
-    (``solid``).
+    """Scaled meshes of the body and the moving link. ``seen`` contains the visual meshes of each of these two parts,
+    and ``solid`` contains the collision meshes.
 
-    ``T_object`` (4, 4) is the pose of the moving link's first collision element before scaling. ``unread`` lists
-    warnings about files that could not be read.
+    ``T_object`` (4, 4) is the unscaled pose of the moving link's first collision element in the link's frame.
+    ``unread`` contains the warnings about files that could not be read.
     """
 
     seen: dict[str, list[Mesh]]

@@ -94,8 +94,8 @@ def resting_sides(points: Array, center: Array) -> Array:
     """
     shell = trimesh.convex.convex_hull(points).convex_hull
     corners, normals = np.asarray(shell.triangles), np.asarray(shell.face_normals)
-    # ``across[t, k]`` is the index of the triangle that shares an edge with triangle ``t``: the edge opposite to corner
-    # ``k``.
+    # Triangle ``t`` and the triangle with the index ``across[t, k]`` share the edge that lies opposite to corner ``k``
+    # of triangle ``t``.
     across = np.zeros(shell.faces.shape, dtype=int)
     for column, alone in enumerate(shell.face_adjacency_unshared.T):
         here, beyond = shell.face_adjacency[:, column], shell.face_adjacency[:, 1 - column]
@@ -170,7 +170,7 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
                     if high - low > THINNEST_GRIP and (best is None or cost < best[0] - 1e-6):
                         best = (cost, high - low, point, np.array([*u, 0.0]))
     if best is None:
-        raise AssetError("has no part that fingers can grasp", field="collision")
+        raise AssetError("the object has no part that the fingers can grasp", field="collision")
     _, width, point, axis = best
     return Grip(R.T @ (point - resting.position), R.T @ axis, width)
 
@@ -189,8 +189,9 @@ def _slice(hull: Array, height: float) -> Array | None:
 
 
 def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[tuple[float, float]]:
-    """Return the intervals along ``u`` in which the object has material closer than half a finger's width to the line
-    ``v = middle``. Intervals that overlap or almost touch are merged.
+    """Return the intervals along ``u`` in which a finger that moves along the line ``v = middle`` would touch the
+    object. The finger touches all material that is closer to the line than half of its width. Two intervals are merged
+    if the gap between them is narrower than the finger.
     """
     spans = []
     for corners in slices:
@@ -340,7 +341,9 @@ def load_from_meshes(
         warnings.append(f"{SEEN} cannot be read, so there is no visual mesh: {shortened(str(error))}")
     hulls, counts = cached_hulls(f"rigid-{entry}", lambda: _hulls(pieces, rule))
     if not hulls:
-        raise AssetError("has no collision part", file=file, remedy="check its size and scale")
+        raise AssetError(
+            "the file has no usable collision part", file=file, remedy="check the size and the scale of the object"
+        )
     if counts["dropped"]:
         warnings.append(f"{counts['dropped']} parts of {collision} under 1 mm are left out")
     model = RigidModel(

@@ -29,9 +29,9 @@ def select(
             class, where ``WHICH`` is an id, ``train``, ``test``, ``new``, ``all`` or ``random``.
         every: whether to select all objects of the library's own classes as well. This is the default if neither
             ``words`` nor ``drawn`` is given.
-        drawn: number of random objects that are selected additionally from each class in ``words``, or from every class
-            if ``words`` is empty. Random objects of a generated class are new objects. Random objects of a folder can
-            be any objects in the folder.
+        drawn: number of random objects to select from each class in ``words``, in addition to the objects that
+            ``words`` selects. If ``words`` is empty, the random objects come from every class. For a generated class,
+            they are new objects; for a folder, they can be any objects in the folder.
         seed: seed of ``random`` and ``drawn``.
         kind: kind of the selected objects; None: both kinds.
 
@@ -70,11 +70,11 @@ def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
 def words_of_objects(
     instances: Callable[[str], Sequence[str]], classes: Mapping[str, str], words: Sequence[str]
 ) -> dict[str, Sequence[str]]:
-    """Return, for each object of a task by name, the values of the option ``--instances`` that apply to the object.
+    """Return the values of the option ``--instances`` that apply to each object of a task, by the object's name.
 
-    If all values are sets (``all``, ``train``, ``test``, ``new``), they apply to every object of the task. If any
+    If all values are sets (``all``, ``train``, ``test``, ``new``), the values apply to every object of the task. If any
     value is an id, the values apply only to the object that :func:`object_of_ids` names, because an id belongs to one
-    class. All instances of the task's other objects are then allowed.
+    class. The task's other objects then get the value ``all``.
 
     Args:
         instances: function that lists the ids of a class.

@@ -56,8 +56,8 @@ class Shelf(ABC):
         return instance_id in self.instances(asset_class)
 
     def remedy(self, asset_class: str, instance_id: str) -> str:
-        """Return advice on how to correct an unknown instance id, for the end of an error message. The advice names
-        similar ids.
+        """Return advice for the error message about an unknown instance id. The advice names ids that are similar to
+        the unknown id.
         """
         return near(instance_id, self.instances(asset_class))
 

@@ -1,7 +1,7 @@
-"""Read the URDF files of objects with ``gensim2_kpam.read_urdf``. The module also reads the links of robots, which are
-only displayed. Lengths keep the unit of the file: an object's scale is applied later.
+"""Read the URDF files of objects with ``gensim2_kpam.read_urdf``. The module also reads the links of robots that are
+only displayed. Lengths keep the unit of the file, because the scale of an object is applied later.
 
-Files are refused if their links do not form a tree or their numbers are implausible.
+A file is refused if its links do not form a tree or if its numbers are implausible.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ class ShapeElement:
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
     """A joint of a URDF file, before the object's scale is applied. ``T`` (4, 4) is the pose of the joint frame in the
-    parent link's frame. ``axis`` (3,) is the axis as written in the file, which may be zero. ``limits`` are in rad, or
-    in the file's unit of length for a prismatic joint.
+    parent link's frame. ``axis`` (3,) is the joint axis exactly as the file states it, so it may be a zero vector.
+    ``limits`` are in rad for a revolute joint, and in the file's unit of length for a prismatic joint.
     """
 
     name: str
@@ -139,7 +139,7 @@ def parse_urdf(content: bytes, file: Path) -> Urdf:
     children = {joint.child for joint in joints.values()}
     roots = [name for name in links if name not in children]
     if len(roots) != 1:
-        raise AssetError(f"has {len(roots)} root links instead of one", file=file, field="link")
+        raise AssetError(f"the file has {len(roots)} root links instead of one", file=file, field="link")
     materials = {name: np.array(rgba) for name, rgba in written["materials"]}
     return Urdf(file, links, tuple(joints.values()), materials)
 
@@ -168,7 +168,9 @@ def _refuse_mimic_loops(joints: dict[str, UrdfJoint], file: Path) -> None:
                 raise AssetError(f"no joint {reprlib.repr(leader)}", file=file, field=f"joint {chain[-1]}: mimic")
             if leader in chain:
                 loop = " -> ".join([*chain[-3:], leader])
-                raise AssetError(f"joints mimic each other: {loop}", file=file, field=f"joint {leader}: mimic")
+                raise AssetError(
+                    f"the joints mimic each other in a loop ({loop})", file=file, field=f"joint {leader}: mimic"
+                )
             chain.append(leader)
             if len(chain) > MAX_MIMICS:
                 raise AssetError(
@@ -335,7 +337,7 @@ def unit_axis(joint: UrdfJoint, file: Path) -> Array:
 
 
 def fixed_frames(urdf: Urdf, movable: UrdfJoint) -> dict[str, dict[str, Array]]:
-    """Return the unscaled poses of the body's links (in the root frame) and the moving part's links (in its frame).
+    """Return the unscaled poses of the body's links in the root frame, and of the moving part's links in its own frame.
 
     Raises:
         AssetError: the links form no tree.

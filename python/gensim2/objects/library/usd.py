@@ -1,12 +1,12 @@
 """Convert a USD file to a URDF file with meshes, which :mod:`gensim2.objects.library.importer` reads.
 
-The USD library (``usd-core``) runs in a subprocess with limited memory and time. This module first copies the USD files
-of the source's folder, with the same size limits as for other untrusted objects, and the library opens only the copies.
-The conversion follows these rules:
+The USD library (``usd-core``) runs in a subprocess with limited memory and time. Because objects are untrusted, this
+module first copies the USD files of the source's folder and limits their size. The library opens only the copies. The
+conversion follows these rules:
 
-- Each prim with ``PhysicsRigidBodyAPI`` becomes a link. A joint may also name a prim that is not part of any rigid
-  body; such a prim belongs to the static part of the scene, which then becomes the root link. The scene must have
-  exactly one group of connected links with a revolute or prismatic joint. This group becomes the object.
+- Each prim with ``PhysicsRigidBodyAPI`` becomes a link. Prims outside all rigid bodies form the static part of the
+  scene. If a joint names a prim of the static part, the static part becomes the root link. The scene must have exactly
+  one group of connected links with a revolute or prismatic joint. This group becomes the object.
 - Prims with ``PhysicsCollisionAPI`` become collision shapes, and so do the prims below them in the same link. Visible
   prims with the purpose ``default`` or ``render`` become visual shapes. A link that has only collision shapes shows
   these shapes; a link that has only visual shapes collides with them.
@@ -163,8 +163,9 @@ class _Copier:
 
 
 def _plain(name: str, file: Path) -> str:
-    """Return a file reference from a USD file unchanged if it is a relative path. Raise an error for a reference of any
-    other form: a URL, an absolute path, an expression, a path inside a package, or a path with format arguments.
+    """Check that a USD file refers to another file by a relative path, and return this path unchanged. References of
+    any other form raise an error: a URL, an absolute path, an expression, a path inside a package, or a path with
+    format arguments.
     """
     if not name or name.startswith("/") or any(sign in name for sign in ":`[]\\\0") or not name.isprintable():
         remedy = "refer to a file by a relative path, and copy the file into the folder"
@@ -182,10 +183,10 @@ class _Joint:
         name: name of the prim.
         kind: ``revolute``, ``continuous``, ``prismatic`` or ``fixed``.
         bodies: paths of the two links; ``""`` is the static part of the scene.
-        frames: pose (4, 4) of the joint frame in the frame of each of the two links, with the links at the poses that
-            the file gives them.
-        axis: (3,) joint axis in the joint frame. At positive joint values the second link has moved along this axis, or
-            turned about it, relative to the first.
+        frames: pose (4, 4) of the joint frame in the frame of each of the two links, for the poses of the links in the
+            file.
+        axis: (3,) joint axis in the joint frame. A positive joint value moves the second link along this axis, or turns
+            it about this axis, relative to the first link.
         limits: rad or m; None for a continuous or fixed joint.
     """
 
@@ -411,7 +412,7 @@ class _Converter:
                 above = joint.bodies.index(parent)
                 child = joint.bodies[1 - above]
                 if child in frames:
-                    raise AssetError("closes a loop of joints", file=self._file, field=joint.name[:80])
+                    raise AssetError("the joint closes a loop of joints", file=self._file, field=joint.name[:80])
                 frames[child] = joint.frames[1 - above]
                 names[child] = self._urdf.name(child, "link")
                 T = np.linalg.inv(frames[parent]) @ joint.frames[above]
@@ -420,7 +421,7 @@ class _Converter:
                 )
                 if joint.kind != "fixed":
                     limits = joint.limits
-                    # the joint's first body is the child, so the positions have the opposite sign
+                    # If the joint's first body is the child link, the joint values change their sign.
                     if above == 1 and limits is not None:
                         limits = -limits[1], -limits[0]
                     self._urdf.move(element, joint.axis, limits)
@@ -452,7 +453,9 @@ class _Converter:
             self._urdf.weigh(element, found.mass, T, found.inertia)
 
     def _add_shape(self, element: Any, kind: str, prim: Any, T_from_world: Array) -> list[Array]:
-        """Write a shape, and return the hull's points (N, 3) of a collision shape in the link's frame."""
+        """Write a shape. Return the points (N, 3) of a collision shape in the link's frame, as a list with one array.
+        The list is empty for a visual shape.
+        """
         matrix, look = T_from_world @ self._matrix(prim), self._look(prim)
         solid = kind == "collision"
         primitive = self._primitive(prim, matrix)
@@ -486,7 +489,7 @@ class _Converter:
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = unit, matrix[:3, 3]
         if np.linalg.det(unit) < 0:
-            T[:3, 2] *= -1.0  # a mirrored shape is the same shape, because all four kinds are symmetric
+            T[:3, 2] *= -1.0  # a mirrored cube, sphere, cylinder or capsule has the same shape as the original
         if kind == "Cube":
             return T, "box", scale * self._positive_of(prim, "size")
         if kind == "Sphere":

@@ -32,7 +32,8 @@ from gensim2.objects.shapes import pose, transform
 Array = npt.NDArray[np.float64]
 Pieces = Sequence[tuple[Array, Faces]]
 
-# number of joint values at which overlapping parts of hulls are cut off; at every second value the overlap is checked
+# Number of joint values at which overlapping parts of hulls are cut off. The later check of the finished object for
+# overlaps uses every second of these values.
 POSES = 9
 FINE = 0.0012  # m, cell size of the grid that tests which points of a link's surroundings are free for the other link
 SPACING = 0.004  # m, distance between neighbouring sample points on a link's own surface
@@ -118,8 +119,8 @@ def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 
 
 def _needed(space: VoidSpace, points: Array) -> Array:
-    """Return the points at which the other link moves through the free space of this link. The hulls of this link must
-    leave these points free.
+    """Return the points of the free space of this link through which the other link moves. The hulls of this link must
+    not cover these points.
 
     Args:
         space: free space around the meshes of this link.
@@ -221,12 +222,12 @@ def _intruders(
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """Return sample points (N, 3) on the surfaces of both links' hulls, where one hull of this link overlaps hulls of
-    the other link.
+    """Return sample points (N, 3) at which one hull of this link overlaps hulls of the other link. The points lie on
+    the surfaces of these hulls.
 
     Args:
-        hull: (K, 3) vertices of the hull.
-        block: the same hull, for depth queries.
+        hull: (K, 3) vertices of the hull, in this link's frame.
+        block: the same hull in the same frame, prepared for depth queries.
         placed: sample points on each hull of the other link, in this link's frame, for each of ``poses``.
         shapes: hulls of the other link, in its frame.
         poses: (4, 4) poses of the other link in this link's frame.
@@ -234,7 +235,7 @@ def _intruders(
 
     Returns:
         The points of all poses together, in this link's frame. The array is empty if the overlap is nowhere deeper than
-        ``NOTICED``. ``hull`` and ``block`` are in this link's frame, too.
+        ``NOTICED``.
     """
     own = surface_samples(hull)
     found = []
@@ -272,12 +273,12 @@ def _thin_out(points: Array) -> Array:
 
 
 def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Cut a plane through ``hull`` to remove the points that overlap the other link. Return the remaining part, or None
-    if nothing remains. Return ``hull`` unchanged if no plane separates these points from the mesh surface.
+    """Cut ``hull`` by a plane, so that it no longer overlaps the other link. Return the remaining part, or None if
+    nothing remains. Return ``hull`` unchanged if no plane separates the overlap from the mesh surface.
 
     Args:
         hull: (M, 3) vertices.
-        own: (K, 3) samples of this link's mesh surface that no other hull of this link covers.
+        own: (K, 3) samples of this link's mesh surface that only this hull covers.
         intruders: (N, 3) points of the overlap with the other link, which the plane should cut off.
     """
     if not len(own):
@@ -301,7 +302,8 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
     ours, theirs = own @ table.T, intruders @ table.T
-    # The first half of the losses belongs to the normals in ``table``, the second half to their opposites.
+    # A loss is the depth of mesh surface that a plane cuts off. The first half of ``losses`` belongs to the normals in
+    # ``table``, and the second half to the opposite normals.
     losses = np.concatenate([ours.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - ours.min(axis=0)]) - RESIDUE
     table = np.concatenate([table, -table])
     best = float(losses.min())

@@ -11,8 +11,8 @@ Array = npt.NDArray[np.float64]
 
 
 class HullsKey:
-    """Cache key for a tuple of hulls. Two keys are equal if they refer to the same tuple object. A key keeps a
-    reference to its tuple.
+    """Cache key for a tuple of hulls. Two keys are equal only if they refer to the same tuple object, so a comparison
+    does not read the hulls. A key keeps a reference to its tuple, so that no other tuple gets the same identity.
 
     Args:
         hulls: convex vertex sets, each (N, 3).

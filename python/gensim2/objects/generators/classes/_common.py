@@ -67,7 +67,9 @@ def turned(solids: list[Solid], origin: Vec3, axis: Vec3, angle: float) -> list[
 
 
 def turn_about(origin: Vec3, axis: Vec3, angle: float) -> Array:
-    """Return the (4, 4) rotation about the line through ``origin`` along ``axis``."""
+    """Return the transform (4, 4) that rotates points by ``angle`` rad about the line through ``origin`` along
+    ``axis``.
+    """
     T = pose(axis=axis, angle=angle)
     o = np.asarray(origin, float)
     T[:3, 3] = o - rotation(axis, angle) @ o
@@ -146,14 +148,14 @@ _SECTION = 2 * np.pi * np.arange(8) / 8
 
 
 def extra(rng: Rng) -> Rng:
-    """Return a separate random generator for visual details. The shape of the object then does not depend on how many
-    random numbers the details use.
+    """Return a separate random generator for visual details. A change of the visual details then does not change the
+    shape of the object.
     """
     return np.random.default_rng(rng.bit_generator.random_raw())
 
 
 def at(blueprint: Blueprint, q: float) -> list[Solid]:
-    """Return all parts of a blueprint with its revolute joint at ``q``, as one rigid body."""
+    """Return all parts of a blueprint, placed as at the value ``q`` (rad) of its revolute joint."""
     moved = turned(blueprint.moving, blueprint.joint_origin, blueprint.joint_axis, q)
     return [*blueprint.body, *moved]
 
@@ -217,8 +219,8 @@ def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | Non
 
 
 def lifted(parts: list[Solid], head: Vec3, description: str, **keypoints: Keypoint) -> Blueprint:
-    """Return the blueprint of an object that can be lifted at the point ``head``. Lifting moves a vertical prismatic
-    joint, to which all parts of the object belong.
+    """Return the blueprint of an object that can be lifted at the point ``head``. All parts of the object move together
+    on a vertical prismatic joint.
     """
     return sliding([], parts, (0, 1, 0), (0.0, 0.2), head=(head, description), **keypoints)
 

@@ -18,14 +18,15 @@ def _trim(
     metal: Look,
     lock: bool,
 ) -> tuple[list[Solid], list[Solid]]:
-    """Generate random visual fittings for body and lid: corner plates, straps or plank lines, and a lock plate.
+    """Generate random visual fittings for body and lid. These are corner plates, straps or lines between planks, or
+    none of them; a lock plate is added if ``lock`` is true.
 
     Args:
         rng: random generator.
         size: width, height, depth of the body, m.
         lid: height (y) of the lid's upper face, and thickness of the lid, m.
         metal: material of the fittings.
-        lock: whether the lid has a tab for a lock plate.
+        lock: whether to add a lock plate.
     """
     width, height, depth = size
     top, front = height / 2, depth / 2

@@ -34,7 +34,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     body += c.feet(width, depth, -height / 2, 0.008, 0.012)
     drum = tube((0, y0, front - wall), (0, y0, -0.3 * depth), 0.72 * radius, 0.72 * radius, 0.003, c.STEEL, 16)
     body += [part.visual_only() for part in drum]
-    # The front looks like a plate with a round hole; its collision shape is four bars around a square hole.
+    # The front is drawn as a plate with a round hole. For collisions, it consists of four bars around a square hole.
     disc = [(1.10 * radius, 0.0), (1.10 * radius, 1.0), (0.70 * radius, 1.0), (0.70 * radius, 0.0)]
     body.append(turned_profile((0, y0, front), (0, y0, front + 0.001), disc, look))
     body.append(c.hoop((0, y0, front), (0, 0, 1), 0.71 * radius, 0.004, c.RUBBER))

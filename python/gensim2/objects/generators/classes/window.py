@@ -13,7 +13,9 @@ from gensim2.objects.shapes import Look, Solid, Vec3, box
 
 @dataclass(frozen=True)
 class WindowFrame:
-    """Inner width and height, width of the frame's bars and thickness of the sash (m), and materials of a window."""
+    """Dimensions (m) and materials of a window: its inner width and height, the width and depth of the bars of its
+    frame, the thickness of the sash, and the materials of frame and metal parts.
+    """
 
     width: float
     height: float

@@ -34,8 +34,8 @@ class RigidClass:
 
     Attributes:
         mass: mass of the real item, kg, as published with the YCB object set.
-        scale: scale of lengths, chosen so that a Panda can grasp the object; the mass is multiplied by the cube of the
-            scale.
+        scale: factor that multiplies all lengths, so that a Panda can grasp the object. The cube of this factor
+            multiplies the mass.
         build: function that creates the geometry.
         friction: friction coefficient of the surface.
         description: phrase that describes the object.
@@ -126,7 +126,7 @@ def _circle(radius: float, height: float, sides: int) -> Array:
 def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, sides: int = 12) -> list[Solid]:
     """Return a round vessel that is open at the top.
 
-    The vessel has a floor and a wall. The wall consists of rings of flat segments (staves), one ring between each two
+    The vessel has a floor and a wall. The wall consists of rings of flat segments (staves). Each ring connects two
     consecutive points of the outline.
 
     Args:
