@@ -36,9 +36,9 @@ def keypoint_problem(
         problem: recorded problem, with its keyframe times and keypoints.
         scene: scene with the obstacles of the problem.
         robot: model of the arm with hand and fingers.
-        frames: frame of the hand's translations that the config lists for the time after the actuation keyframe. With
-            ``"original"``, the translations are in the frame of the original GenSim2 solver, which is rotated by the
-            object's yaw. With ``"object"``, the translations are in the hand frame.
+        frames: frame in which the config gives the motions of the hand after the actuation keyframe. With
+            ``"original"``, this is the frame of the original GenSim2 solver, which is rotated by the object's yaw. With
+            ``"object"``, it is the frame of the hand.
         options: solver options that replace the default options for recorded problems.
 
     Raises:
@@ -46,7 +46,8 @@ def keypoint_problem(
             names the problem.
     """
     joint = scene.joint
-    # The original GenSim2's solver has no margin and ignores collisions between the hand and the manipulated object.
+    # The solver of the original GenSim2 keeps no margin to obstacles, and it ignores collisions between the hand and
+    # the manipulated object.
     recorded: kpam.Options = {
         "timing": "config",
         "frames": frames,

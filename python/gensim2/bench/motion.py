@@ -48,7 +48,9 @@ _PROBLEM = TypeAdapter(MotionProblem)
 
 @dataclass(frozen=True)
 class MotionSummary:
-    """Summary of all problems: CPU times in ms, durations of motions in s."""
+    """Summary of all problems. CPU times are in ms. Durations (s) and path lengths (rad) are medians over the solved
+    problems.
+    """
 
     problems: int
     statuses: dict[str, int]
@@ -110,7 +112,7 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
         raise InputError(
             f"is not a valid obstacle: {type(error).__name__}: {error}",
             field=name,
-            remedy="give type (box, cylinder or sphere), position, quaternion_wxyz, and half_extents, radius or length",
+            remedy="give position and type, and half_extents (box), radius and length (cylinder) or radius (sphere)",
         ) from error
 
 
@@ -139,8 +141,9 @@ def solve_motions(
     - ``cpu_ms``: CPU time of the planning call in ms, including the time to build the scene.
     - ``duration``: duration of the motion, s.
     - ``length``: length of the path in joint space, rad.
-    - ``nearer``: pairs of bodies that are already closer than ``margin`` at the start or at the goal, each with its
-      distance in m. Along the motion, the planner keeps this distance between the two bodies instead of ``margin``.
+    - ``nearer``: pairs of bodies whose distance at the start or at the goal is already smaller than ``margin``. Each
+      entry has the names of the two bodies and their distance in m. Along the motion, the planner requires only this
+      distance between the two bodies, not ``margin``.
     - ``checks``: number of collision checks.
     - ``samples``: joint positions every 5 ms, rad.
 
@@ -153,8 +156,8 @@ def solve_motions(
         ```
     """
     model = robots.robot(robot).model
-    # Check for one collision before the planning calls are timed, because the first check also computes the spheres
-    # around the robot's links.
+    # Run one collision check before the planning calls are timed. The first check also computes the spheres that cover
+    # the robot's links, and the measured times should not include this computation.
     rest = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
     kpam.Scene(model).in_collision(rest)
     records: list[dict[str, Any]] = []

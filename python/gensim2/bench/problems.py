@@ -212,7 +212,7 @@ def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
         data = json.loads(line, parse_constant=_no_constant)
     except json.JSONDecodeError as error:
         raise InputError(
-            f"not JSON: {error.msg} at column {error.colno}",
+            f"the line is not valid JSON: {error.msg} at column {error.colno}",
             file=file,
             field=where,
             remedy="write one JSON object on each line",

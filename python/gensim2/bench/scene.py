@@ -85,7 +85,7 @@ def convex_points(points: Array) -> Array | None:
 Array = npt.NDArray[np.float64]
 Role = Literal["table", "object_body", "moving_link", "rigid", "target", "attached"]
 
-#: Table of the recorded scenes: half extents and centre, world frame, m.
+#: Half extents (m) of the table in the recorded scenes. ``TABLE_CENTER`` (m) is its centre in the world frame.
 TABLE_HALF_EXTENTS = np.array([0.65, 0.65, 0.025])
 TABLE_CENTER = np.array([0.0, 0.0, -0.025])
 
@@ -100,9 +100,9 @@ class SceneObstacle:
 
     Attributes:
         name: unique name in the scene.
-        role: ``"table"``; ``"object_body"`` or ``"moving_link"``, which are the fixed and the movable part of an
-            articulated object; ``"target"`` for a rigid object to which the constraints of the motion refer;
-            ``"attached"`` for a grasped object; or ``"rigid"`` for any other rigid object.
+        role: role of the body in the problem. ``"table"`` is the table. ``"object_body"`` is the fixed part of an
+            articulated object, and ``"moving_link"`` is its movable part. ``"target"`` is a rigid object to which the
+            constraints of the motion refer. ``"attached"`` is a grasped object. ``"rigid"`` is any other rigid object.
         hulls: vertices (N, 3) of each hull in the body frame, m.
         pose: (4, 4) pose of the body in the robot base frame, or in the hand frame if ``role`` is ``"attached"``.
     """
@@ -129,7 +129,9 @@ class SceneJoint:
 
 @dataclass(frozen=True)
 class ProblemScene:
-    """Obstacles of a problem and the moving joint; ``warnings`` lists meshes that could not be loaded."""
+    """Obstacles of a problem, and the movable joint of its articulated object. ``warnings`` lists meshes that could not
+    be loaded.
+    """
 
     obstacles: tuple[SceneObstacle, ...]
     joint: SceneJoint | None

@@ -24,7 +24,7 @@ from gensim2.core.progress import NULL_PROGRESS, Progress
 
 #: Number of problems per thread that are passed to the solver in one call.
 BATCH_PER_THREAD = 8
-#: Time step (s) at which clearances are computed for the report.
+#: Time step (s) at which the clearances along a motion are computed.
 CLEARANCE_STEP = 0.02
 #: Minimum time step of the written joint positions, s; at this step a motion of 30 s has 30,000 samples.
 SHORTEST_SAMPLE_DT = 0.001
@@ -34,7 +34,7 @@ SHORTEST_SAMPLE_DT = 0.001
 class BenchSummary:
     """Summary of all problems. Each time is the median CPU time over the problems, in ms.
 
-    ``peak_memory_mb`` is the peak memory of the process, including scenes and output.
+    ``peak_memory_mb`` is the peak memory of the whole process, which also holds the scenes and the output.
     """
 
     problems: int

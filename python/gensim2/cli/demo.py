@@ -27,10 +27,11 @@ def _show(result: dict[str, Any]) -> None:
 def demo(task: str, *, episodes: Count = 5, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
     """Record demonstrations of a task.
 
-    TASK is a task of the library, or a folder with task.yaml and strategies/. Successful episodes (verdict held) become
-    demonstrations. --json also contains the number of episodes that pass each verdict, and the CPU seconds of all
-    processes (not including the time to start them). The exit code is 1 if fewer demonstrations succeeded than
-    requested.
+    TASK is a task of the library, or a folder with task.yaml and strategies/. An episode becomes a demonstration if it
+    passes the verdict held: the goal is true at the end, the scene is then at rest, and the goal stays false in the
+    same scene if the robot does not move. The JSON output contains the number of episodes that pass each verdict. It
+    also contains the CPU seconds of all processes, not including the time to start them. The exit code is 1 if fewer
+    demonstrations succeeded than requested.
 
     Args:
         episodes: Number of demonstrations to record.

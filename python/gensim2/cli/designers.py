@@ -26,7 +26,7 @@ class Designing:
     Attributes:
         mode: explore designs single-step tasks. topdown decomposes long tasks into steps. bottomup combines verified
             tasks into long tasks. free designs whole tasks, which may use several objects, grasped tools and all types
-            of success criteria.  [default: explore; offline designer: all tasks]
+            of success criteria.  [default: explore. Default of the offline designer: single-step and long tasks]
         trials: Number of alternative configs to request at once for a step.  [default: 3]
         max_rounds: Maximum number of answers to one request, including corrected answers. It is also the maximum number
             of rounds that improve configs after simulation.  [default: 3]
@@ -119,7 +119,9 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
     from gensim2.tasks.library import task_names
 
     if target_task in task_names():
-        raise InputError("cannot be combined with an existing task", field="--target-object", remedy="leave it out")
+        raise InputError(
+            "cannot be combined with an existing task", field="--target-object", remedy="leave out --target-object"
+        )
     library = open_library(scene.assets)
     if target_object not in library.classes():
         message = f"{library.location} has no class {target_object!r}"

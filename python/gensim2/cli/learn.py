@@ -36,8 +36,8 @@ class Learning:
         start: Multi-task keypose policy to start from: a policy of learn, or builtin. The new policy learns TASKS in
             addition to the tasks of this policy, and all tasks are evaluated.
         demonstrations: Earlier run of learn for another policy type with the same TASKS, objects and seed. The new run
-            reuses its demonstrations. If time for demonstrations remains, which is a part of --minutes, the new run
-            makes more demonstrations.
+            reuses the demonstrations of this run. A part of --minutes is reserved for demonstrations. If
+            some of this time is left, the new run makes more demonstrations.
         text: Text encoder of a multi-task policy: small is trained with the policy, clip is the text encoder of CLIP,
             and sentence is a sentence encoder.  [default: the encoder of --from, else small]
         text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP on the Hugging Face

@@ -194,7 +194,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _was_printing(error: OSError) -> bool:
     """Return whether this error comes from writing to standard output.
 
-    The innermost frame of the error's traceback decides: the frame must belong to a module that prints.
+    This is assumed if the error names no file and was raised inside click, rich or ``gensim2.cli``, which print to
+    standard output.
     """
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:

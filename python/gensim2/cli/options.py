@@ -25,7 +25,7 @@ class _Physics(click.ParamType[str]):
     name = "physics"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the name of the physics settings."""
+        """Check the value, and return the normalized name of the physics settings."""
         from gensim2.scenes.physics import physics_name
 
         try:
@@ -40,7 +40,7 @@ class _Robot(click.ParamType[str]):
     name = "robot"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the key of the robot."""
+        """Load the robot, and return the name under which it is registered."""
         from gensim2.robots import load_robot
 
         return load_robot(value)
@@ -87,8 +87,8 @@ class Shared:
         out: Output folder.  [default: runs/<date>-<time>]
         physics: Physics settings: joint friction, densities, materials, solver, default poses, finger drives and
             redraws. The preset default has gensim2's own settings, and the preset original has the settings of the
-            GenSim2 release. A preset can be changed, as in original+gripper=default. A YAML or JSON file of settings is
-            also accepted.
+            GenSim2 release. To change one setting of a preset, add + and the setting: original+gripper=default takes
+            only the setting gripper from default. A YAML or JSON file of settings is also accepted.
         randomization: Random ranges of scenes. paper uses the ranges of the task, and paper-half uses ranges half as
             wide. wide uses wider ranges, and also varies the friction and mass of the objects and the start pose of the
             robot.
@@ -143,7 +143,7 @@ _SHARED = options_of_class(Shared)
 #: Options that determine scenes and episodes.
 SCENE = ("assets", "instances", "engine", "physics", "redraw", "randomization", "robot")
 EPISODES = ("seed", *SCENE, "open_loop")
-#: Options that determine what the planner knows.
+#: Options that determine whether the planner gets the true scene or an estimate, and the noise of the estimate's input.
 PLANNER = ("scene_source", "depth_noise")
 #: Options of simulator processes.
 PROCESSES = ("workers", "time_limit", "jobs_per_worker")
@@ -155,7 +155,8 @@ class Ending:
 
     Attributes:
         result: result of the command, which is shown and written as usual.
-        error: exception that then ends the command.
+        error: exception that the command raises after it has shown and written the result; by default an exit with code
+            1.
     """
 
     result: dict[str, Any]
@@ -185,11 +186,11 @@ def command(
     Args:
         shared: options that the command has in common with others: names of attributes of :class:`Shared`, or classes
             of options. The function receives their values as keyword arguments.
-        name: name of the command; None: the function's name.
+        name: name of the command. If it is None, the command has the function's name.
         show: function that prints the command's result (a dictionary or :class:`Ending`). A command with ``show`` also
             has the option ``--json``.
         text: function that formats the result for the file of ``--json``.
-        beside: additional options.
+        beside: additional options of the command, as click objects.
     """
 
     def decorate(function: Callable[..., Any]) -> click.Command:

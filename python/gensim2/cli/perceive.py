@@ -117,7 +117,7 @@ def measure(
     """Measure the errors of an estimator.
 
     The command gives point clouds of single objects to the estimator DIR, and compares its estimates with the simulated
-    objects. A cloud in which the estimator does not find the object counts with fixed large errors.
+    objects. If the estimator does not find the object in a cloud, the command counts fixed large errors for this cloud.
 
     Args:
         out: Folder for worst.png, a picture of the ten clouds with the largest errors.  [default: no picture]
@@ -125,8 +125,8 @@ def measure(
         classes: Class to measure; can be repeated.  [default: all classes of the estimator]
         objects: Maximum number of objects of each class.
         looks: Number of point clouds of each object.
-        noisy: Add the noise deployed to the depth images, which is the noise d435 plus random calibration and clock
-            errors.
+        noisy: Add noise to the depth images: the preset deployed, which is the noise d435 plus random calibration and
+            clock errors.
     """
     from gensim2.perception.estimation.measuring import measure as function
 

@@ -65,7 +65,7 @@ def render(
         depth_noise: Add white noise with the parameters of a RealSense D435; same as --noise white.
         tasks: Render only this task; can be repeated.
         episodes: Number of episodes of each task, starting with the first successful one.  [default: all]
-        resume: Continue the observations in DIR.
+        resume: Continue an interrupted rendering of DIR.
     """
     from gensim2.data.rendering import render as function
     from gensim2.perception import CloudSettings, ObservationSpec
@@ -73,7 +73,7 @@ def render(
     from gensim2.perception.noise import read_noise
 
     if depth_noise and noise is not None:
-        raise InputError("already contains white noise", field="--noise", remedy="leave out --depth-noise")
+        raise InputError("cannot be combined with --depth-noise", field="--noise", remedy="leave out --depth-noise")
     named = "white" if depth_noise else noise
     settings = CloudSettings(
         points=points,

@@ -94,8 +94,8 @@ def run_pipeline(
 
     The pipeline proposes tasks and searches for strategies that solve them. Then it verifies each task in new simulated
     episodes with objects that the search never used. It keeps a task if enough of these episodes succeed. An episode
-    does not count as a success if the goal also becomes true while the robot stands still. Finally the pipeline records
-    demonstrations of the kept tasks and adds the tasks to your own library.
+    does not count as a success if the goal also becomes true in the same scene when the robot does not move. Finally
+    the pipeline records demonstrations of the kept tasks and adds the tasks to your own library.
 
     The run folder contains the tasks, strategies, verifications, demonstrations, a video of each task and report.html.
     With a language model, the folder also contains every request with its answer and cost (docs/guides/pipeline.md).

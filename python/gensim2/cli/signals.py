@@ -21,7 +21,9 @@ AGAIN = 0.05
 
 
 def exit_code(error: BaseException) -> int:
-    """Return the exit code 128 + signal number, as shells do; 130 for Ctrl-C."""
+    """Return the exit code of a program that a signal has stopped. As in shells, the code is 128 plus the number of the
+    signal, for example 130 after Ctrl-C.
+    """
     return 128 + (error.number if isinstance(error, Stopped) else signal.SIGINT)
 
 
@@ -30,9 +32,9 @@ def stopping_signals() -> Iterator[None]:
     """Raise :class:`Stopped` on the first SIGTERM or SIGHUP in the block, and KeyboardInterrupt on Ctrl-C.
 
     After SIGTERM or SIGHUP, later signals are ignored, so that they do not interrupt the cleanup. If the parent process
-    ignores a signal (as ``nohup`` does), the signal stays ignored. If a signal arrives while a package of
-    ``SWALLOWING`` is running, the exception is raised after this package has returned, because the package would catch
-    the exception.
+    ignores a signal (as ``nohup`` does), the signal stays ignored. The packages in ``SWALLOWING`` catch all exceptions.
+    If a signal arrives while one of these packages is running, the exception is raised only after the package has
+    returned.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -169,9 +169,9 @@ def show(task: str) -> dict[str, Any]:
 def gallery(tasks: tuple[str, ...] = (), *, out: Page, progress: Progress, **given: Any) -> dict[str, Any]:
     """Write a page with a video of every task.
 
-    The page shows TASKS; without TASKS, all tasks of the paper or of --origin. For each task it has a picture, a video,
-    the instruction, the steps and the success rates. The video shows the first successful episode of at most five.
-    After Ctrl-C, --resume continues.
+    The page shows TASKS. Without TASKS, it shows all tasks of the paper, or of --origin. For each task the page has a
+    picture, a video, the instruction, the steps and the success rates. For the video, the command runs at most five
+    episodes and records the first successful one. After Ctrl-C, --resume continues.
 
     Args:
         out: Folder of the page.
@@ -187,9 +187,9 @@ def add(
 ) -> dict[str, Any]:
     """Add the kept tasks of a run, or your own task, to your library.
 
-    FOLDER is a run folder of run-pipeline, whose designed and kept tasks are added; or a folder with task.yaml and
-    strategies/ that you wrote. Your own task is verified first: 60 % of --episodes new episodes must succeed. The
-    command names the tasks that are not added, with the reason.
+    FOLDER is a run folder of run-pipeline, or a folder with task.yaml and strategies/ that you wrote. From a run
+    folder, the command adds the designed tasks that the run kept. It verifies your own task before it adds the task: at
+    least 60 % of the new episodes must succeed. If a task is not added, the command prints the reason.
 
     Args:
         episodes: Number of episodes that verify your own task.
@@ -244,8 +244,9 @@ def export(
     """Write tasks to a folder or a .zip.
 
     The command writes the tasks NAMES, or all tasks of --origin. With --to library, the output is a task library: every
-    command accepts it as --library, and accepts its subfolder OUT/<Task> as a task. With --to mjcf, the output is one
-    scene of each task with the robot, in the file OUT/<Task>.xml for python -m mujoco.viewer.
+    command accepts the folder OUT as --library, and the subfolder OUT/<Task> as a task. With --to mjcf, the command
+    writes one scene of each task, including the robot, to the file OUT/<Task>.xml. python -m mujoco.viewer can show
+    this file.
 
     Args:
         origin: Export all tasks proposed by NAME; replaces NAMES.

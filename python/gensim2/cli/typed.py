@@ -26,9 +26,9 @@ class Option:
     """Details of an option beyond its type, given in ``Annotated``.
 
     Attributes:
-        flags: names on the command line, separated by spaces; empty: the parameter's name.
+        flags: names on the command line, separated by spaces. If it is empty, the option has the parameter's name.
         metavar: placeholder of the value in the help.
-        shown: text shown instead of the default.
+        shown: text that the help shows instead of the default value.
     """
 
     flags: str = ""

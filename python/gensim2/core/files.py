@@ -109,7 +109,8 @@ def new_folder(path: Path) -> Iterator[Path]:
     handle = -1
     try:
         try:
-            # If the parent path is a file, ``_locked`` below raises the error that is reported.
+            # If the parent path is a file, ignore the error here, because ``_locked`` below raises an error with a
+            # better message.
             with contextlib.suppress(FileExistsError):
                 path.parent.mkdir(parents=True, exist_ok=True)
             # Other processes remove temporary folders that are not locked. Therefore the parent folder stays locked
@@ -142,8 +143,8 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
-    """Try to lock a folder during a block, and yield whether the lock was acquired. The lock is on the folder itself,
-    not on a lock file.
+    """Try to lock a folder during a block, and yield whether the lock was acquired. No lock file is needed, because the
+    folder itself is locked. ``how`` has the flags for ``fcntl.flock``.
     """
     handle = _folder_handle(folder)
     try:
@@ -265,7 +266,8 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def remove_temporaries(folder: Path, *, subfolders: bool = True) -> None:
-    """Remove temporary files that killed processes left in a folder; no other process may be writing there.
+    """Remove temporary files that killed processes left in a folder. Call this function only while no other process
+    writes to the folder.
 
     Args:
         folder: the folder; it may be missing.

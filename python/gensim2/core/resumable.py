@@ -115,7 +115,7 @@ class RunSettings(BaseModel):
             yield from differing(name, getattr(self, name), getattr(now, name), self.FREE)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the new record of the folder when a run with the settings ``now`` resumes the run of this record."""
+        """Return the record to store when a run with the settings ``now`` resumes the run of this record."""
         del now
         return self
 
@@ -174,7 +174,8 @@ class ResumableFolder(Generic[Settings]):
         holds: description of the folder's content for error messages, for example ``"a run"``.
         resume: whether to continue the run that the folder contains.
         lock: name of the lock file; None if the caller has already locked an outer folder.
-        alone: whether to refuse a folder that has other files and contains no run.
+        alone: whether the run needs the folder for itself. If so, a folder that contains other files but no run is
+            refused.
 
     Attributes:
         path: the folder.
@@ -213,9 +214,9 @@ class ResumableFolder(Generic[Settings]):
 
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         try:
-            # Remove the temporary files of killed workers. If the ``with`` block has raised an error (for example on a
-            # read-only disk), ignore an error of this removal, so that the caller gets the first error. The next run
-            # removes the files.
+            # Remove the temporary files of killed workers. If the ``with`` block has raised an error, for example
+            # because the disk is read-only, the removal may fail, too. Then ignore the second error, so that the caller
+            # gets the first one. The next run removes the files.
             with contextlib.nullcontext() if kind is None else contextlib.suppress(WriteError):
                 self._remove_temporaries()
         finally:
@@ -258,7 +259,8 @@ class ResumableFolder(Generic[Settings]):
         if (path / self._marker).exists():
             if not resume:
                 raise held_already(path, holds)
-        # Another run may create the marker after the check above, so the marker does not count as other content here.
+        # Another run may create the file ``marker`` after the check above, so this file does not count as other
+        # content.
         elif self._alone and any(
             entry.name not in (FolderLock.NAME, self._marker) and not entry.name.startswith(f".{self._marker}.")
             for entry in path.iterdir()

@@ -26,8 +26,8 @@ MAX_DEPTH = 30
 #: Maximum number of values. A value that is repeated by an alias is counted again for each alias.
 MAX_VALUES = 20_000
 
-#: Python refuses to convert very long integers. If the refused integer has more characters than this number, the error
-#: message says that the integer has more than 64 bits.
+#: Maximum number of characters of an integer that an error message quotes. Python refuses to convert very long
+#: integers; if a refused integer is longer, the message says that it has more than 64 bits.
 LONGEST_WHOLE_NUMBER = 100
 TOO_MANY_BITS = "a whole number of more than 64 bits"
 
@@ -83,7 +83,7 @@ def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
             "is not valid YAML: the line contains a control character", file=file, field=f"line {line}"
         ) from error
     if not isinstance(value, dict):
-        raise InputError("must be a mapping from field names to values", file=file, field="line 1")
+        raise InputError("the text must be a mapping from field names to values", file=file, field="line 1")
     check_finite(value, file)
     return value
 

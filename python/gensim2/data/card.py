@@ -71,9 +71,10 @@ class Described:
     """Data about one task's episodes for a data set card.
 
     Attributes:
-        store: episodes of the task.
-        episodes, steps: number of demonstrations, and number of control steps in all of them.
-        objects: class and id of each object.
+        store: folder of the task's stored episodes.
+        episodes: number of episodes that the card describes.
+        steps: number of control steps in these episodes.
+        objects: class and id of each object in these episodes.
     """
 
     store: TaskStore

@@ -37,9 +37,10 @@ class Clearance:
     """Clearance of one episode.
 
     Attributes:
-        distance: smallest distance in the episode, m; negative for overlaps, at most ``FARTHEST``.
-        to: nearest obstacle: ``"table"``, ``"itself"`` (the robot) or an object's name; None if nothing was within
-            ``FARTHEST``.
+        distance: smallest distance in the episode, m. It is negative if bodies overlap, and ``FARTHEST`` if all
+            distances are larger than ``FARTHEST``.
+        to: nearest obstacle: ``"table"``, ``"itself"`` (the robot) or an object's name. It is None if no obstacle was
+            closer than ``FARTHEST``.
     """
 
     distance: float
@@ -60,12 +61,13 @@ class _Body:
 class ClearanceMeter:
     """Measures the clearance of one task's episodes.
 
-    The clearance is the smallest distance of the robot's links to the table, to each other, and to every object that
-    the task does not use. An object that both fingers touch counts as grasped. The meter treats a grasped object as
-    part of the hand, but ignores its distances to the table and to the object on which it stood at the start.
+    The clearance is the smallest of three distances: between a link and the table, between two links, and between a
+    link and an object that the task does not use. An object that both fingers touch counts as grasped. A grasped object
+    counts as a part of the hand, except that the meter ignores its distances to the table and to the object on which it
+    stood at the start.
 
-    The meter also ignores distances to objects that the task uses, distances of links that no joint moves, and
-    distances between links that can never touch.
+    The meter also ignores objects that the task uses, links that no joint moves, and pairs of links that can never
+    touch.
 
     Args:
         task: task of the episodes.

@@ -139,7 +139,7 @@ def collect(
 def _description(
     given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool, objects: int | None
 ) -> DatasetRecord:
-    """Return the contents that ``dataset.json`` has before any episode was run."""
+    """Return the initial contents of ``dataset.json``, before any episode is run."""
     from gensim2.rollout.identity import digest, listings, versions
 
     return DatasetRecord(

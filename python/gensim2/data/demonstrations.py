@@ -75,11 +75,11 @@ def collect(
     Args:
         instances: name of the set of objects.
         episodes: number of demonstrations.
-        videos: number of demonstrations, from the first, for which videos are recorded. If every episode failed, videos
-            of the first failed episodes are recorded instead.
+        videos: number of videos to record. They show the first demonstrations, or the first failed episodes if every
+            episode failed.
 
     Returns:
-        The episodes. If too many episodes failed, they contain fewer than ``episodes`` demonstrations.
+        All episodes that were run. If too many of them failed, there are fewer than ``episodes`` demonstrations.
 
     Raises:
         NotRunError: episodes could not be run; all other necessary episodes are finished.
@@ -161,7 +161,7 @@ def _film(
     store: TaskStore, kept: Sequence[Episode], task: TaskSpec, evaluator: EpisodeRunner, progress: Progress
 ) -> None:
     """Record videos of demonstrations in workers; report a failure and continue."""
-    from gensim2.data.films import film_path  # this import loads the ray caster
+    from gensim2.data.films import film_path  # imported here, because the module loads the ray caster
 
     folder = store.folder
     films = [folder / "video.mp4", *(film_path(folder, number) for number in range(1, len(kept)))]
@@ -185,7 +185,9 @@ def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) ->
 
 
 def film_attempt(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
-    """Run an episode again and record a video by ray casting, even if the episode fails; runs in a worker process."""
+    """Run an episode again and record a video of it by ray casting, even if the episode fails. A worker process calls
+    this function.
+    """
     from gensim2.data.films import film_again
 
     return film_again(config, strategies, seed, video)

@@ -24,8 +24,9 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: HDF5 version of the files. Version 1.10 makes files half as large as the default version, because older versions use
-#: 2 kB of index for each of the ten arrays. Writing takes the same CPU time (benchmarks/stores.py).
+#: HDF5 version of the files. With version 1.10, files are half as large as with the default version, which is older and
+#: uses 2 kB of index for each of the ten arrays. Both versions take the same CPU time for writing
+#: (benchmarks/stores.py).
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 

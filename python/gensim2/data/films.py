@@ -153,7 +153,9 @@ def film_camera(profile: RobotProfile) -> Camera:
 
 
 def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:
-    """Draw points (N, 3), m in the base frame, as coloured squares into an image (H, W, 3), near points on top."""
+    """Draw points (N, 3), given in the robot's base frame in m, as coloured squares into an image (H, W, 3). Near
+    points cover far points.
+    """
     picture = np.empty((camera.height, camera.width, 3), np.uint8)
     picture[:] = PAPER
     seen = np.c_[points, np.ones(len(points))] @ camera.projection.T

@@ -54,7 +54,7 @@ class _Episode:
 
 @dataclass(frozen=True)
 class _Open:
-    """An open observation file, and its arrays with one row per frame."""
+    """Open observation file, together with those of its arrays that have one row for each frame."""
 
     file: h5py.File
     arrays: dict[str, h5py.Dataset]
@@ -184,7 +184,7 @@ class FrameAccess:
         return TorchFrames(self)
 
     def _actions(self, recording: Recording, frame: int) -> dict[str, Array]:
-        meant = recording.meant  # intended actions, without the noise of `collect --noise`
+        meant = recording.meant  # the actions without the noise that `collect --noise` adds
         if self._horizon == 1:
             return {"action": meant[frame]}
         rows = np.arange(frame, frame + self._horizon)

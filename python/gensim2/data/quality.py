@@ -32,7 +32,7 @@ class TaskQuality:
 
     Attributes:
         name, sentence: name and instruction of the task.
-        tried: number of episodes.
+        tried: number of episodes that were run.
         held: number of successful episodes, which pass the verdict `held`.
         strict: number of episodes that also pass the stricter verdict `strict`.
         whole: number of successful episodes in which every motion was executed completely.
@@ -45,8 +45,9 @@ class TaskQuality:
         jerks: root mean square of the arm's jerk (rad/s^3) in each successful episode.
         clearances: smallest clearance of each successful episode, m (:mod:`gensim2.data.clearance`).
         nearest: nearest obstacle of each successful episode: ``"table"``, ``"itself"`` or an object's name.
-        instances: number of uses of each object in successful episodes.
-        same_scene: number of successful episodes whose scene is the same as in an earlier episode, within a millimetre.
+        instances: for each object, the number of successful episodes that use the object.
+        same_scene: number of successful episodes whose initial scene is the same as in an earlier episode, with
+            positions rounded to a millimetre.
         same_actions: number of successful episodes whose actions are the same as in an earlier episode.
     """
 
@@ -137,7 +138,9 @@ def _quality(
 
 
 def jerk(recording: Recording, profile: RobotProfile) -> float:
-    """Return the root mean square of the arm's jerk over joints and time, rad/s^3, from measured joint positions."""
+    """Return the root mean square of the arm's jerk in rad/s^3. The mean is taken over all joints and instants, and the
+    jerk is computed from the measured joint positions.
+    """
     columns = [FIRST_JOINT + index for index in profile.arm_columns]
     positions = np.asarray(recording.env_states["articulations"][profile.agent], dtype=np.float64)[:, columns]
     third = np.diff(positions, n=3, axis=0) * profile.control_hz**3

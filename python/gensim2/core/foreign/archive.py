@@ -54,9 +54,9 @@ def open_archive(path: Path) -> zipfile.Path:
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
     """Open a zip file that has at most ``max_members`` entries, each stored or compressed by deflate.
 
-    These limits protect the memory. ``zipfile`` creates an object for every entry of the directory, so this function
-    counts the entries first. Other compressions are refused, because ``zipfile`` cannot limit the size of the data that
-    it unpacks from a block of bzip2 or LZMA.
+    Both limits keep an archive from filling the memory. ``zipfile`` creates an object for every entry, so this function
+    counts the entries before it calls ``zipfile``. Other compression methods are refused, because ``zipfile`` cannot
+    limit the size of the data that it unpacks from a block of bzip2 or LZMA.
 
     Raises:
         BadZipFile: the file has too many entries, or an entry uses another compression.

@@ -55,7 +55,7 @@ class _Beside:
 
     def get(self, name: str) -> bytes:
         wanted = name.strip()
-        # trimesh's resolver tries the paths in the same order
+        # trimesh's own resolver tries the same paths in the same order
         candidates = (wanted, wanted.lstrip("/"), Path(wanted).name)
         found = next((each for each in candidates if self._folder.has(each)), wanted)
         return read_regular(self._folder.inside(found), MAX_MESH)

@@ -80,7 +80,7 @@ def dataset_in(
         raise ForeignHdf5Error(f"{path} has the shape {size}, not {shown_shape(shape)}")
     chunk = item.chunks or ()
     if any(_bytes(each, found) > max_bytes for each in (size, chunk)):
-        raise ForeignHdf5Error(f"{path} has the shape {size}: more than {max_bytes // 2**20} MiB")
+        raise ForeignHdf5Error(f"{path} has the shape {size} and takes more than {max_bytes // 2**20} MiB")
     if item.external is not None or item.is_virtual:
         raise ForeignHdf5Error(f"{path} stores its data in another file")
     plist = item.id.get_create_plist()

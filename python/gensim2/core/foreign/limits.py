@@ -13,10 +13,12 @@ MAX_OBJECT_FILES = 20_000  # maximum number of files in the folder
 MAX_OBJECT = 512 * MIB  # maximum total size of an object's files, bytes
 MAX_OBJECT_JSON = MIB  # maximum size of a JSON file of an object, bytes
 MAX_OBJ, MAX_MATERIALS = 32 * MIB, 4 * MIB  # maximum size of an OBJ file and of a file of materials, bytes
-MAX_LOOKS = 2_000  # maximum number of materials in a mesh file; the faces of each material become a mesh
+MAX_LOOKS = 2_000  # maximum number of materials in a mesh file, because each material adds a separate mesh
 MAX_TRIANGLES = 2_000_000  # maximum number of triangles in all elements of an object
 FARTHEST_VERTEX = 1e6  # maximum absolute coordinate of a vertex, in units of the file
-LARGEST_VALUE = 1e6  # maximum absolute value, in units of the file or rad; squares of larger values lose precision
+# maximum absolute value of a coordinate or joint limit, in units of the file or rad; squares of larger values lose
+# precision
+LARGEST_VALUE = 1e6
 MAX_MIMICS = 64  # maximum length of a chain of mimic joints
 LONGEST_LINK_NAME = 100
 MAX_KEYPOINTS = 256
@@ -28,11 +30,12 @@ MAX_HEAD = MIB  # maximum size of a message's header, bytes
 # maximum size of a chunk, bytes, before and after decompression: a message of maximum size plus a margin
 MAX_CHUNK = MAX_MESSAGE + 2 * MIB
 MAX_CHANNELS = 100
-# maximum total number of pixels of all cameras in a log; the rays through so many pixels take 500 MB of memory
+# maximum total number of pixels of all cameras in a log, because the program stores one ray for each pixel; the rays of
+# this number of pixels take 500 MB of memory
 MAX_CAMERA_PIXELS = 8 * MIB
 MAX_JOINTS = 100
-# Maximum number of arm states, and also maximum number of images, that a calibration reads from a log. At 100 Hz, these
-# states cover 87 minutes.
+# A calibration reads at most this number of arm states and at most this number of images from a log. At 100 Hz, so many
+# arm states cover 87 minutes.
 MAX_STATES = MAX_PICTURES = 2**19
 MAX_POSES = 200  # maximum number of arm poses read from a log for a calibration
 MAX_POSE_BYTES = 1024 * MIB  # maximum total size of the images at the arm poses of a calibration, bytes

@@ -155,7 +155,7 @@ def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
         said = ("memory",)
     except BaseException:  # noqa: BLE001 - sent to the caller, who raises it
         said = ("bug", traceback.format_exc())
-    with contextlib.suppress(OSError):  # the parent process may have ended and cannot receive the message
+    with contextlib.suppress(OSError):  # if the parent process has ended, it cannot receive the result
         connection.send_bytes(pickle.dumps(said))
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import torch
 
 MISMATCH = "the weights do not fit the configuration"
-MAX_HEADER = 4 * 2**20  # maximum size of the header, bytes; a thousand tensors need about 100,000
+MAX_HEADER = 4 * 2**20  # maximum size of the header, bytes; the header for a thousand tensors has about 100,000 bytes
 
 
 class Shape(NamedTuple):
@@ -72,8 +72,8 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
-    """Within the block, allow the current thread to create only the PyTorch weights that ``shapes`` lists. If
-    ``shapes`` lists a shape several times, the thread may create the same number of weights with this shape.
+    """Within the block, allow the current thread to create only PyTorch weights whose type and shape are in ``shapes``.
+    If a shape occurs n times in ``shapes``, the thread may create n weights of this shape.
 
     A configuration may describe a larger model than its weights file contains. With this check, building the model
     stops at the first weight that the file does not contain, before the model fills the memory.

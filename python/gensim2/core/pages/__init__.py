@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 
 @cache
 def template(package: str, name: str) -> Template:
-    """Return a template from a package's ``templates/``; it may use the shared ``base.html.j2`` and ``parts.html.j2``.
+    """Return a template from the folder ``templates/`` of a package.
 
-    Every page is one file that loads only files from its own folder.
+    The template may use the shared templates ``base.html.j2`` and ``parts.html.j2``. A rendered page is a single HTML
+    file, and the page loads other files only from its own folder.
     """
     import jinja2  # import late, because checking arguments does not need this module
 

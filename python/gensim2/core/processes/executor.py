@@ -1,8 +1,8 @@
 """Define the interface of executors, and the outcomes of jobs.
 
 A job is a pure function of its arguments, so it gives the same result in every attempt and on any machine. Therefore a
-job is run again if its process dies. A ``GenSim2Error`` that the function raises is the job's outcome. Any other
-exception is a bug; the job then counts as not run.
+job is run again if its process dies. If the function raises a ``GenSim2Error``, this error is the outcome of the job.
+Any other exception is a bug and counts as a failed attempt. A job whose attempts all fail counts as not run.
 """
 
 from __future__ import annotations
@@ -96,10 +96,10 @@ class Tries:
     Args:
         jobs: jobs of the call.
         on_failure: callback for each failed attempt, also if a later attempt succeeds.
-        ran: whether any job has finished in an earlier call.
+        ran: whether any job has finished in an earlier call; initial value of the attribute ``ran``.
 
     Attributes:
-        ran: whether any job has finished in this call or in an earlier call.
+        ran: whether any job has finished so far, in this call or in an earlier call.
     """
 
     def __init__(
@@ -158,7 +158,9 @@ class Tries:
         return outcomes
 
     def _rest(self) -> Iterator[Job]:
-        """Yield the jobs that still have to run, until the iterator of jobs has no further job at the moment."""
+        """Yield the jobs that still have to run. Stop when no job is left, or when the next job depends on an outcome
+        that is not known yet.
+        """
         while (job := self.next()) is not None:
             yield job
 
@@ -188,9 +190,10 @@ class Executor(ABC):
 
         Args:
             function: function of a module, so that it is pickled by name.
-            jobs: iterable of jobs. The executor takes the next job when a worker becomes free. If the next job depends
-                on an outcome that is not known yet, the iterable yields None, and the executor asks it again after the
-                next outcome. If the iterable yields None while no job is running, the iteration ends.
+            jobs: iterable of jobs. The executor takes the next job when a worker becomes free. The iterable may yield
+                None if its next job depends on an outcome that is not known yet. The executor then asks for the job
+                again after the next outcome. If no job is running, there will be no further outcome, and None ends the
+                iteration.
 
         Raises:
             WorkerStartError: worker processes cannot start.

@@ -48,7 +48,8 @@ def forget_piped_script() -> None:
 def _end_server(registered: int) -> None:
     """Kill the fork server when the program ends.
 
-    While the server imports modules, it does not notice that the program has ended, and would keep files open.
+    A server that is still importing modules would not notice that the program has ended, and would keep the program's
+    files open.
     """
     server: int | None = getattr(forkserver._forkserver, "_forkserver_pid", None)
     if server is not None and os.getpid() == registered:

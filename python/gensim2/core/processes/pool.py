@@ -1,9 +1,9 @@
 """Run jobs in worker processes on this machine; the processes share no memory.
 
 Each simulator needs its own process, because SAPIEN runs one environment per process on the CPU. Workers are forked
-from a server process that has imported all modules but has run no job. A forked worker therefore starts in 0.1 s, and
-replacing a worker costs little. A spawned process would need 8 s. As with spawned processes, no state of the parent is
-copied to a worker.
+from a server process that has imported all modules but has run no job. A forked worker starts in 0.1 s, so replacing a
+worker costs little. A spawned worker would need 8 s, because it would have to import the modules. Neither kind of
+worker gets a copy of the parent's state.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Worker:
 
     @property
     def deadline(self) -> float:
-        """Monotonic time at which the job counts as hung."""
+        """Time of the clock ``time.monotonic`` at which the current job counts as hung."""
         return self._since + (self._time_limit if self._ready else START_LIMIT)
 
     def send(self, job: Job, function: Callable[..., Any], *, fresh: bool) -> None:
@@ -178,8 +178,9 @@ def start_process(
 def preload_modules(modules: Sequence[str]) -> None:
     """Let the fork server import modules once, so that workers start with the modules loaded.
 
-    The call has an effect only before the fork server starts, which happens with the first worker. Modules that cannot
-    be imported are skipped, because the jobs that need them will report the error.
+    Call this function before the first worker starts, because the fork server starts together with the first worker.
+    Later calls have no effect. Modules that cannot be imported are skipped, because the jobs that need them will report
+    the error.
     """
     _CONTEXT.set_forkserver_preload(list(modules))
 
@@ -278,8 +279,8 @@ JOBS_PER_WORKER = 500
 class WorkerPool(Executor):
     """A fixed number of worker processes.
 
-    Ctrl-C in the parent ends the workers at once and leaves the ``with`` block. Outcomes that were already yielded are
-    complete.
+    Ctrl-C in the parent ends the workers at once and leaves the ``with`` block. The outcomes that the pool has yielded
+    before are complete, so the caller can keep them.
 
     Args:
         workers: number of processes. With 0 the jobs run in this process, and unexpected exceptions are raised
@@ -303,7 +304,7 @@ class WorkerPool(Executor):
         on_failure: Callable[[Failure], None] | None = None,
     ) -> None:
         if workers < 0:
-            raise ValueError(f"workers must not be negative, but is {workers}")
+            raise ValueError(f"the number of workers must be at least 0, but is {workers}")
         super().__init__(on_failure)
         preload_modules(preload)
         self._workers = [Worker(time_limit, jobs_per_worker, prepare) for _ in range(workers)]
@@ -317,7 +318,7 @@ class WorkerPool(Executor):
             yield from super().map_unordered(function, jobs)
             return
         for job in jobs:
-            if job is None:  # no job is running that could lead to further jobs
+            if job is None:  # the next job waits for an outcome, but no job is running
                 return
             yield _run_here(function, job)
 

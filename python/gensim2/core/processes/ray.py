@@ -76,7 +76,7 @@ class _Environment:
                 function()
 
     def ready(self) -> None:
-        """Return once the environment is prepared."""
+        """Do nothing. Ray answers a call of this method only after ``__init__`` has prepared the environment."""
 
     def run(self, payload: bytes) -> bytes:
         return answer(payload)
@@ -148,9 +148,9 @@ class _Place:
 class RayPool(Executor):
     """Executor that runs jobs on a Ray cluster.
 
-    Each job runs in an actor, which is a worker process of Ray. As long as there are fewer than ``workers`` actors, the
-    pool requests one more actor than Ray has started. Ray starts this actor as soon as a new node joins the cluster, so
-    that the pool grows with the cluster.
+    Each job runs in an actor, which is a worker process of Ray. While there are fewer than ``workers`` actors, the pool
+    always keeps one request for a further actor open. Ray starts this actor as soon as a new node joins the cluster, so
+    the pool grows with the cluster.
 
     Args:
         address: ``"local"`` for a new cluster on this machine, ``"auto"`` or ``HOST:PORT`` for an existing one.
@@ -223,7 +223,7 @@ class RayPool(Executor):
 
     def _grow(self) -> None:
         """Request one actor for each CPU that the cluster had at the start. When all requested actors are ready,
-        request one more. Ray starts this actor when another CPU becomes free.
+        request one more actor, because the cluster may grow. Ray starts this actor when another CPU becomes free.
         """
         waits = any(not place.is_ready for place in self._places)
         wanted = max(self._first, len(self._places) + (not waits))
@@ -301,7 +301,8 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
     where: dict[str, Any] = {"address": address}
     if address == "local":  # without the address "local" Ray looks for a running cluster
         where |= {"num_cpus": workers or usable_cores(), "include_dashboard": False}
-        where["_system_config"] = {"worker_niceness": 0}  # Ray's default, 15, starves workers on a busy machine
+        # with Ray's default niceness, 15, workers get too little CPU time on a busy machine
+        where["_system_config"] = {"worker_niceness": 0}
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         for number in range(TRIES):

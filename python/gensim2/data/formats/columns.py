@@ -136,5 +136,7 @@ def current(camera: str) -> str:
 
 
 def formerly_nested(group: str) -> str | None:
-    """Return the column prefix for a group of camera arrays in an old zarr export; None for any other group."""
+    """Return the prefix of the column names, such as ``image_``, that replaces a group of an old zarr export, such as
+    ``image_cameras``. Return None for any other group.
+    """
     return next((prefix for prefix in (IMAGE, DEPTH) if group == f"{prefix}{_CAMERAS}"), None)

@@ -2,7 +2,8 @@
 
 An export to LeRobot or zarr contains the observations and actions from which policies learn. Its folder ``gensim2/``
 contains the original episodes. With the original episodes, the data set can be rendered with other cameras, replayed
-and imported again. They are a hundred times smaller than point clouds.
+and imported again. The original episodes add little to the size of the export, because they are a hundred times smaller
+than point clouds.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Import exported data sets.
 
 A ManiSkill export stores the complete episodes in its trajectories. A LeRobot or zarr export stores frames, and it
-stores the original episodes in a subfolder. In this case, the import copies the original episodes and checks that the
-frames agree with them.
+stores the original episodes in a subfolder. From such an export, the import copies the original episodes, and checks
+that the frames agree with the episodes.
 
 An export may be untrusted. First its files are listed and compared with its manifest. Then a process with limited
 memory parses the files. Finally the episodes of the new data set are counted, and the number is compared with the
@@ -130,8 +130,8 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """Return the name of the first part in which two episodes differ (the sentence or a column), or None. The contents
-    of point clouds and images are not compared, only their number.
+    """Return the name of the first part in which two episodes differ (the sentence or a column), or None. For point
+    clouds and images, only the number of frames is compared, not the contents.
     """
     if ours.sentence != theirs.sentence:
         return "the sentence"

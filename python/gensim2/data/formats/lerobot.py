@@ -51,7 +51,9 @@ INDICES = {
 
 @dataclass(frozen=True)
 class Totals:
-    """Running sums from which the elementwise statistics of a feature over any number of frames are computed."""
+    """Running sums, minimum and maximum over the frames of one feature. They give the statistics of each element of the
+    feature, such as its mean and standard deviation.
+    """
 
     count: int
     low: Array

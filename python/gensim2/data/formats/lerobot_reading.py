@@ -49,7 +49,7 @@ class _Info(BaseModel):
 def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
     """Yield the instruction and the columns (except images) of each episode of a LeRobot data set, ordered by index.
 
-    Scalar columns have shape (T,), all others (T, *shape).
+    A column of scalars has the shape (T,), and any other column has the shape (T, *shape).
 
     Raises:
         InputError: the folder is not a LeRobot v3.0 data set, or is damaged.

@@ -53,8 +53,8 @@ class SeenTable:
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
             is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")
-            # A fixed pose has no time axis and is stored here. The pose of a moving camera has a time axis, and readers
-            # can compute this pose from the joint positions.
+            # An array without a time axis is constant, so it is stored in ``observations.json``. The pose of a moving
+            # camera has a time axis. This pose is not stored, because readers can compute it from the joint positions.
             if is_own and arrays[name].ndim == 2:
                 self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
         for camera, link in description.get("camera_links", {}).items():

@@ -1,7 +1,7 @@
 """Read untrusted zarr folders in the layout of :mod:`~gensim2.data.formats.replay_zarr`.
 
 The metadata of each array is checked before the zarr library opens the array. Otherwise the library could unpickle
-stored objects, which can run foreign code, and could allocate more memory than the machine has.
+stored objects and thereby run foreign code, or it could allocate more memory than the machine has.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """Open an array. Check that the array has ``frames`` rows, and that an episode of ``longest`` rows, the longest
-    episode of the export, does not exceed the maximum size in memory.
+    """Open an array after two checks: the array must have ``frames`` rows, and an episode of ``longest`` rows must fit
+    into the maximum memory. ``longest`` is the number of rows of the longest episode in the export.
     """
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:
