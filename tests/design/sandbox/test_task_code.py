@@ -68,7 +68,7 @@ def test_reference_code_of_every_stored_task_makes_the_same_task() -> None:
         (
             ("import Object", "import Lid, Object"),
             "refused",
-            "task_code has no 'Lid'; a program can import Object, Place",
+            "line 2: task_code has no 'Lid'; a program can import Object, Place",
         ),
         (("done=[near]", "done=[n for n in near]"), "refused", "line 15: a list comprehension is not allowed"),
         (('"drop", "throw"', 'f"drop"'), "refused", "line 15: an f-string is not allowed"),
@@ -187,7 +187,10 @@ def test_a_description_comes_from_the_class(name: str) -> None:
         ("self.step('a')", "line 6: TypeError: Task.step() missing 1 required positional argument: 'object'"),
         ("self.step('a', self.thing, name='b')", "line 6: TypeError: Task.step() got multiple values"),
         ("self.step('a', object=self.thing, object='b')", "line 6: the argument 'object' is given twice"),
-        ("x = Object('a', 'b', 'c', 'd', 'e')", "instances, place, randomization; 5 arguments were given"),
+        (
+            "x = Object('a', 'b', 'c', 'd', 'e')",
+            "takes asset_class, instances, place, randomization; 5 arguments were given",
+        ),
     ],
 )
 def test_a_wrong_call_is_answered_by_line(line: str, words: str) -> None:
