@@ -181,14 +181,14 @@ def test_relabels_and_shards_of_other_types_or_shapes_are_refused(tmp_path: Path
         for bad in (values.astype(np.int32), values.astype(np.float64), values[..., None], values[:2]):
             Relabels("do it", {**good, name: bad}).save(path)
             if not (name == "point_cloud" and len(bad) == 2):  # the first array defines the number of rows
-                with pytest.raises(InputError, match=f"is damaged: the array '{name}'"):
+                with pytest.raises(InputError, match=f"is damaged, because the array '{name}'"):
                     Relabels.load(path)
         Relabels("do it", {each: good[each] for each in good if each != name}).save(path)
-        with pytest.raises(InputError, match=f"is damaged: the array '{name}' is missing"):
+        with pytest.raises(InputError, match=f"is damaged, because the array '{name}' is missing"):
             Relabels.load(path)
     for language in (np.zeros(()), np.array(["one", "two"])):
         write_arrays(path, {"language": language, **good})
-        with pytest.raises(InputError, match="is damaged: the array 'language'"):
+        with pytest.raises(InputError, match="is damaged, because the array 'language'"):
             Relabels.load(path)
     about = np.array(json.dumps({"scenes": 0, "failed": {}, "cpu_s": 0.0}))
     shard = {name: np.zeros(tuple(size or 4 for size in shape), dtype) for name, (dtype, shape) in data._SHAPES.items()}
@@ -196,5 +196,5 @@ def test_relabels_and_shards_of_other_types_or_shapes_are_refused(tmp_path: Path
     data._read(path)
     for name, values in shard.items():
         write_arrays(path, {"about": about, **shard, name: values.astype(np.complex64).real.astype(np.float64)})
-        with pytest.raises(InputError, match=f"is damaged: the array '{name}' has the type float64"):
+        with pytest.raises(InputError, match=f"is damaged, because the array '{name}' has the type float64"):
             data._read(path)

@@ -198,8 +198,9 @@ def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> 
 
 
 def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Array]:
-    """Replace each corner of a polyline by an arc of a parabola. The arc starts and ends on the two edges that meet at
-    the corner, three times ``radius`` away from the corner, or at the middle of an edge that is too short.
+    """Replace each corner of a polyline by an arc of a parabola. The arc leads from one edge of the corner to the other
+    edge. It starts and ends three times ``radius`` away from the corner. If this distance is more than half the length
+    of an edge, the arc starts or ends at the middle of that edge.
     """
     line = [points[0]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
@@ -259,9 +260,10 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
     Args:
         a, b: (3,) ends of the axis, m.
         profile: corners of the profile polygon. Each corner has a radius (m) and a position along the axis (0 at ``a``,
-            1 at ``b``). The corners run counterclockwise if the radius is drawn to the right and the axis upwards.
+            1 at ``b``). The corners run counterclockwise in a drawing in which the radius points to the right and the
+            axis points upwards.
         look: material.
-        sides: number of sides.
+        sides: number of flat sides that approximate the circle around the axis.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     rings = [ring(a + share * (b - a), b - a, radius, sides) for radius, share in profile]
@@ -341,7 +343,7 @@ def tube(
         j = (i + 1) % segments
         stave = np.array([r[k] for r in rings for k in (i, j)])
         parts.append(Solid(stave[convex_hull(stave).vertices], None))
-    # width of the bevel on each edge of the rim, as a fraction of the tube's height
+    # Both edges of the rim are bevelled. ``lip`` is the height of the bevels, as a fraction of the tube's height.
     lip = 0.25 * wall / float(np.linalg.norm(d))
     profile = [
         (radius_a, 0.0),

@@ -22,7 +22,7 @@ class MissingFileError(AssetError):
     """A file that an object names does not exist."""
 
 
-#: An array of float64 numbers. In JSON it is written as nested lists.
+#: An array of float64 numbers. In JSON, the array is a nested list.
 Array = Annotated[
     npt.NDArray[np.float64],
     PlainValidator(lambda values: np.array(values, dtype=np.float64)),
@@ -72,8 +72,8 @@ class Keypoint:
 
     Attributes:
         link: name of the link in the URDF; ``"body"`` for a rigid object.
-        position: (3,) metres in the frame of ``link``, scaled.
-        description: one phrase for a reader or a language model.
+        position: (3,) position in the frame of ``link``, m, at the object's final size.
+        description: short phrase that tells a reader or a language model what the keypoint is.
     """
 
     link: str
@@ -148,7 +148,7 @@ class ObjectModel(Protocol):
 
     @property
     def source(self) -> Source:
-        """``"generated"`` or ``"real"``."""
+        """Origin of the object: ``"generated"`` or ``"real"``."""
 
     @property
     def license(self) -> str:
@@ -264,18 +264,21 @@ class RigidObject:
     """A rigid object ready for simulation and planning; the object frame is the frame of its only link.
 
     Attributes:
-        asset_class: name, such as ``"mug"``; the object is the only one of its class.
+        asset_class: name of the class, such as ``"mug"``. The class contains only this object.
         source: ``"generated"`` or ``"real"``.
-        folder: folder of the prepared files ``visual.glb`` and ``hull_<i>.obj``, object frame, metres.
-        hulls: convex collision parts under ``"body"``, each (N, 3) metres in the object frame.
-        mass: kg.
-        center_of_mass: (3,) metres in the object frame.
-        inertia: (3, 3) kg m² about the centre of mass, along the axes of the object frame.
-        friction: static and dynamic friction coefficient of the surface.
+        folder: folder of the visual mesh ``visual.glb`` and the collision parts ``hull_<i>.obj``. Their vertices are in
+            metres in the object frame.
+        hulls: convex collision parts by link name, which is always ``"body"``. Each part is an array (N, 3) in the
+            object frame, m.
+        mass: mass, kg.
+        center_of_mass: (3,) centre of mass in the object frame, m.
+        inertia: (3, 3) inertia about the centre of mass, along the axes of the object frame, kg m².
+        friction: friction coefficient of the surface, for both static and dynamic friction.
         keypoints: keypoints on ``"body"`` by name: always ``rigidbody_object_head``, and ``rigidbody_object_tail`` if
             the object has two ends.
-        placement: stable pose on a table at z = 0, object to world; the object's origin lies above the world's origin.
-        grip: best grasp in this pose.
+        placement: stable pose of the object frame in the world, on a table at z = 0. The object's origin lies above the
+            world's origin.
+        grip: best grasp of the object in the pose ``placement``.
         license: licence terms of the data.
         content_hash: hex digest of all inputs of the object.
         warnings: irregularities in the object's files, and how they were repaired.

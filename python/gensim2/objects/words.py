@@ -20,8 +20,9 @@ Goal = Literal["articulated_open", "articulated_closed", "half_open", "half_clos
 UNKNOWN = 0.6
 """Usefulness of a task that no table lists, between common tasks (1) and rare tasks (0.1)."""
 
-#: For each suffix of a class name, the task name and the instruction for moving the joint to its upper limit, then the
-#: task name and the instruction for its lower limit. ``{}`` stands for the object.
+#: Names and instructions of tasks, by the suffix of the object's class name. For each suffix, the first pair is for
+#: moving the joint to its upper limit, and the second pair is for the lower limit. Each pair consists of the task name
+#: and the instruction, in which ``{}`` stands for the object.
 MOTIONS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "cap": (("Unscrew{}Cap", "unscrew the cap of the {}"), ("Tighten{}Cap", "tighten the cap of the {}")),
     "lift": (("Lift{}", "lift the {}"), ("Lower{}", "set the {} down")),
@@ -60,11 +61,11 @@ class Purpose:
 
     Attributes:
         say: sentence with ``{}`` in place of the actions, such as ``"{} to tidy the desk"``.
-        goals: joint goals that serve the purpose. Each goal has a class of objects and the limit to which their joint
-            is moved.
-        errands: pairs of a joint goal and an action. The joint goal has the same form as in ``goals``. The action puts
-            a moved object on or into a supporting object; it is given as the class of the supporting object, then the
-            class of the moved object.
+        goals: joint goals that serve the purpose. Each goal consists of a class of objects and the limit to which the
+            joint of such an object is moved.
+        errands: pairs of two actions. In the first action the robot moves a joint, given in the same form as in
+            ``goals``. In the second action the robot puts a rigid object on or into a supporting object. It is given as
+            the class of the supporting object, followed by the class of the rigid object.
     """
 
     say: str
@@ -141,8 +142,8 @@ def to_and_fro() -> tuple[ToAndFro, ...]:
 
 
 def handled(how: str) -> tuple[str, ...]:
-    """Return the rigid classes whose objects people often ask a robot to handle, the most likely class first. ``how``
-    is the kind of request: ``"lifted"`` or ``"handed over"``.
+    """Return the classes of rigid objects that people often ask a robot to lift (``how`` is ``"lifted"``) or to hand
+    over (``"handed over"``), the most likely class first.
     """
     return tuple(_table()["handled"].get(how, ()))
 

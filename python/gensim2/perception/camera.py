@@ -159,8 +159,8 @@ def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
 
 
 def mounted(camera: MountedCamera, T_base_link: npt.NDArray[np.float64]) -> Camera:
-    """Return a robot-mounted camera with its pose in the base frame. The pose is computed from ``T_base_link`` (4, 4),
-    the pose in the base frame of the link that carries the camera.
+    """Return a robot-mounted camera with its pose in the base frame. ``T_base_link`` (4, 4) is the pose of the link
+    that carries the camera, also in the base frame.
     """
     pose = T_base_link @ np.asarray(camera.T_link_camera, dtype=np.float64)
     intrinsic = pinhole(camera.width, camera.height, camera.field_of_view)

@@ -287,7 +287,9 @@ def _gather(
     points: npt.NDArray[np.float32],
     rows: npt.NDArray[np.int64],
 ) -> PointCloud:
-    """Return the points at ``rows`` (ascending) as a cloud with colours and segmentation ids."""
+    """Select points by their ascending indices ``rows``, and return them as a cloud with colours and segmentation ids.
+    The points belong to the pixels ``parts`` of the views, in the same order.
+    """
     starts = np.cumsum([0, *(len(part) for part in parts)])
     colors, ids = [], []
     for view, part, first, last in zip(views, parts, starts[:-1], starts[1:], strict=True):
@@ -316,7 +318,8 @@ def _is_number(value: Any) -> bool:
 def _corner(values: Any, name: str) -> tuple[float, ...]:
     numbers = tuple(values) if isinstance(values, Sequence) and not isinstance(values, str) else ()
     if len(numbers) != 3 or not all(_is_number(each) and abs(each) <= FARTHEST for each in numbers):
-        raise InputError(f"must be three numbers within {FARTHEST} m of the base", field=name)
+        message = f"must be three numbers from -{FARTHEST} to {FARTHEST} (coordinates in the base frame, m)"
+        raise InputError(message, field=name)
     return numbers
 
 

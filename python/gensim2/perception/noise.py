@@ -296,7 +296,9 @@ def incidence(depth: Depth, focal: float, edge: float) -> npt.NDArray[np.float32
 
 
 def _smooth(field: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
-    """Smooth white noise and restore its standard deviation."""
+    """Smooth white noise with a Gaussian filter, and scale the result to the standard deviation of the unsmoothed
+    noise.
+    """
     from scipy.ndimage import gaussian_filter
 
     return np.asarray(gaussian_filter(field, sigma, mode="wrap") / _weakened(float(sigma)), dtype=np.float32)

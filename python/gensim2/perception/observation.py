@@ -149,7 +149,7 @@ class ObservationSpec:
                 beside = " and the names of the robot's own cameras" if name == "cameras" else ""
                 said = ", ".join(map(str, given)) or "nothing"
                 raise InputError(
-                    f"must be a list without duplicates; allowed are {', '.join(known)}{beside}; got {said}", field=name
+                    f"must list names without duplicates from {', '.join(known)}{beside}, got {said}", field=name
                 )
             # Normalize the order of names, so that equal specs compare equal.
             object.__setattr__(self, name, tuple(word for word in known if word in given))
@@ -180,7 +180,7 @@ class ObservationSpec:
         """
         try:
             return ObservationSpec._of(values)
-        except (TypeError, ValueError, OverflowError) as error:  # a value of a wrong type
+        except (TypeError, ValueError, OverflowError) as error:  # raised if a value has a wrong type
             raise InputError(f"is invalid: {error}", field="observation") from error
 
     @staticmethod
@@ -214,8 +214,9 @@ class ObservationSpec:
 
         Args:
             other: spec to compare.
-            what: name for the error message of the object that ``other`` belongs to, such as a data set or checkpoint.
-            of: name for the error message of the object that this spec belongs to.
+            what: description of the owner of ``other``, such as a data set or a checkpoint; the error message quotes
+                it.
+            of: description of the owner of this spec; the error message quotes it.
 
         Raises:
             InputError: the specs differ. The message names the first differing field and its two values.

@@ -1,4 +1,6 @@
-"""Plan one step of a task in a scene. The result has the arm's motion, its actions and the predicted scene."""
+"""Plan one step of a task in a scene. The result contains the motion of the arm, the control steps that execute the
+motion, and the predicted scene after the step.
+"""
 
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject

@@ -47,8 +47,9 @@ class Acts:
 
     Attributes:
         fingers: finger mode of the strategy, such as "grasp" or "release".
-        command: gripper command from the start of the step until the fingers act, -1 to 1.
-        opening: gripper command of the open hand while it approaches a grasp, -1 to 1.
+        command: gripper command (-1 to 1) from the start of the step until the fingers close or open at the actuation
+            pose.
+        opening: gripper command while the open hand approaches a grasp, -1 to 1.
         grip: gripper command after the fingers have closed, -1 to 1.
         gently: whether the fingers close at the low speed ``CLOSING_SPEED``, so that they do not push a movable object
             away.
@@ -73,14 +74,15 @@ class Schedule:
     Attributes:
         reference: (N, 2, m) desired positions and velocities of the arm joints at the end of each step. Compensation
             for the tracking error of the joint drives is not included.
-        ends: (N,) row at which the motion that the arm performs in this row ends. While the arm stands still, this is
-            the row itself.
+        ends: (N,) for each row, the number of the row in which the present motion of the arm ends. While the arm stands
+            still, this is the number of the row itself.
         commands: (N,) gripper commands, -1 to 1.
         times: (N,) time on the plan's trajectory that is reached at the end of each step, s.
-        contact: first step of the final approach to the actuation pose, from which the hand may touch its target.
+        contact: first step of the final approach to the actuation pose. From this step on, the hand may touch its
+            target.
         actuation: first step at the actuation pose.
-        gripped: first step after the fingers have closed on an object (N if they close in the last step); None without
-            a grasp.
+        gripped: first step after the fingers have closed on an object, or None without a grasp. If the fingers close in
+            the last step, the value is N.
         released: first step in which the fingers release an object, or None.
     """
 
@@ -102,11 +104,11 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
     Args:
         mass: mass of the object, kg.
-        margin: angle (rad) between the pressing direction and the edge of the friction cone. If the two touched faces
-            are parallel, this angle is half the opening angle of the cone. The more the faces are inclined, the smaller
-            is the angle; at zero the pads slip.
+        margin: angle (rad) between the direction in which a pad presses and the edge of the friction cone. If the two
+            touched faces are parallel, this angle is half the opening angle of the cone. Inclined faces make the angle
+            smaller, and at zero the pads slip.
         lever: distance (m) of the object's centre of mass from the line between the pads. The weight of the object
-            tends to turn it about this line.
+            tends to turn the object about this line.
     """
     weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
     return max(LEAST_GRIP_FORCE, min(weights, MAX_GRIP_WEIGHTS) * mass * GRAVITY)

@@ -20,11 +20,11 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 @dataclass(frozen=True)
 class ObjectNames:
-    """Names with which a strategy may refer to parts of an object.
+    """Keypoint names and joint type of an object, against which strategies are checked.
 
     Attributes:
-        keypoints: names of its keypoints.
-        joint: type of its joint; None for a rigid object.
+        keypoints: names of the object's keypoints.
+        joint: type of the object's joint; None for a rigid object.
     """
 
     keypoints: tuple[str, ...]
@@ -38,7 +38,8 @@ def check_strategies(
     profile: RobotProfile,
     files: Mapping[str, Path | str] | None = None,
 ) -> None:
-    """Check that every step's strategies exist and name only keypoints that its tool and objects have.
+    """Check the strategies of every step of a task. Each strategy must exist, and may name only keypoints of the step's
+    tool and of the task's objects.
 
     Args:
         task: spec of the task.

@@ -18,8 +18,8 @@ Array = npt.NDArray[np.float64]
 #: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06
 
-#: Maximum number of feasible grasps that are compared, to find a grasp after which the next step can use its first and
-#: therefore preferred strategy.
+#: Maximum number of feasible grasps that the planner compares. It searches for a grasp after which the next step can
+#: use the first strategy in its list, because the strategies are listed in order of preference.
 COMPARED = 6
 
 #: Motions that pull an object out from under an obstacle before the lift.
@@ -53,11 +53,11 @@ def grasps_of(
 ) -> list[kpam.Grasp]:
     """Return collision-free grasps of a rigid object within the allowed tilt, best first.
 
-    The search first ranks grasps with the friction coefficient of the strategy. Some scenes have less friction, but a
-    ranking with that lower value would give too much weight to small misalignments of the pads. Therefore the ranking
-    is only corrected in two respects. Grasps that would slip with the scene's friction are moved to the end. In a scene
-    with less friction, grasps near the object's centre of mass are preferred, because an object that is held far from
-    its centre of mass slowly rotates between the pads.
+    The search first ranks grasps with the friction coefficient of the strategy. A scene can have a lower friction
+    coefficient. Ranking the grasps with the lower coefficient would give too much weight to small misalignments of the
+    pads, so the ranking is only corrected in two ways. First, grasps that would slip with the scene's coefficient are
+    moved to the end. Second, if the scene's coefficient is lower, grasps near the object's centre of mass are
+    preferred. An object that is held far from its centre of mass slowly rotates between the pads.
 
     Args:
         world: ``scene`` in the solver's form.

@@ -50,8 +50,9 @@ def plan_picture(
     """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
 
     If no pose meets the constraints, the picture shows the arm in the pose with the smallest violation. Object
-    keypoints are orange, tool keypoints are green, and keyframes that the arm does not reach are small. A target of
-    a point constraint that is not a keypoint itself is purple.
+    keypoints are orange, and tool keypoints are green. If the target of a point constraint does not coincide with an
+    object keypoint, the target is drawn as a purple point. Keyframes that the arm does not reach are smaller than the
+    other keyframes.
 
     Args:
         scene: scene in which the step was planned.

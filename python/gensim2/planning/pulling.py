@@ -17,8 +17,9 @@ Array = npt.NDArray[np.float64]
 #: by normal force rather than by friction.
 PADS_PULL = 0.7
 
-#: Number of points sampled on the surface, and number of hand poses tried. The numbers are large, because only few
-#: samples hit the knob of a drawer, which is small, and grasps of the knob do not get the highest rank.
+#: Number of points that are sampled on the surface, and number of hand poses that are tried. The search needs large
+#: numbers to find grasps of small parts, such as the knob of a drawer: only few samples hit the knob, and other grasps
+#: rank higher than grasps of the knob.
 SAMPLES, TRIALS = 2048, 400_000
 
 

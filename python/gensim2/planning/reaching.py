@@ -16,8 +16,8 @@ REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 #: have been unusable.
 SHORT = ("collision", "not_found", "unreachable")
 
-#: A partial motion counts as longer than another one if it completes at least this much more of the motion after
-#: actuation, as a fraction.
+#: Every partial motion completes a fraction of the motion after actuation. A partial motion counts as longer than
+#: another one if its fraction is larger by more than this value.
 LONGER = 0.01
 
 
@@ -48,9 +48,9 @@ def reach(
 
     The planner tries the clearances in the given order and returns the first complete motion. With the last clearance,
     None, the hand may touch the target in the last segment before the actuation pose. If no attempt succeeds, the
-    planner repeats the attempts that ended without a usable hand pose (a status in ``SHORT``). In this second pass the
-    solver may shift hand poses. If the second pass fails as well, the planner returns the longest partial motion. Of
-    equally long motions it returns the one with the largest clearance.
+    planner makes a second pass: it repeats the attempts that ended without a usable hand pose (a status in ``SHORT``),
+    and now permits the solver to shift hand poses. If the second pass fails as well, the planner returns the longest
+    partial motion. If several partial motions are equally long, it returns the motion with the largest clearance.
 
     Args:
         problem_with: function that returns the problem with the given solver options.

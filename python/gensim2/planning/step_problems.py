@@ -22,9 +22,9 @@ Array = npt.NDArray[np.float64]
 #: Joint speed (rad/s) below which the arm counts as at rest.
 AT_REST = 0.01
 
-#: Solver options for motions that will be executed. The planner keeps the collision margin if possible. Contacts may
-#: have any depth, because a hand presses on a body by moving into it; the plan reports the depth. The motion may also
-#: start in contact with a body.
+#: Solver options for motions that will be executed. The planner keeps the collision margin where possible, but may
+#: reduce the margin to zero. To press on a body, the hand is commanded to a position inside the body. Therefore the
+#: depth of a contact is not limited, and the plan reports the depth. A motion may also start in contact with a body.
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
 #: Maximum joint velocity at the start of a motion, as a fraction of the velocity limits. The solver refuses motions
@@ -99,8 +99,8 @@ class StepProblems:
         options: Mapping[str, Any],
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """Return the solver problem for a config that contains only fields of the solver. The finger mode and the moved
-        joint, which :meth:`of_step` derives from a strategy, are arguments of this method.
+        """Return the solver problem for a config that contains only fields of the solver. The method :meth:`of_step`
+        derives the finger mode and the joint to move from a strategy. Here both are arguments.
 
         Args:
             scene: scene at the start of the step.
@@ -108,7 +108,7 @@ class StepProblems:
             config: config with the solver's fields.
             fingers: finger mode.
             joint: name of the object whose joint is moved, or None.
-            options: options that override the planner's.
+            options: options that override the planner's options.
             more_keypoints: additional keypoints (3,) in the base frame.
         """
         world = self._world.of(scene)

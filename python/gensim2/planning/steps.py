@@ -74,15 +74,15 @@ class StepPlanner:
             scene: scene at the start of the step, with the robot's velocity.
             step: object and tool of the step.
             strategy: strategy of the step.
-            following: later steps. If one of them uses the object as its tool, only a grasp is accepted with which that
-                step can be planned.
+            following: later steps. If one of these steps uses the object of ``step`` as its tool, the planner accepts a
+                grasp of the object only if it can also plan the later step with this grasp.
             warm_start: earlier or predicted plan of the same step, whose pose and path are tried first.
             lost: (4, 4) hand poses, in the object's frame, of grasps that slipped; similar grasps are tried last.
             explain: whether the plan reports the result of every pose that was tried.
 
         Returns:
             The plan, or the reason for its failure. The status is ``"invalid"`` in two cases: the strategy does not fit
-            these objects, or the strategy is not for this step but for moving an obstacle out of its way.
+            the objects of the scene, or the strategy only moves an obstacle out of the way of the step.
         """
         if strategy.makes_room is not None:
             return StepPlan(
@@ -190,7 +190,8 @@ class StepPlanner:
             after = predict.with_joint(after, step.object, joint.value + gone)
         held = scene.held or picks
         if held is not None and acting is not None:
-            # A grasped object moves with the hand from the grasp (or the start, if already grasped) until the release.
+            # A grasped object moves with the hand until the release. It starts to move at the grasp, or at the start of
+            # the plan if the hand already holds the object.
             q_from = scene.q if scene.held is not None else trajectory.sample(acting)[0]
             q_to = end if rows.released is None else trajectory.sample(rows.times[rows.released - 1])[0]
             ride = hand(q_to) @ np.linalg.inv(hand(q_from))
@@ -249,7 +250,9 @@ class StepPlanner:
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 
     def _pull(self, scene: Scene, step: Step, strategy: PullStrategy) -> StepPlan:
-        """Plan with the first grasp of the moving link that needs no early contact and allows the complete motion."""
+        """Plan to grasp the moving link and to move the joint. The method uses the first grasp that the hand reaches
+        without touching the object earlier, and that allows the complete motion of the joint.
+        """
         thing = scene.objects[step.object]
         if thing.joint is None or scene.held is not None:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"

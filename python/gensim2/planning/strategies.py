@@ -23,8 +23,8 @@ MAKES_ROOM = "makes_room"
 
 @dataclass(frozen=True)
 class KeypointStrategy:
-    """Strategy that is given by a solver config. docs/reference/solver.md describes the config's fields,
-    docs/architecture.md their use.
+    """Strategy that is given by a solver config. docs/reference/solver.md describes the fields of the config, and
+    docs/architecture.md describes how the planner uses the fields.
 
     A config names the keypoints of the step's object and tool without a prefix. A keypoint of another object is named
     ``"<object>/<keypoint>"``.
@@ -84,7 +84,7 @@ class KeypointStrategy:
         return dict(self.config)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"config": self.config}  # the validated fields are derived from ``config`` again
+        return {"config": self.config}  # the validated fields are not pickled: they are computed again from ``config``
 
 
 class _FoundGrasp(BaseModel):
@@ -112,8 +112,9 @@ class GraspStrategy(_FoundGrasp):
     """Strategy that grasps the step's object between the two fingers. The grasp is found by a search on the object's
     shape.
 
-    The planner executes the first usable grasp. A grasp is usable if a motion exists that reaches the grasp and lifts
-    the object, and then a motion for the later step that uses the object as its tool.
+    The planner executes the first usable grasp. A grasp is usable if the planner finds a motion that reaches the grasp
+    and lifts the object. If a later step uses the object as its tool, the planner must also find a motion for that
+    step.
 
     Attributes:
         grasp: search method.
@@ -123,7 +124,8 @@ class GraspStrategy(_FoundGrasp):
         least_tilt: minimum angle (rad) between the direction of the approach and straight down. If the hand approaches
             from the side, it can later put the object down on its side.
         friction: friction coefficient between pads and object.
-        candidates: maximum number of grasps to try. Each grasp is tried with both finger orders.
+        candidates: maximum number of grasps to try. Each grasp is tried twice, the second time with the two fingers
+            swapped.
     """
 
     approach: Annotated[float, Field(gt=0, le=0.3)] = 0.08

@@ -50,7 +50,8 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
 
 
 def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
-    """Read a file of :func:`write_arrays` without unpickling, and check all sizes before memory is allocated.
+    """Read a file that :func:`write_arrays` wrote. The function never unpickles objects, and checks all sizes before it
+    allocates memory.
 
     Args:
         path: the ``.npz`` file.
@@ -62,7 +63,7 @@ def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
     try:
         with open_regular(path) as stream:
             if os.fstat(stream.fileno()).st_size > max_bytes + _OVERHEAD:
-                raise TooLargeError(f"is larger than {megabytes(max_bytes)}")
+                raise TooLargeError(f"the file is larger than {megabytes(max_bytes)}")
             with read_by_library(path, _REMEDY, "is damaged"), open_zip(stream, MAX_MEMBERS) as archive:
                 return _arrays_in(archive, max_bytes)
     except OSError as error:
@@ -73,7 +74,7 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
     arrays: Arrays = {}
     left, members = max_bytes, archive.infolist()
     if sum(member.file_size for member in members) > max_bytes + _OVERHEAD:
-        raise ValueError(f"the arrays take more than {megabytes(max_bytes)}")
+        raise ValueError(f"the arrays take more than {megabytes(max_bytes)} of memory")
     for member in members:
         with archive.open(member) as stream:
             version = read_magic(stream)
@@ -126,4 +127,4 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
         else:
             rows = found.shape[0] if shape else rows
             continue
-        raise InputError(f"is damaged: the array {name!r} {said}", file=path, remedy=_REMEDY)
+        raise InputError(f"is damaged, because the array {name!r} {said}", file=path, remedy=_REMEDY)

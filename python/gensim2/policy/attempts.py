@@ -65,7 +65,7 @@ class Attempts:
         return [*back, *[begin] * RESTS]
 
     def goes_on(self) -> None:
-        """Start to record the path of the new attempt, after the hand has returned to the start pose."""
+        """Start to record the path of a new attempt. Call this method when the hand has returned to the start pose."""
         self._backs_off = False
 
     def follow(self, action: Action) -> None:

@@ -84,13 +84,14 @@ def off_its_way(
     al. 2021).
 
     All frames of a perturbed sample get the same Gaussian noise on the joint positions, with a standard deviation of at
-    most ``arm_noise``. The tool pose is computed anew from the joints. The actions still lead to the joint positions of
-    the demonstration; because actions are stored relative to the present joints, the noise is subtracted from them. A
-    sample in which the hand may hold an object is not perturbed, because the object would have to move with the hand.
+    most ``arm_noise``. The tool pose is computed again from the perturbed joint positions. The actions must still lead
+    to the joint positions of the demonstration. Because actions are relative to the present joint positions, the noise
+    is subtracted from the actions. A sample in which the hand may hold an object is not perturbed, because the object
+    would have to move with the hand.
 
     Args:
         batch: columns (B, T, ...) in the base frame. The clouds must not contain points of the robot, and the actions
-            must be relative to the present joints.
+            must be relative to the present joint positions.
         training: ``arm_noise`` is the largest standard deviation, rad.
         generator: random generator on the tensors' device.
     """

@@ -134,8 +134,9 @@ class PolicyCheckpoint:
         robot: name of the robot profile.
         action: format of the output.
         observation: observations that the policy needs.
-        sentences: instructions of the training data, one for each row of ``table``.
-        table: (S, ...) encoded ``sentences`` (:func:`gensim2.policy.text.prepare`).
+        sentences: S instructions of the training data.
+        table: (S, ...) encodings of the instructions, one row for each instruction in ``sentences``
+            (:func:`gensim2.policy.text.prepare`).
         data: description of the training data.
         training: training settings.
         step: number of gradient steps taken.

@@ -25,9 +25,7 @@ OF_KEYPOSES = ("ways", "hears", "spread_points")
 
 @dataclass(frozen=True)
 class PolicyConfig(Settings):
-    """Settings of a policy's network: its inputs, its encoders and its head. The help text of each setting describes
-    it.
-    """
+    """Settings of a policy's network: its inputs, its encoders and its head."""
 
     of_what: ClassVar[str] = "policy settings"
 
@@ -99,11 +97,15 @@ class PolicyConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.width % self.attention or self.width % 2:
-            raise InputError(f"must be even and a multiple of the setting 'attention', {self.attention}", field="width")
+            raise InputError(
+                f"must be even and a multiple of the setting 'attention', which is {self.attention}", field="width"
+            )
         if self.execute > self.horizon:
-            raise InputError(f"must be at most the setting 'horizon', {self.horizon}", field="execute")
+            raise InputError(f"must be at most the setting 'horizon', which is {self.horizon}", field="execute")
         if self.denoise_steps > self.noise_levels:
-            raise InputError(f"must be at most the setting 'noise_levels', {self.noise_levels}", field="denoise_steps")
+            raise InputError(
+                f"must be at most the setting 'noise_levels', which is {self.noise_levels}", field="denoise_steps"
+            )
         if self.keyframes and self.head == "keypose":
             raise InputError("applies to action-chunk policies only", field="keyframes")
         if self.encoder == "state":

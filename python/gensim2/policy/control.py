@@ -84,17 +84,19 @@ class Sight:
 
     @staticmethod
     def of(sees: Sees, folder: Path) -> Sight:
-        """Return the ablation named ``sees``; ``"other"`` reads the clouds in the checkpoint's folder.
+        """Return the replacement named ``sees``. For ``"other"``, the clouds are read from the checkpoint's folder.
 
         Raises:
-            InputError: the ablation is unknown, or the clouds are missing.
+            InputError: ``sees`` is unknown, or the clouds are missing.
         """
         if sees not in get_args(Sees):
             raise InputError(f"must be one of {', '.join(get_args(Sees))}, but is {sees!r}", field="sees")
         return Sight(sees, Shuffled.of(folder) if sees == "other" else None)
 
     def altered(self, observation: Observation, seed: int) -> Observation:
-        """Return the observation with an ablated cloud; the episode's ``seed`` selects the other scene."""
+        """Return the observation with the replacement cloud. If this is the cloud of another scene, the episode's
+        ``seed`` selects the scene.
+        """
         if self.sees == "all":
             return observation
         cloud = observation.cloud

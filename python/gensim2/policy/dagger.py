@@ -132,7 +132,9 @@ def _relabel(
     workers: int,
     progress: Progress,
 ) -> Relabels:
-    """Return the labels of one task in one round, from the file ``path`` if it exists."""
+    """Return the labels that the planner computes for one task in one round. Read the labels from the file ``path`` if
+    it exists; otherwise run rollouts of the policy, and write the labels to the file.
+    """
     from gensim2.core.processes import Execution, Job, results
     from gensim2.rollout.runner import EpisodeRunner
 

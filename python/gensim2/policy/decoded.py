@@ -155,7 +155,7 @@ def _rows(sets: Sequence[DataSet], tasks: Sequence[str]) -> Iterator[_Row]:
     known = {name for each in sets for name in each.tasks}
     for name in tasks:
         if name not in known:
-            raise InputError(f"no data set has a task {name!r}", field="--task", remedy=f"one of {sorted(known)}")
+            raise InputError(f"no data set has a task {name!r}", field="--task", remedy=f"choose from {sorted(known)}")
     for each in sets:
         for name in each.tasks:
             if tasks and name not in tasks:

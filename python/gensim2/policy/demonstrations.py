@@ -84,10 +84,11 @@ class Demonstrations:
             rows: (B,) numbers of the frames at which the policy predicts.
 
         Returns:
-            Observation columns (B, T, ...), ``sentence`` and ``action``, and the poses at the next keyframes if the
-            policy predicts keyframes. T counts the past frames of a sample. Past frames before the start of the episode
-            are copies of its first frame. Actions after the last training frame of the episode are copies of its last
-            action; they are marked as the end of the episode.
+            Observation columns (B, T, ...), and the columns ``sentence`` and ``action``. If the policy predicts
+            keyframes, the batch also has the tool poses at the next keyframes. T is the number of frames that the
+            policy observes, including the present frame. A frame before the start of an episode is a copy of the
+            episode's first frame. An action after the last training frame of an episode is a copy of the episode's last
+            action, and is marked as the end of the episode.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
@@ -122,8 +123,8 @@ class Demonstrations:
         return found
 
     def _ahead(self, rows: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return the tool poses at later frames, as targets for a policy that predicts keyframes. ``keys`` (B, K) are
-        the numbers of these frames. The poses of sample b are relative to the tool pose at the frame ``rows[b]``.
+        """Return the tool poses at later keyframes, which a policy learns to predict. ``keys`` (B, K) contains the
+        frame numbers of the keyframes. The poses of sample b are relative to the tool pose at the frame ``rows[b]``.
         """
         now = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][rows]))
         then = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][keys]))

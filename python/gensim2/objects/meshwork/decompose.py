@@ -29,7 +29,7 @@ THINNEST = 0.003  # m: thinner pieces are thickened, since physics engines canno
 SMALLEST = 0.001  # m: pieces smaller than this in every direction are dropped
 MAX_VERTICES = 64
 MAX_HULLS = 40  # maximum number of hulls for each link
-MAX_HULLS_FOR_CLEARANCE = 60  # maximum number of hulls of a link if, with fewer hulls, the other link would be blocked
+MAX_HULLS_FOR_CLEARANCE = 60  # maximum number of hulls of a link if fewer hulls would block the other link
 FREE_SHARE = 0.01  # fraction of a hull's volume that may be free space of the mesh
 # m³, maximum free space that a hull may fill. Hulls are merged beyond this limit while a link has too many hulls.
 FREE_VOLUME = 1e-6
@@ -37,8 +37,9 @@ PATCH_ANGLE = np.cos(np.radians(15))
 PATCH_OFFSET = 0.002  # m, maximum distance of a patch's vertices from the plane of its first face
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
-# A mesh piece with more patches than this is simplified first: vertices closer than one cell of the link's
-# ``VoidSpace`` are merged. If too many patches remain, the distance is increased to two cells, then to three.
+# A mesh piece with more than ``MANY_PATCHES`` patches is simplified first: vertices whose distance is less than one
+# cell of the link's ``VoidSpace`` are merged. If too many patches remain, vertices within two cells are merged, then
+# vertices within three cells.
 MANY_PATCHES = 100
 
 
@@ -206,7 +207,9 @@ def allowance(volume: float, cell: float) -> float:
 
 
 def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]:
-    """Drop hulls that lie inside a bigger hull, up to ``tolerance`` metres."""
+    """Drop hulls that lie inside a bigger hull. A dropped hull may protrude from the bigger hull by up to ``tolerance``
+    metres.
+    """
     order = sorted(hulls, key=lambda h: -h.volume)
     kept: list[Hull] = []
     lows, highs = np.zeros((len(order), 3)), np.zeros((len(order), 3))
@@ -221,13 +224,13 @@ def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]
 
 
 class _Merger:
-    """Merges hulls in pairs. The next pair is always the one whose common hull fills the least free space; among equal
-    pairs, the pair with the smallest common hull.
+    """Merges hulls in pairs. The next pair is always the pair whose common hull fills the least free space. Among equal
+    pairs, it is the pair with the smallest common hull.
 
-    Computing the common hull of a pair is expensive. Therefore a priority queue first orders the pairs by estimates
-    that are never too high: no filled space, and the volume of the bigger hull. The common hull is computed only when
-    its pair reaches the front of the queue. Most pairs never reach the front, because one of their hulls has already
-    been merged with another hull.
+    Computing the common hull of a pair is expensive, so the pairs wait in a priority queue. A new pair enters the queue
+    with lower bounds: zero for the filled space, and the volume of the bigger hull for the volume of the common hull.
+    The common hull is computed only when its pair reaches the front of the queue. Most pairs never reach the front,
+    because one of their hulls has already been merged with another hull.
     """
 
     def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:
@@ -325,10 +328,10 @@ def decompose(
 
     Args:
         pieces: (vertices (N, 3) in metres, faces (M, 3)).
-        space: free space around the pieces; None: computed.
-        limit: maximum number of hulls. To stay below the limit, hulls are merged even if this fills cavities. If there
-            are still more than ``MAX_HULLS_FOR_CLEARANCE`` hulls, they are merged even if this fills space that the
-            other link needs.
+        space: free space around the pieces. If None, the function computes it.
+        limit: maximum number of hulls. To meet this limit, hulls are merged even if the merged hulls fill cavities.
+            However, hulls that would fill space through which the object's other link moves are merged only while there
+            are more than ``MAX_HULLS_FOR_CLEARANCE`` hulls.
     """
     if not pieces:
         return Decomposition([], 0, 0)

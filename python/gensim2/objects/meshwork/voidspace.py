@@ -31,8 +31,8 @@ FINEST = 0.003  # m, edge length of a cell
 CELLS = 96  # number of cells along the longest side of a large link
 MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # number of sample points processed at a time
-# m³, penalty for each point in a hull through which the other link moves. The penalty is added to the free space that
-# the hull fills, and exceeds the free space that any hull may fill.
+# Penalty (m³) for each point inside a hull if the object's other link moves through this point. The penalty is added to
+# the free space that the hull fills. One penalty already exceeds the free space that any hull may fill.
 NEEDED_VOLUME = 1.1e-6
 # m. A point through which the other link moves is penalized only if it lies deeper than this in a hull.
 NEEDED_DEPTH = 0.0008
@@ -123,15 +123,17 @@ class VoidSpace:
         return found
 
     def keep_clear(self, points: Array) -> None:
-        """Penalize hulls that cover any of the ``points`` (N, 3). These points lie in space through which the other
-        link moves.
+        """Set the points (N, 3) that hulls should not cover, because the object's other link moves through them.
+        :meth:`filled` adds a penalty for each of these points inside a hull.
         """
         self._needed_axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
         self._needed = points[np.argsort(points[:, self._needed_axis], kind="stable")]
 
     @staticmethod
     def _samples(triangles: Array, cell: float) -> list[Array]:
-        """Return points on (M, 3, 3) triangles, closer together than a cell."""
+        """Return points on (M, 3, 3) triangles. Neighbouring points are less than ``cell`` apart, the edge length (m)
+        of a cell.
+        """
         edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
         steps = np.maximum(1, np.ceil(edges / (0.7 * cell))).astype(np.int64)
         batches = []
@@ -204,7 +206,8 @@ class VoidSpace:
 OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
 MESH_SPACING = 0.002  # m, distance between neighbouring sample points on a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
-# m, maximum distance between a mesh and the surface of its convex parts, because parts of thin sheets are thickened
+# Maximum distance (m) between a mesh and the surface of its convex parts. The surfaces differ, because the convex parts
+# of thin sheets are thickened.
 SKIN = 0.0032
 NEAREST = 8  # number of candidate triangles that are compared to find the triangle closest to a point
 
@@ -319,7 +322,9 @@ class _Enclosed:
         self._tree = cKDTree(self.points)
 
     def encloses(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Return a mask of the points (N, 3) that cannot be reached from outside or lie within ``SKIN`` of the mesh."""
+        """Return a mask of the enclosed points among (N, 3): points that cannot be reached from outside, and points
+        within ``SKIN`` of the mesh.
+        """
         near = np.asarray(self._tree.query(points)[0], float) < SKIN
         return near | ~self._space.is_free_finely(points, GAP)
 

@@ -1,9 +1,9 @@
 """Estimate articulated objects from one point cloud: class, parts, joint and keypoints.
 
 A network (:mod:`~gensim2.perception.estimation.network`) is trained on generated objects that the ray caster renders
-(:mod:`~gensim2.perception.estimation.examples`); :class:`SceneEstimator` runs the network and refines its estimates
-with the geometry of the cloud, and :mod:`~gensim2.perception.estimation.scene` converts an estimate to a scene of the
-planner.
+(:mod:`~gensim2.perception.estimation.examples`). :class:`SceneEstimator` runs the network, and refines the network's
+estimates with the geometry of the cloud. The module :mod:`~gensim2.perception.estimation.scene` converts an estimate to
+a scene of the planner.
 """
 
 from __future__ import annotations

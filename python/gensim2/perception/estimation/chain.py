@@ -79,10 +79,11 @@ class _Chain(ChainController):
         self.is_finished = False
 
     def resume(self, last: Action) -> None:
-        """Plan the task's last step again, after the controller had ended the episode as successful.
+        """Plan the task's last step again, although the controller has already ended the episode as successful. This is
+        necessary if a new estimate of the scene shows that the goal is not reached.
 
         Args:
-            last: action that the controller returned last. It is repeated until the arm moves again.
+            last: latest action of the controller. The controller repeats this action until the arm moves again.
         """
         self.is_finished, self._retreat, self._trigger, self._last = False, None, NOT_DONE, last
 
@@ -159,8 +160,8 @@ class PerceivingChain:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Spec of the next observation. Before planning and after a motion it has cameras; at other times only the
-        robot's state.
+        """Spec of the next observation. Before the controller plans a step and after each motion, the spec requests the
+        cameras. At other times the spec requests only the robot's state.
         """
         if self._checks_goal:
             return self._spec
@@ -179,7 +180,9 @@ class PerceivingChain:
 
     @property
     def history(self) -> list[StepRecord]:
-        """A record of each step that was begun; a record without plans if the object was not seen."""
+        """Records of the steps that the controller has begun. If the first point cloud does not show the object, the
+        list contains only one record without plans.
+        """
         if self._refusal is not None:
             return [StepRecord(self._refusal.step, [], paper=False, done=False)]
         return self._chain.history if self._track is not None else []
@@ -225,7 +228,8 @@ class PerceivingChain:
         track = self._track
         action = self._chain.act(self._with_belief(observation))
         if self._chain.motions > self._motions:
-            # A motion has begun. The joint's displacement is measured from the cloud on which the motion was planned.
+            # A motion has begun. Keep the estimate with which the motion was planned, because the joint's displacement
+            # will be measured from the point cloud of this estimate.
             self._motions, self._before = self._chain.motions, track
         if action is None and self._chain.is_finished and self._last is not None:
             if self._checked == MAX_CHECKS:
@@ -270,8 +274,8 @@ class PerceivingChain:
         )
 
     def _refused(self, found: ObjectEstimate | None, at_step: int) -> Event | None:
-        """Return the event of an episode whose first cloud does not show the task's object; None if the object is
-        there.
+        """Return the event which reports that the first point cloud of an episode does not show the task's object.
+        Return None if the cloud shows the object.
         """
         detail: dict[str, Any] = {"class": self._class}
         if found is not None:

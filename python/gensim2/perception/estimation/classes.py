@@ -32,9 +32,9 @@ class ClassConstants(BaseModel):
         joint_type: type of the joint of the class's objects.
         keypoints: names of the keypoints, in the order in which the objects list them.
         moving: for each keypoint, whether the joint moves the keypoint.
-        object_axis: axis of the object frame that "rotate" motions turn about.
-        frame: (3, 3) rotation of the object frame in the world, for an object in its default placement with its joint
-            at zero.
+        object_axis: axis of the object frame about which the hand turns in the planner's "rotate" motions.
+        frame: (3, 3) rotation of the object frame in the world, if the object is in its default placement and its joint
+            is at zero.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -45,7 +45,7 @@ def show(
         what: folder of a data set, or an episode file of a data set.
         estimator: folder of the estimator, as for :meth:`SceneEstimator.load`.
         out: folder for the picture ``estimates.png``.
-        assets: current folder of the data set's objects, if it has changed.
+        assets: folder that contains the data set's objects, if the objects have been moved since the recording.
         task, episode: task and episode of a data set, as for :func:`~gensim2.viewing.view`.
         instants: number of instants, from the start of the episode to its end.
         noisy: whether the depth images have the noise of a deployed camera.
@@ -56,7 +56,7 @@ def show(
 
     Raises:
         InputError: the episode cannot be read, it has several objects, the estimator does not know the object's class,
-            or the cameras see the object at no instant.
+            or the cameras do not see the object at any of the instants.
     """
     place = Path(what)
     if place.suffix == ".h5":

@@ -112,8 +112,8 @@ class ObjectEstimate:
     object_axis: Literal["x", "y", "z"]
 
     def at(self, openness: float, deviation: float) -> ObjectEstimate:
-        """Return the estimate with another openness and standard deviation of the openness. The points and keypoints
-        stay where they are.
+        """Return the estimate with a new openness and a new standard deviation of the openness. The object frame
+        rotates with the joint, but the points and keypoints are not changed.
         """
         joint = replace(self.joint, openness=openness, openness_deviation=deviation)
         T = self.T_base_object.copy()

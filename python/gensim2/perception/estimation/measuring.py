@@ -153,8 +153,9 @@ def measure(
         progress: listener.
 
     Returns:
-        Plain data: error statistics with an estimated class, with the given true class, and for each class with the
-        given true class, and by true class the number of clouds of each estimated class.
+        Plain data with the settings and these error statistics: ``estimated`` if the estimator estimates the class,
+        ``given`` if the estimator gets the true class, and ``classes``, which lists the statistics ``given`` for each
+        class. ``estimated_classes`` has, for each true class, the number of clouds by estimated class.
 
     Raises:
         InputError: the estimator cannot be read, or a class or object does not exist.

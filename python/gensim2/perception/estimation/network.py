@@ -47,14 +47,14 @@ def features_of(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class EncodedCloud:
-    """Encoded clouds: output of the network before the points of an object are selected.
+    """Output of the network for B clouds, before the points of an object are selected.
 
     Attributes:
         xyz: (B, N, 3) points in the base frame, m.
         features: (B, N, F) features of the points.
         context: (B, W) feature of the complete cloud.
-        group: (B, N, 3) logits of the point groups (``STRAY``, ``OTHER``, ``TARGET``).
-        weight: (B, N) logits of the weights with which points contribute to the object's feature.
+        group: (B, N, 3) logits of each point's group (``STRAY``, ``OTHER`` or ``TARGET``).
+        weight: (B, N) logits of each point's weight in the mean of the features over an object's points.
     """
 
     xyz: torch.Tensor

@@ -33,7 +33,9 @@ AXIS = 0.25
 
 
 def save_worst(path: Path, estimator: SceneEstimator, arrays: Arrays, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Save a picture of the clouds with the largest keypoint errors, the worst first, as :func:`save_estimates`."""
+    """Save a picture of the clouds with the largest keypoint errors, the worst cloud first. :func:`save_estimates`
+    describes the picture.
+    """
     worst = [int(row) for row in np.argsort([-row["keypoint_m"] for row in rows])[:WORST]]
     titles = [f"{rows[row]['name']}: {1000 * rows[row]['keypoint_m']:.0f} mm" for row in worst]
     save_estimates(path, estimator, arrays, rows, worst, titles)

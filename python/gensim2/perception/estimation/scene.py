@@ -90,7 +90,8 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points) -> SceneObject
 
 
 def boxes(points: Points) -> tuple[Array, ...]:
-    """Return the corners (8, 3) of axis-aligned boxes around the points in each cell of a grid.
+    """Divide points among the cells of a grid, and return the corners (8, 3) of an axis-aligned box around the points
+    of each cell. The planner uses the boxes as obstacles. Cells with fewer than ``LEAST_IN_CELL`` points get no box.
 
     Args:
         points: (N, 3) points, m.

@@ -33,10 +33,12 @@ STALLED = 0.05
 
 
 def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new: Points) -> float | None:
-    """Return the displacement of the joint between two clouds (rad or m), by the joint that was estimated before.
+    """Return the displacement (rad or m) of an object's joint between two clouds. The joint is the joint of the
+    estimate ``before``.
 
-    The points of the moving part are displaced along the estimated joint until they lie on the object in the other
-    cloud, in both directions of time.
+    The function searches for the displacement at which the two clouds match best. It moves the moving part's points in
+    the old cloud forwards along the joint, and measures their distance from the object in the new cloud. It also moves
+    the moving part's points in the new cloud backwards, and measures their distance from the object in the old cloud.
 
     Args:
         before, after: estimates of the object.

@@ -176,7 +176,9 @@ def _examples(
 def _file_of(
     library: Library, profile: RobotProfile, settings: PerceiveSettings, path: Path, name: str, ids: Sequence[str]
 ) -> Arrays | None:
-    """Return the examples of the objects ``ids``, from a file if it exists; None if no object is visible."""
+    """Return the examples of the objects ``ids``. Read them from the file ``path`` if it exists; otherwise generate
+    them and write the file. Return None if the cameras see none of the objects.
+    """
     if path.exists():
         return read_arrays(path)
     found: list[Example] = []
@@ -202,8 +204,9 @@ class Examples:
     """Samples batches of labelled clouds.
 
     Args:
-        arrays: arrays named as in :func:`~gensim2.perception.estimation.examples.example`, with one row for each
-            example, and ``features`` (..., N, 5) int8.
+        arrays: arrays with one row for each labelled cloud. Their names are the names in
+            :func:`~gensim2.perception.estimation.examples.example`, and ``features`` (..., N, 5), which contains the
+            points' features times 127 as int8.
     """
 
     def __init__(self, arrays: Arrays) -> None:
@@ -226,7 +229,9 @@ class Examples:
 
 
 def tensors(arrays: Arrays, turn: npt.NDArray[np.float64], shift: npt.NDArray[np.float64]) -> dict[str, torch.Tensor]:
-    """Return examples as tensors, rotated by ``turn`` (B,), rad, about the base's z axis and shifted by (B, 3), m."""
+    """Return examples as tensors, after rotating and shifting each cloud. ``turn`` (B,) contains the rotation angle of
+    each cloud about the z axis of the base frame, rad. ``shift`` (B, 3) contains the shift after the rotation, m.
+    """
     cos, sin = np.cos(turn), np.sin(turn)
     R = np.zeros((len(turn), 3, 3))
     R[:, 0, 0], R[:, 0, 1], R[:, 1, 0], R[:, 1, 1], R[:, 2, 2] = cos, -sin, sin, cos, 1.0

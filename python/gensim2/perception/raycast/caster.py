@@ -39,8 +39,10 @@ class Hits:
 
     Attributes:
         depth: for each camera, depth (H, W), m; the camera's ``far`` for rays without a hit.
-        face: for each camera, index (H, W) of the hit triangle among all triangles of the caster; -1 without a hit.
-        u, v: for each camera, weights (H, W) of the triangle's second and third corner; only for textured triangles.
+        face: for each camera, index (H, W) of the hit triangle among all triangles of the caster; -1 for rays without a
+            hit.
+        u, v: for each camera, barycentric coordinates (H, W) of the hit: weights of the triangle's second and third
+            corner. They are valid only for hits on textured triangles.
     """
 
     depth: tuple[npt.NDArray[np.float32], ...]
@@ -84,8 +86,8 @@ class Caster:
         self._solids = tuple(solids)
         counts = [len(solid.surface.faces) for solid in solids]
         self._first = np.cumsum([0, *counts])
-        # A face index of -1 means that a ray hits nothing. It selects the last row of the following two arrays: id 0
-        # and black.
+        # A ray without a hit has the face index -1. This index selects the last row of the following two arrays, which
+        # contains the id 0 and the colour black.
         self._ids = np.repeat([*(solid.id for solid in solids), 0], [*counts, 1]).astype(np.int16)
         self._colors = np.concatenate([*(solid.surface.colors for solid in solids), np.zeros((1, 3), dtype=np.uint8)])
         self._textures = [

@@ -116,7 +116,7 @@ class Drawing:
         self._name(x0, y0, label, "#1c2430")
 
     def picture(self) -> Image.Image:
-        """Return the picture with marks, and with labels that do not overlap."""
+        """Return the picture with all marked points and frames. Labels are moved down so that they do not overlap."""
         from PIL import Image, ImageDraw, ImageFont
 
         found = self._image.resize((self._size, self._size), Image.Resampling.BOX)

@@ -118,7 +118,7 @@ def pose_matrices(rows: npt.NDArray[np.floating]) -> Array:
 
 
 def state_at(states: Mapping[str, Any], step: int) -> dict[str, Any]:
-    """Return one instant of ManiSkill's ``env_states``: arrays with a single row."""
+    """Select one instant of ManiSkill's ``env_states``. Each array of the result has a single row."""
     return {kind: {name: rows[step : step + 1] for name, rows in group.items()} for kind, group in states.items()}
 
 

@@ -33,7 +33,7 @@ Array = npt.NDArray[np.float64]
 
 class KnownPoints:
     """Computes point clouds from the true positions of points on a scene's objects. The points determine the complete
-    state of the objects. The points determine the complete state of the objects.
+    state of the objects.
 
     The cloud lists the objects in the task's order. Each object contributes three groups of points: eight corners of a
     box around its moving part, along the axes of the moving link; eight corners of a box around its fixed part, along
@@ -88,9 +88,9 @@ class KnownPoints:
 
 
 def _boxes(scene: RaycastScene, name: str, model: ObjectModel) -> list[tuple[str, Array]]:
-    """Return the bounding boxes of an object's parts. There is one pair for the moving part and one for the fixed part.
-    A pair has the name of the link in whose frame the box is given, and the corners (8, 3) of the box in this frame. A
-    rigid object has a single pair.
+    """Return the bounding boxes of an object's moving part and fixed part, or the single bounding box of a rigid
+    object. Each box is a pair: the name of the link in whose frame the box is given, and the corners (8, 3) of the box
+    in this frame.
     """
     if model.joint is None:
         return [(name, _corners(np.concatenate([hull for hulls in model.hulls.values() for hull in hulls])))]
@@ -254,9 +254,10 @@ class Observer:
         Args:
             poses: (L, 4, 4) poses of the solids, one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
-            positions: (n,) true positions of all active joints. They determine which image a camera on the robot takes.
-            read: (n,) joint positions that the robot reports with a delay. They determine the assumed poses of cameras
-                on the robot. None: ``positions``.
+            positions: (n,) true positions of all active joints. They determine the true pose of a camera on the robot,
+                and therefore its image.
+            read: (n,) joint positions that the robot reports with a delay. The camera poses in the returned views are
+                computed from these positions. None: the robot reports its positions without a delay.
         """
         views = self.scene.see(poses, {} if positions is None else self._links_at(positions))
         if self._noise is None:

@@ -27,8 +27,9 @@ TABLE = "table"
 class RaycastScene:
     """Robot, table and objects of an episode, without a simulator.
 
-    The scene numbers links and bodies as SAPIEN does, so segmentation ids are the same in both. The numbers start at 1,
-    follow the order in which the environment builds the bodies, and include invisible links.
+    The scene numbers links and bodies as SAPIEN does, so ray-cast images and SAPIEN's images have the same segmentation
+    ids. The numbers start at 1, follow the order in which the environment builds the bodies, and include invisible
+    links.
 
     Args:
         objects: objects by name, in the task's order.

@@ -24,7 +24,8 @@ VIDEO_FIELD_OF_VIEW = float(np.deg2rad(50))
 
 
 class StateDrawing:
-    """Renders recorded states by ray casting, without a graphics driver, from the camera position of videos.
+    """Renders recorded states by ray casting, without a graphics driver. The camera has the same pose as the camera
+    that records videos of episodes.
 
     Args:
         profile: robot profile.

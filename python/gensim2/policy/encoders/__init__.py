@@ -30,7 +30,7 @@ def make_encoder(config: PolicyConfig) -> PointEncoder:
     """Return the point cloud encoder that the settings name, with newly initialized weights.
 
     Raises:
-        InputError: the encoder is the one named ``state``, which needs ``config.points``, but this setting is missing.
+        InputError: the encoder is ``state``, but the setting ``points`` is missing, which this encoder needs.
     """
     more: dict[str, Any] = {"blocks": config.blocks} if config.encoder == "pointnext" else {}
     if config.encoder == "state":

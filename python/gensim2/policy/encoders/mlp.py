@@ -10,9 +10,9 @@ ROWS = 1024
 
 
 class StateEncoder(nn.Module):  # type: ignore[misc]
-    """MLP that encodes a cloud with a fixed order of points, such as keypoints, as one token. Its input is the
-    concatenation of all points. If a head needs features of single points, the feature of a point consists of a linear
-    embedding of the point, followed by the token.
+    """MLP that encodes a cloud as one token. The points of the cloud must have a fixed order, as keypoints have. The
+    input of the MLP is the concatenation of all points. Some heads need a feature of each point. This feature is a
+    linear embedding of the point, followed by the token.
 
     Args:
         channels: C, number of channels of a point.

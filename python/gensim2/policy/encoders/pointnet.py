@@ -22,7 +22,9 @@ class Shared(nn.Module):  # type: ignore[misc]
 
 
 class Transform(nn.Module):  # type: ignore[misc]
-    """T-Net, which predicts a 3 x 3 matrix for each cloud; initially the identity."""
+    """T-Net, which predicts a 3 x 3 matrix for each cloud. Before training, the predicted matrix is the identity
+    matrix.
+    """
 
     def __init__(self) -> None:
         super().__init__()

@@ -27,5 +27,7 @@ class PointEncoder(Protocol):
         ...
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pooled tokens (B, K, F) and the features of the points (B, N, G), both with gradients."""
+        """Return the pooled tokens (B, K, F) and the features of the points (B, N, G). Gradients flow through both
+        results.
+        """
         ...

@@ -106,7 +106,7 @@ class ExperimentConfig(BaseModel):
     @model_validator(mode="after")
     def _names_differ(self) -> ExperimentConfig:
         if len({arm.name for arm in self.arms}) < len(self.arms):
-            raise ValueError("two arms of the experiment have the same name")
+            raise ValueError("two entries of 'arms' have the same name")
         for name in self.untaught:
             if any(name in arm.tasks for arm in self.arms):
                 raise ValueError(f"no policy may train on {name}, because 'untaught' lists this task")

@@ -52,7 +52,7 @@ class KeyposeProgram:
         shapes = {"positions": (KEYPOSES, 3), "rotations": (KEYPOSES, 3, 3), "gripper": (KEYPOSES + 1,)}
         for name, shape in (*shapes.items(), ("seconds", (KEYPOSES,))):
             if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} must have the shape {shape}, has {getattr(self, name).shape}")
+                raise ValueError(f"{name} must have the shape {shape}, but has {getattr(self, name).shape}")
 
     @property
     def poses(self) -> Array:
