@@ -37,8 +37,8 @@ def _beside_the_paper(rows: Iterable[Figure]) -> str:
         "**Compared with the paper.** The mean success rates of our planner are "
         f"{_means(own, 'paper')}. For these two types of tasks, the paper reports {_published()}, and the authors' "
         f"release reaches {_released()}. We use the paper's conditions: real objects, the physics settings of the "
-        "GenSim2 release, one attempt per episode and the verdict `paper`, even if object placements are invalid. In "
-        f"{len(above)} of {len(above) + len(not_above)} tasks the 95 % interval of our rate lies above the paper's "
+        "GenSim2 release, one attempt per episode and the verdict `paper`. Invalid object placements are not replaced. "
+        f"In {len(above)} of {len(above) + len(not_above)} tasks the 95 % interval of our rate lies above the paper's "
         "figure." + (f" The exception{'s are' if len(not_above) > 1 else ' is'} {named}." if named else "")
     )
 
@@ -52,7 +52,7 @@ def _by_its_method(rows: Iterable[Figure]) -> str:
         )
     }
     said = [f"{name} the mean success rates are {_means(own, 'paper')}." for name, own in found.items() if own]
-    return f"**Simpler planners.** The conditions are the same. {' '.join(said)}" if said else ""
+    return f"**Simpler planners under the same conditions.** {' '.join(said)}" if said else ""
 
 
 def _wide(rows: Iterable[Figure]) -> str:
@@ -67,8 +67,8 @@ def _wide(rows: Iterable[Figure]) -> str:
     if not own:
         return ""
     return (
-        "**Wider ranges.** The randomization `wide` varies scenes more than the paper. With this randomization, real "
-        f"objects, default physics and the verdict `strict`, the mean success rates are {_means(own, 'strict')}."
+        "**Wider ranges.** The randomization `wide` varies scenes more than the paper does. With this randomization, "
+        f"real objects, default physics and the verdict `strict`, the mean success rates are {_means(own, 'strict')}."
     )
 
 

@@ -205,9 +205,9 @@ def objects(rows: Sequence[Figure]) -> str:
         cells = (by_place.get((task, condition)) for condition in conditions)
         lines.append(line([task, *("" if row is None else _worst(row) for row in cells)]))
     head = (
-        "## The worst object of each row\n\nEach cell names the real object with the lowest success rate. The two "
-        "numbers before the name are the successful episodes (verdict `held`) and all episodes with this object. "
-        f"Objects with fewer than {MIN_EPISODES} episodes are ignored.\n"
+        "## The worst object of each row\n\nEach cell names the real object with the lowest success rate. The "
+        "fraction before the name is the number of successful episodes (verdict `held`) over the number of all "
+        f"episodes with this object. Objects with fewer than {MIN_EPISODES} episodes are ignored.\n"
     )
     return "\n".join([head, *lines]) + "\n"
 

@@ -34,14 +34,14 @@ CLOUD_POINT = 0.006
 
 @dataclass(frozen=True)
 class Shown:
-    """Content of a page.
+    """Episode that is shown on a web page.
 
     Attributes:
-        title: title line.
+        title: title of the page.
         scene: scene of the episode.
         recording: states and actions of the episode.
-        plans: one plan for each step, if the planner controlled the robot. Each plan starts from the predicted result
-            of the earlier plans.
+        plans: one plan for each step of the task; empty if there are no plans. Each plan starts from the predicted
+            result of the earlier plans.
     """
 
     title: str
@@ -105,7 +105,9 @@ def view(
 
 
 def _location(assets: object) -> Path | str | None:
-    """Return the path of an object library. The argument is the library object, or already its path or None."""
+    """Return the path of an object library. The argument is an open library, a path or None; a path and None are
+    returned unchanged.
+    """
     return cast(Path | str | None, getattr(assets, "location", assets))
 
 

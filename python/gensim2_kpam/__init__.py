@@ -1,7 +1,9 @@
-"""Plan joint motions that meet keypoint constraints. Units are m, rad and s; poses are (4, 4) row-major float64.
+"""Plan joint motions that meet keypoint constraints. Units are m, rad and s. Poses are matrices (4, 4) of float64, in
+row-major order.
 
-A :class:`KeypointProblem` contains a robot, a solver config, keypoints, the object's joint and obstacles. :func:`plan`
-returns a :class:`Plan` with the motion, the residual of each constraint and, if planning has failed, the reason.
+A :class:`KeypointProblem` contains a robot, a solver config, keypoints, obstacles, and the joint of the object.
+:func:`plan` returns a :class:`Plan` with the motion, the residual of each constraint and, if planning has failed, the
+reason.
 
 The stub file ``__init__.pyi`` documents all functions with the shapes and units of their arguments. Every error is a
 :class:`KpamError`. Its message names the file or the field, and says how to correct the error.

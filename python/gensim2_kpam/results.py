@@ -63,8 +63,8 @@ class MotionStatus(StrEnum):
 
 
 class Residual(TypedDict):
-    """Result of a constraint at the actuation pose: the error by which the constraint is violated, in metres or
-    radians, and the permitted error.
+    """Remaining error of a constraint at the actuation pose. The field ``residual`` is the error, and ``tolerance`` is
+    the largest permitted error, both in metres or radians.
     """
 
     name: str
@@ -120,8 +120,8 @@ class Touch(TypedDict):
 
 
 class Guess(TypedDict):
-    """A segment of a motion that moves the object's joint by an estimated amount. Because the exact amount is unknown,
-    some overlap of bodies is tolerated.
+    """A segment of a motion in which the movement of the object's joint is only estimated. Because the exact movement
+    is unknown, the planner tolerates some overlap of bodies.
     """
 
     toward: str
@@ -133,8 +133,8 @@ class Guess(TypedDict):
 
 
 class TriedPose(TypedDict):
-    """Result of planning a motion that passes through one of the possible actuation poses. The poses are ranked by
-    cost.
+    """Result of planning a motion through one actuation pose. The planner tries several actuation poses, in the order
+    of their cost.
     """
 
     q: Array
@@ -174,8 +174,9 @@ class ActuationPose(TypedDict):
 
 
 class Clearances(TypedDict):
-    """Minimum signed distances (m) of the robot along a motion: between the robot's own links (``self``), to the table,
-    and to the object. A value is None if the distance is never below 1 m.
+    """Minimum signed distances (m) of the robot along a motion. The field ``self`` is the distance between links of the
+    robot, and ``table`` and ``object`` are the robot's distances to the table and to the object. A value is None if the
+    distance is never below 1 m.
     """
 
     self: float | None

@@ -165,9 +165,9 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # The velocity of a command is the mean over a cycle, which the motion reaches in the middle of the cycle. The
-        # limit, however, is checked for the position at the end of the cycle. The motion therefore uses limits that
-        # look half a cycle ahead.
+        # The velocity of a command is the mean velocity over a cycle. The planned motion has this velocity in the
+        # middle of the cycle, but the velocity limit is checked at the position at the end of the cycle. The motion
+        # therefore uses velocity limits that look half a cycle ahead.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
@@ -223,16 +223,18 @@ class Streamer:
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:
-        """Return the braking distance (m,) of each joint from a velocity, clipped to the joint range."""
+        """Return the displacement (m,) of the joints while they brake from the velocity ``speed``. The displacement is
+        shortened if it would leave the joint range.
+        """
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
         room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)
         return way * min(1.0, float((room / np.maximum(np.abs(way), _SAME)).min()))
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
-        """Return the position (m,), velocity (m,) and acceleration (m,) from which new targets continue the motion. If
-        the last command follows the planned motion, the values are those of the motion now; otherwise they are those of
-        the command.
+        """Return the position (m,), velocity (m,) and acceleration (m,) at which a motion through new targets starts.
+        If the last command is a sample of the planned motion, the new motion starts at the present state of the planned
+        motion. Otherwise the new motion starts at the last command.
         """
         if self._motion is not None and self.follows(sent, now):
             return self._motion.sample(now)

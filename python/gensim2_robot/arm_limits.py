@@ -45,17 +45,19 @@ class Braking:
         """Return stricter limits for a joint that moves on for ``seconds``. If the joint respects the stricter limits
         now, it respects the original limits at the end of this time.
 
-        In ``seconds`` the distance ``room`` to the end of the range shrinks by ``v * seconds``. The stricter limit is
-        the solution v of ``v = -offset + sqrt(gain (room - v seconds))``. It has the same form as the original limit,
-        with a larger offset and ends that lie further out.
+        A joint with the velocity v comes closer to the end of its range by ``v * seconds``. If ``room`` is the present
+        distance to the end, the stricter limit is the solution v of ``v = -offset + sqrt(gain (room - v seconds))``.
+        The solution has the form of the original limit, with a larger ``offset``, a larger ``upper`` and a smaller
+        ``lower``.
         """
         offset = self.offset + 0.5 * self.gain * seconds
         room = (offset**2 - self.offset**2) / self.gain
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest position (m,), rad, that are still useful. At these positions the velocity
-        limit towards the end of the range has fallen to ``0.1 * offset``.
+        """Return the lowest and the highest position (m,), rad, to which a joint should move. At these two positions
+        the velocity limit towards the end of the range has fallen to ``0.1 * offset``, so the joint would hardly move
+        farther.
         """
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
@@ -182,7 +184,7 @@ class ArmLimits:
         range_lower, range_upper = model.lower[columns], model.upper[columns]
         lower, upper = range_lower + margin, range_upper - margin
         braking = FR3.scaled(speed) if profile.solver.get("limits") == "fr3" else None
-        if braking is not None:  # the FR3 limits speed near the ends of the range
+        if braking is not None:  # The FR3 hardly moves near the ends of a joint range, so these positions are excluded.
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():

@@ -51,8 +51,9 @@ class MachineClock:
         """Let this thread run with as little delay as possible within the ``with`` block.
 
         Three measures shorten delays. The thread gets real-time priority if the operating system permits it (``ulimit
-        -r``). Other Python threads must hand over the interpreter sooner than usual. The garbage collector ignores all
-        objects that exist at the start of the block, because it would need 0.1 s to scan them.
+        -r``). The interpreter switches between Python threads at shorter intervals (``sys.setswitchinterval``). The
+        garbage collector skips all objects that exist at the start of the block, because scanning these objects would
+        take 0.1 s.
 
         Yields:
             The scheduling policy of the operating system: ``fifo`` with real-time priority, ``other`` without it.

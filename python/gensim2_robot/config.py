@@ -31,13 +31,13 @@ CameraKind = Literal["simulated", "software", "recording", "realsense"]
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Kind of the cameras, and the devices or files from which their images come.
+    """Source of camera images: the kind of the source, and its devices or files.
 
     Attributes:
-        kind: source of the images. ``simulated``: ray casting. ``software``: ray casting, and the images also pass
-            through software devices of ``pyrealsense2``. ``recording``: recordings of RealSense devices, or logs of a
-            run. ``realsense``: real cameras.
-        devices: by camera name, the recording, log folder or serial number of the camera; empty for simulated cameras.
+        kind: source of the images. ``simulated``: images from ray casting. ``software``: images from ray casting that
+            also pass through software devices of ``pyrealsense2``. ``recording``: images from recordings of RealSense
+            devices or from logs of runs. ``realsense``: images from real cameras.
+        devices: recording, log folder or serial number of each camera, by camera name; empty for simulated cameras.
     """
 
     kind: CameraKind

@@ -168,9 +168,10 @@ def _line(text: str, width: int) -> Frame:
 class _Foxglove:
     """Writes the messages of a log as JSON, in schemas that Foxglove can display.
 
-    Topics: ``/camera/<name>`` (CompressedImage), ``/cloud`` (PointCloud), ``/tf`` (FrameTransforms of the links in the
-    base frame), ``/robot`` (SceneUpdate: the convex hull of each link), and ``/arm``, ``/sent``, ``/answer``,
-    ``/watch`` and ``/clocks`` with plain numbers for plots.
+    The topic ``/camera/<name>`` has images (CompressedImage), ``/cloud`` has point clouds (PointCloud), ``/tf`` has the
+    poses of the links in the base frame (FrameTransforms), and ``/robot`` has the convex hull of each link
+    (SceneUpdate). The topics ``/arm``, ``/sent``, ``/answer``, ``/watch`` and ``/clocks`` have values that Foxglove can
+    plot.
     """
 
     def __init__(self, stream: BinaryIO) -> None:

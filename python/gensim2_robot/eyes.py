@@ -103,8 +103,8 @@ class OwnPoints:
 def _require_robot(
     camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
 ) -> None:
-    """Raise an error if measured points lie behind the robot's surface, where the robot would hide the points from the
-    camera. Objects in front of the robot are allowed.
+    """Raise an error if measured points lie behind the robot's surface. The robot would hide such points from the
+    camera, so the camera cannot have the assumed pose. Objects in front of the robot are allowed.
     """
     covered = (ids > 0) & (depth > 0)
     count = int(covered.sum())
@@ -142,14 +142,15 @@ PIXELS = 320 * 240
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """Reduce a camera's resolution to every n-th row and column of pixels, where n is as large as possible.
+    """Reduce a camera's resolution: keep every n-th row and every n-th column of pixels. n is the largest number with
+    which an image keeps at least ``pixels`` pixels.
 
     Args:
         camera: camera with full resolution.
-        pixels: minimum number of pixels of the reduced images.
+        pixels: minimum number of pixels of a reduced image.
 
     Returns:
-        The camera with reduced resolution, and n.
+        The camera with reduced resolution, and the number n.
     """
     step = max(1, int((camera.width * camera.height / pixels) ** 0.5))
     if step == 1:
@@ -211,7 +212,7 @@ class Eyes:
         if not set(spec.modalities) <= {"pointcloud", "depth"}:
             raise InputError("the cameras provide only point clouds and depth", field="modalities")
         used = [there[name] for name in spec.cameras] if spec.modalities else []
-        # Depth images are not thinned for policies that use them.
+        # If the policy uses depth images, the images keep their full resolution.
         whole = "depth" in spec.modalities
         looked = [(camera, 1) if whole else thinned(camera, pixels) for camera in used]
         self._used, self._steps = tuple(camera for camera, _ in looked), tuple(step for _, step in looked)

@@ -72,8 +72,8 @@ class Fault:
 
 
 class FullDisk:
-    """A simulated disk that can become full. When it becomes full, the first write fails. After this failure, only as
-    much space is available as the log has reserved, because the log gives its reserved space back.
+    """A simulated disk that can become full. When the disk becomes full, the next write fails. After this failure the
+    log frees the space that it has reserved, so this much space is available for further writes.
 
     Attributes:
         full: whether the disk is full.

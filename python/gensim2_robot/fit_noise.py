@@ -1,7 +1,7 @@
 """Fit depth noise to recordings of fixed cameras in front of a static scene.
 
 Differences between images of the same scene are noise. The width of the stereo matching window and a constant depth
-error cannot be estimated without the true depth; these parameters keep the given values.
+error cannot be estimated without the true depth. These parameters keep the values of the noise model ``base``.
 """
 
 from __future__ import annotations
@@ -146,7 +146,8 @@ class _Part:
         # The median is noisy at edges, so only pixels away from edges count as flat surfaces.
         inside = measured & (wide_far - wide_near < 2.0 * base.edge) & (wide_near > 0)
         self.edges = measured & (near > 0) & (far - near > base.edge) & (self._share > 0.2)
-        # Without smoothing, noise of the median would change the surface angle by 0.1 rad and more between pixels.
+        # The median depth still contains noise. Without smoothing, this noise would change the surface angle by 0.1 rad
+        # and more from pixel to pixel.
         angle = incidence(gaussian_filter(self._median, SMOOTHED).astype(np.float32), recording.focal, base.edge)
         bright = brightness(recording.colors)
         self.dark = inside & (bright < base.dark)

@@ -177,15 +177,15 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
         The action (m + 1,), with the gripper command clipped to -1..1.
 
     Raises:
-        RefusedError: the action has the wrong shape, is not finite, is too far from the arm at the start of an episode,
-            or is out of the joint range.
+        RefusedError: the action has the wrong shape or is not finite, a target lies too far outside the joint range, or
+            the first target of an episode is too far from the arm.
     """
     try:
         given = np.asarray(action, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise RefusedError(f"an action must consist of numbers: {error}") from error
     if given.shape != (limits.size + 1,):
-        raise RefusedError(f"an action must have the shape ({limits.size + 1},), has {given.shape}")
+        raise RefusedError(f"an action must have the shape ({limits.size + 1},), but has {given.shape}")
     if not np.isfinite(given).all():
         raise RefusedError("an action contains NaN or infinity")
     arm = given[:-1]
@@ -281,7 +281,7 @@ def halt(sent: Sent) -> Sent:
 def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
     found = np.array(values, dtype=np.float64)
     if found.shape != (limits.size,):
-        raise RefusedError(f"a target must have the shape ({limits.size},), has {found.shape}")
+        raise RefusedError(f"a target must have the shape ({limits.size},), but has {found.shape}")
     if not np.isfinite(found).all():
         raise RefusedError("a target contains NaN or infinity")
     return found

@@ -2,8 +2,9 @@
 respect the limits.
 
 The loop runs in cycles of 10 ms. Ten cycles form a period. In each period the loop requests the actions of the next
-period from the controller, which is a policy or the planner. Single periods are one cycle shorter or longer. The loop
-uses them to shift its requests until they follow soon after new images, so that the controller gets fresh images.
+period from the controller, which is a policy or the planner. The loop can make a period one cycle shorter or longer. In
+this way the loop shifts its requests until each request follows soon after new images, so that the controller gets
+fresh images.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ STANDING = 0.02
 
 
 class Mind(Protocol):
-    """Interface of a connection to a controller, whose methods never block."""
+    """Interface of the connection from the control loop to a controller. The methods of the connection never block."""
 
     def send(self, message: Begin | Question) -> None:
         """Send the start of an episode or a request for actions."""
@@ -111,7 +112,8 @@ def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> i
         latency: delay of an image, s.
         max_age: maximum age of an image at a request, s.
     """
-    # The period stays the same if requests arrive soon after images, or if images are too rare to synchronize with.
+    # The period stays the same if the request follows soon after images. The period also stays the same if images
+    # arrive less than once per period, because then no shift helps.
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:
         return 0
     too_old = latency + PERIOD + 2 * CYCLE > max_age
@@ -133,11 +135,11 @@ class Line:
     Attributes:
         pace: control steps per second.
         commands: list to which every command is appended; None if commands are not collected.
-        in_phase: whether requests already follow soon after new images.
-        stopped_ms: time (ms) from the watchdog's last hold or stop to the last command that moves the arm; None before
-            a hold or stop.
-        standing_ms: time (ms) from the watchdog's last hold or stop to the measured standstill; None before a hold or
-            stop.
+        in_phase: whether the requests are synchronized with the images (see :func:`phase_shift`).
+        stopped_ms: time (ms) from the watchdog's last hold or stop to the last command that moves the arm; None until
+            the commands stop the arm.
+        standing_ms: time (ms) from the watchdog's last hold or stop to the measured standstill; None until the arm
+            stands still.
     """
 
     def __init__(
@@ -415,8 +417,9 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Return the next braking command along the planned path. If the arm is no longer on the path, or if braking
-        along the path is too slow, return the next command of the checked stop.
+        """Return the next command that brakes the held arm along the planned path. If the last command is not on the
+        planned path, or if braking along this path takes too long, return the next command of the stop that was checked
+        against the limits.
         """
         if not self._braking:
             self._braking = True

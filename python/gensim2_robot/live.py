@@ -47,7 +47,7 @@ PATIENT = WatchRules(
 
 
 class LivePage:
-    """Web page that shows a run live. The page gets the same data as a log, and a separate thread draws the newest
+    """Web page that shows a run live. The page receives the same data as a log. A separate thread draws the newest
     data.
 
     Args:
@@ -57,8 +57,8 @@ class LivePage:
         port: port of the page; if the port is in use, the next free port is used.
 
     Attributes:
-        trouble: failure of the page, in the form in which logs report failures. Always None, because a failure of the
-            page must not stop a run.
+        trouble: always None. A log reports its failure in this attribute, and the watchdog then holds the arm. A
+            failure of the page must not hold the arm.
 
     Raises:
         InputError: a file of the robot cannot be used.
@@ -219,7 +219,7 @@ class Looking:
 
 
 def looking(robot_name: str, cameras: Sequence[str] | None = None, clouds: bool = True) -> ControllerSpec:
-    """Return the specification of a controller that only observes."""
+    """Return the specification of the controller :class:`Looking`, which only observes and does not move the arm."""
     named = None if cameras is None else list(cameras)
     arguments = {"arm": len(robot(robot_name).arm_joints), "cameras": named, "clouds": clouds}
     return ControllerSpec(f"{__name__}:Looking", arguments)

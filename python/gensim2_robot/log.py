@@ -4,8 +4,8 @@ A file that reaches a given size is closed, and a new file is started. If the fo
 files are removed.
 
 Files stay readable after a failure. The log reserves disk space for closing a file, so a full disk ends the log without
-damage. The reserved space belongs to a file without a name, which the operating system removes even if the run is
-killed.
+damage. The reserved space is a file without a name. The operating system removes this file when the run ends, even if
+the run is killed.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class Journal(Protocol):
 
 
 class Journals:
-    """Passes data on to several logs. If a log raises an error, the call raises this error.
+    """Passes data on to several logs. If a method of a log raises an error, the method of this class raises the same
+    error.
 
     Args:
         several: logs, which get the data in this order.

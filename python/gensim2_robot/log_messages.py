@@ -47,14 +47,15 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     try:
         (length,) = struct.unpack_from("<I", data)
         if length > MAX_HEAD:
-            raise ValueError(f"its header has {length} bytes, the limit is {MAX_HEAD}")
+            raise ValueError(f"the message header has {length} bytes, but the limit is {MAX_HEAD}")
         head = _Head.model_validate(json.loads(data[4 : 4 + length], parse_int=_whole))
         arrays, at = {}, 4 + length
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
-                # The count is capped, so that data that are too short raise a ValueError. A huge count would raise an
-                # OverflowError, which is not handled.
+                # A message can state a shape that is larger than its data. NumPy raises a ValueError for such a shape,
+                # which is handled below. For a huge count, NumPy would raise an OverflowError instead, so the count is
+                # limited.
                 count = min(count * size, len(data) + 1)
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message in memory
@@ -82,7 +83,7 @@ def _array(kind: str, dimensions: int) -> AfterValidator:
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:
-            needed = f"must be an array of type {kind!r} with {dimensions} dimensions"
+            needed = f"the array must have the type {kind!r} and {dimensions} dimensions"
             raise ValueError(f"{needed}, but has the type {values.dtype.name} and the shape {values.shape}")
         return values
 
@@ -91,7 +92,7 @@ def _array(kind: str, dimensions: int) -> AfterValidator:
 
 def _joint_count(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if not 1 <= len(values) <= MAX_JOINTS:
-        raise ValueError(f"must have 1 to {MAX_JOINTS} joints, has {len(values)}")
+        raise ValueError(f"the array must have values for 1 to {MAX_JOINTS} joints, but has {len(values)}")
     return values
 
 
@@ -99,8 +100,8 @@ Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
 
 
 class LogMessage(BaseModel):
-    """Base class of messages. If a field is a mapping with arrays, each array is stored under the name of the field and
-    its key, separated by ``/``. For example, the array ``posed["left"]`` is stored as ``posed/left``.
+    """Base class of messages. A field can be a mapping with arrays. Each of these arrays is stored under a name that
+    joins the field and the key by ``/``: for example, the array ``posed["left"]`` is stored as ``posed/left``.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
@@ -112,8 +113,8 @@ class About(LogMessage):
     Attributes:
         robot: name of the robot.
         language: instruction that was given to the policy.
-        pixels: resolution for observations. An image with more pixels is reduced, but keeps at least this number of
-            pixels. None: images are not reduced, as in version 0.1.
+        pixels: minimum number of pixels of the images from which observations are computed. Larger images are reduced,
+            but not below this number. None: images are not reduced, as in version 0.1.
         observation: observation spec of the policy, as returned by :meth:`ObservationSpec.to_dict`.
         cameras: cameras with images in the log. The pose of a camera that is mounted on a link is given in the link's
             frame.
@@ -136,11 +137,11 @@ class About(LogMessage):
     @model_validator(mode="after")
     def _can_be_observed(self) -> About:
         if len({camera.name for camera in self.cameras}) < len(self.cameras):
-            raise ValueError("lists a camera twice")
+            raise ValueError("two cameras have the same name, but a name must not occur twice")
         if sum(camera.width * camera.height for camera in self.cameras) > MAX_CAMERA_PIXELS:
-            raise ValueError(f"its cameras have more than {MAX_CAMERA_PIXELS} pixels in total")
+            raise ValueError(f"the cameras of the log have more than {MAX_CAMERA_PIXELS} pixels in total")
         if self.pixels is not None and not self.pixels >= 1:
-            raise ValueError("width and height must be positive")
+            raise ValueError("the field 'pixels' must be at least 1")
         try:
             self.spec()
         except InputError as error:
@@ -163,7 +164,7 @@ class ArmMessage(LogMessage):
     @model_validator(mode="after")
     def _has_as_many(self) -> ArmMessage:
         if len(self.q) != len(self.v):
-            raise ValueError(f"has {len(self.q)} positions, but {len(self.v)} velocities")
+            raise ValueError(f"the message has {len(self.q)} joint positions, but {len(self.v)} velocities")
         return self
 
 
@@ -278,7 +279,8 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
         else:
             fields[name] = values
     if twice := fields.keys() & plain.keys():
-        raise InputError("is contained twice, as an array and as a plain value", field=f"{topic}: {min(twice)}")
+        wrong = f"the message has the field {min(twice)!r} twice, as an array and as a plain value"
+        raise InputError(wrong, field=topic)
     fields |= plain
     try:
         found = schema.model_validate(fields)

@@ -83,7 +83,10 @@ def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
             if isinstance(message, About):
                 if about is not None and message != about:
                     raise InputError(
-                        "differs from that of the previous file", file=path, field="/about", remedy=_REMEDY
+                        "this message differs from the first message of the previous file",
+                        file=path,
+                        field="/about",
+                        remedy=_REMEDY,
                     )
                 about, is_first = message, False
             elif isinstance(message, PictureMessage) and about is not None:
@@ -122,7 +125,7 @@ def _require_camera(picture: PictureMessage, about: About, path: Path) -> None:
     field = f"/camera/{picture.camera}"
     camera = next((each for each in about.cameras if each.name == picture.camera), None)
     if camera is None:
-        raise InputError("is not a camera of the log", file=path, field=field, remedy=_REMEDY)
+        raise InputError("the log has no camera with this name", file=path, field=field, remedy=_REMEDY)
     shape = (camera.height, camera.width)
     if picture.depth.shape != shape or picture.colors.shape != (*shape, 3):
         said = f"depth is {picture.depth.shape}, colours are {picture.colors.shape}, the camera has {shape}"
@@ -176,8 +179,8 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
                     raise _damaged(path, "its checksum is another")
                 ended = True
             checksum = zlib.crc32(content, zlib.crc32(struct.pack("<BQ", opcode, len(content)), checksum))
-            # After the end of the data, the file repeats the channels in a summary for quick access. The summary is not
-            # read.
+            # After the end of its data, an MCAP file has a summary for quick access. The reader skips the summary,
+            # because the summary only repeats data.
             if not ended:
                 yield from read(opcode, content)
         if closed and not ended:
@@ -275,7 +278,7 @@ class LogReplay:
         questions: number of answered requests.
         compared: number of compared arrays.
         clouds: number of compared arrays that are point clouds.
-        different: names of the arrays that differ, each with the number of its request; the first 1000 only.
+        different: names of the arrays that differ, each with the number of its request. At most 1000 arrays are listed.
         missing: number of requests that were not compared, because their images are in a file that was removed, or are
             no longer in memory.
         unclosed: names of the files that have no end record, because the run was killed while they were written. The

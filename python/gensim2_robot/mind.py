@@ -1,5 +1,6 @@
-"""Connect a controller to the control loop of an arm. The controller runs in the same rollout loop as in simulation.
-That loop asks for one action at a time, whereas the control loop requests chunks of actions.
+"""Connect a controller to the control loop of an arm. The controller runs in the rollout loop that is also used in
+simulation. The rollout loop asks the controller for one action at a time, whereas the control loop of the arm requests
+chunks of actions. :class:`LineBody` collects the single actions into chunks.
 """
 
 from __future__ import annotations
@@ -110,8 +111,8 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return the observation spec for display and logs. It is the controller's own spec, or a spec with all cameras if
-    the controller uses no camera.
+    """Return the observation spec of the data that are displayed and logged. If the controller uses cameras, this is
+    the spec of the controller. Otherwise the spec contains all cameras.
     """
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
@@ -121,8 +122,9 @@ class _OverError(GenSim2Error):
 
 
 class LineBody:
-    """Adapter that lets the rollout loop act as a controller of the control loop. The control loop requests chunks of
-    actions. ``observe`` waits for a request, and ``step`` collects actions until the answer to the request is complete.
+    """Adapter through which the rollout loop answers the requests of the control loop. The control loop requests chunks
+    of actions, but the rollout loop computes one action at a time. ``observe`` waits for a request, and ``step``
+    collects actions until the chunk is complete.
 
     Args:
         spec: description of the controller.
@@ -134,7 +136,7 @@ class LineBody:
     Attributes:
         faults: injected faults of the controller.
         remote: the controller, if it runs on a policy server; else None.
-        next: the message that was received instead of a request and ended the episode.
+        next: message that ended the episode. ``observe`` has received this message while it waited for a request.
     """
 
     # The rollout loop waits for each action of the controller, because the control loop of the arm already measures the
@@ -259,8 +261,8 @@ class LineBody:
 
 
 def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
-    """Return invalid actions for the injection of a fault: actions of the wrong size, or with values that no arm can
-    reach.
+    """Return random invalid actions, with which the fault ``policy-garbage`` is simulated. The actions have values that
+    no arm can reach, and sometimes the wrong size.
     """
     draw = rng(0, "garbage", number)
     return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)

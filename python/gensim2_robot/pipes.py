@@ -38,11 +38,11 @@ class DeviceGoneError(GenSim2Error):
 
 
 class MessagePipe:
-    """One end of a pipe, with methods that never block. The other end may be a plain ``multiprocessing``
-    ``Connection``.
+    """One end of a pipe between two processes. The methods of this class never block.
 
-    The methods of a ``Connection`` wait forever if the other process is suspended: ``send`` when the kernel's buffer is
-    full, ``recv`` in the middle of a message.
+    The class replaces a ``multiprocessing`` ``Connection``, whose methods wait forever if the other process is
+    suspended: ``send`` waits while the kernel's buffer is full, and ``recv`` waits in the middle of a message. The
+    other end of the pipe may still be a ``Connection``.
 
     Args:
         connection: connection of this end.
@@ -170,9 +170,9 @@ class PictureSlots:
     A slot belongs to one process at a time, the writer or the reader. The writer fills a slot and sends a message about
     it. From then on the slot belongs to the reader, until the reader returns it to the writer.
 
-    The process that creates the memory sends the memory's name to the other process. As soon as both processes have
-    opened the memory, its name is deleted. The operating system therefore frees the memory when both processes have
-    ended, even if they are killed.
+    The process that creates the memory sends the memory's name to the other process. The other process opens the memory
+    and then deletes the name. The operating system frees memory without a name when the last process that uses the
+    memory ends, even if the process is killed.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:
@@ -210,7 +210,7 @@ class PictureSlots:
                 raise
         except OSError as error:
             needed = f"{size / 1e6:.1f} MB of shared memory for camera images cannot be allocated"
-            raise GenSim2Error(f"{needed}: {error.strerror} (free space in /dev/shm)") from error
+            raise GenSim2Error(f"{needed}: {error.strerror} (delete files in /dev/shm)") from error
         return cls(cameras, memory), Room(tuple(cameras), memory.name)
 
     @classmethod

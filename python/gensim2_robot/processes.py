@@ -1,8 +1,8 @@
-"""Run the simulated arm and the controller in a process each, with the machine's clock. No function of this module
-blocks its caller.
+"""Run the simulated arm in one process and the controller in another process, with the machine's clock. No function of
+this module blocks its caller.
 
-Signals that ask the whole process group to stop end only the supervising process. The supervising process ends the
-device processes after the arm has stopped.
+If the whole process group receives a stop signal, only the supervising process reacts to the signal. The supervising
+process first stops the arm and then ends the device processes.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ class DeviceProcess:
     def close(self) -> list[Any]:
         """End the process within four seconds, by force if necessary, and return the messages that were not read yet.
 
-        The caller must still open the shared memory that an unread message describes. Only then is the memory's name
-        deleted, so that the memory can be freed.
+        An unread message can describe shared memory that the caller has not opened yet. The caller must open this
+        memory, because opening deletes the memory's name, and the operating system frees only memory without a name.
         """
         self.tell(None)
         self._process.join(timeout=ENDING)

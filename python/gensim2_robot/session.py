@@ -180,7 +180,8 @@ class Session:
 
         Args:
             seconds: time limit, s.
-            layouts: scenes of the episodes. The iterator is advanced when an episode has finished.
+            layouts: scenes of the episodes. Each scene is taken from the iterator after the previous episode has
+                finished, so a scene can depend on earlier results.
             goal_ends: whether an episode ends as soon as its goal is reached. The goal must be reached for some time,
                 and must still be reached after the scene has settled.
             ended: callback that is called after each finished episode.
@@ -259,13 +260,14 @@ class Session:
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
         """Run one episode, and return whether the run must end.
 
-        The result is added to ``_outcomes`` only if the controller, the goal or the time limit of the episode ended the
-        episode. It is not added if the time limit of the run or the watchdog ended the episode.
+        The result of a complete episode is added to ``_outcomes``. An episode is complete if the controller has
+        finished, the goal is reached, or the time limit of the episode has passed. The result is not added if the
+        watchdog or the time limit of the run interrupts the episode.
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
-        # After the goal is reached, the scene needs time to settle. The episode's time limit includes this time, as it
-        # does in a simulated rollout.
+        # After the goal is reached, the scene needs time to settle. The time limit of the episode includes the time for
+        # settling, as in a simulated rollout, so the limit for reaching the goal is shorter.
         most = self._episode_limit - (MAX_SETTLE_SECONDS if goal_ends else 0.0)
         while True:
             self._cycle()
@@ -380,7 +382,7 @@ class Session:
             since: time at which the watchdog held the arm, s.
 
         Returns:
-            Duration of the hold, s, which does not count towards the time limits; None if the person did not resume.
+            Duration (s) of the hold; None if the person did not resume. The time limits do not include this duration.
         """
         self._come_to_rest()
         if not self._resumed():

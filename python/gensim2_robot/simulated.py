@@ -45,8 +45,9 @@ class Rows:
 
     Attributes:
         time: time of the state, s.
-        episode: number of resets before this state.
-        states: the state in the format of ManiSkill's ``env_states``; each array has one row.
+        episode: number of times that the world was reset before this state.
+        states: state of the scene in the format of ManiSkill's ``env_states``. Each array has one row, for the one
+            instant.
         models: object models by the name of the object in the task.
         q: (n,) all active joints.
     """
@@ -139,7 +140,7 @@ class SimulatedWorld:
         return Rows(now, self.episode, states, models, self._env.q)
 
     def measure(self) -> Measurement:
-        """Return the true measurement of objects and gripper as plain numbers."""
+        """Return the true measurement of objects and gripper. The result can be sent to another process."""
         found = self._env.measure()
         return Measurement(**{**vars(found), "gripper": {name: np.array(at) for name, at in found.gripper.items()}})
 
@@ -147,9 +148,10 @@ class SimulatedWorld:
         return self._env.scene_state()
 
     def look(self) -> tuple[bool, bool]:
-        """Return whether the goal is reached in a stable scene, and whether the scene is at rest.
+        """Return two values: whether the goal is reached while the simulation is stable, and whether the scene is at
+        rest.
 
-        Call this method every ``GOAL_EVERY`` cycles. The scene is at rest if no object has moved since the last call.
+        The scene is at rest if no object has moved since the last call. Call this method every ``GOAL_EVERY`` cycles.
         """
         measured = self.measure()
         before, self._looked = self._looked, measured
@@ -214,7 +216,8 @@ class SimulatedCameras:
     Args:
         cameras: cameras to simulate.
         seed: seed of the noise.
-        noise: depth noise of each image. The errors of camera pose, depth and clock are drawn for each episode.
+        noise: noise model. The depth noise is drawn for each image; constant errors of the camera pose, the depth and
+            the clock are drawn for each episode.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:
@@ -245,8 +248,8 @@ class SimulatedCameras:
         self._episode = episode
 
     def take(self, rows: Rows) -> list[CameraFrame]:
-        """Return the images of one instant. An injected fault changes the images of the first camera, or exchanges the
-        images of the first two cameras.
+        """Return the images of all cameras for one state of the simulated world. If a fault is injected, the images of
+        the first camera are faulty, or the images of the first two cameras are exchanged.
         """
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)

@@ -201,7 +201,7 @@ def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:
     assert "The exception is PushToasterForward (our rate is 0.99, the paper's 0.99)." in first
     assert "the paper reports 0.81 and 0.47, and the authors' release reaches 0.77 (556 of 720)" in first
     assert second == (
-        "2. **Simpler planners.** The conditions are the same. If the planner plans each step only once, with its "
+        "2. **Simpler planners under the same conditions.** If the planner plans each step only once, with its "
         "first strategy, the mean success rates are 0.900 on single-step tasks (1 tasks, 250 episodes)."
     )
 

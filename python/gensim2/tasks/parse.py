@@ -85,8 +85,8 @@ def _kinds(kind: Any) -> list[Any]:
 
 
 def _inside(kind: Any, part: int | str) -> Any:
-    """Return the type of a part of a value whose type is ``kind``. The part is a field name, a mapping key or a list
-    index.
+    """Return the type of one part of a value. The value has the type ``kind``, and ``part`` is a field name, a mapping
+    key or a list index.
     """
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         fields = kind.model_fields

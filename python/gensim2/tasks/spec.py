@@ -47,7 +47,7 @@ def _text(text: str) -> str:
 
 
 def _pair(value: Any) -> Any:
-    """Expand a number w to the range (-w, w); return a pair unchanged."""
+    """Expand a single number w to the range (-w, w). Return a range, given as a pair, unchanged."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (-value, value)
     return tuple(value) if isinstance(value, list) else value  # pydantic's strict mode expects a tuple
@@ -94,8 +94,9 @@ class Randomization(_Value):
     """Ranges from which the initial pose and the openness of an object are sampled. Lengths are in metres, angles in
     radians. The table ends 0.65 m from the origin of the world frame.
 
-    The size of the sampled yaw is random, and its sign depends on the side of the middle on which the object is placed.
-    With a positive ``yaw`` the object is turned towards the robot, with a negative ``yaw`` away from the robot.
+    The size of the sampled yaw is random. The sign of the sampled yaw depends on the side to which the y offset shifts
+    the object: with a positive ``yaw`` the object turns towards the robot, and with a negative ``yaw`` it turns away
+    from the robot.
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
@@ -162,8 +163,10 @@ class Made(_Value):
     """Origin of a strategy.
 
     Attributes:
-        by: ``"search"``: found by search; ``"model"``: written by a language model; ``"hand"``: written by a person.
-        seen: objects used to design the strategy, as in ``--instances``; all other objects are unseen.
+        by: ``"search"`` if a search found the strategy, ``"model"`` if a language model wrote it, ``"hand"`` if a
+            person wrote it.
+        seen: objects with which the strategy was designed: ``"train"`` for the training split, ``"all"`` for all
+            objects. The other objects are unseen.
     """
 
     by: Literal["search", "model", "hand"]
@@ -289,10 +292,10 @@ class TaskSpec(_Value):
 
     @property
     def transient(self) -> frozenset[str]:
-        """Names of the steps whose result a later step undoes, so that the goal cannot show whether the step was done.
+        """Names of the steps whose result a later step undoes. The goal cannot show whether such a step was done.
 
-        In such a step a joint moves, for example a drawer is opened, and a later step moves the same joint elsewhere.
-        In between, no step puts an object into the articulated object or takes an object out of it.
+        For example, a step opens a drawer, and a later step closes the same drawer. The name of the first step is
+        omitted if a step between the two steps puts an object into the drawer or takes an object out of the drawer.
         """
         return frozenset(
             step.name

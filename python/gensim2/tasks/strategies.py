@@ -1,5 +1,5 @@
-"""Define the types in which a task's strategies are passed on as JSON data: a mapping by strategy name, and a mapping
-by step name.
+"""Define two types that hold a task's strategies as JSON data. ``Strategies`` maps the name of a strategy to its
+content, and ``StepStrategies`` maps the name of a step to the strategies of the step.
 """
 
 from __future__ import annotations

@@ -120,8 +120,9 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 
     Args:
         camera: camera with its intrinsics; images must be undistorted.
-        views: corners in 4 or more images, between which the hand was rotated about at least two axes.
-        held_out: corners in 1 or more images for validation, which the fit does not use.
+        views: corners in 4 or more images. From image to image, the hand must be rotated about at least two different
+            axes.
+        held_out: corners in 1 or more images for validation. The fit does not use these images.
         carried: True if the hand carries the camera and the board is fixed; False if the hand holds the board.
 
     Raises:

@@ -1,4 +1,6 @@
-"""Calibrate cameras by images of the robot: a coarse search, a fine fit, and validation on held-out images."""
+"""Calibrate cameras from images of the robot. A coarse search is followed by a fine fit, and held-out images validate
+the result.
+"""
 
 from __future__ import annotations
 
@@ -120,11 +122,12 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """Return the poses from which the registration starts: the initial guess, and the best poses of some variants
-        of the guess.
+        """Return the poses from which the registration starts: the initial guess, and the best of several changed
+        guesses.
 
-        A variant is the guess, or the guess rotated by ``TURN``, shifted so that the meshes match the measured points
-        of the robot. The best variants are those with the lowest cost.
+        For each changed guess, the initial guess is rotated by ``TURN`` about one axis, or not rotated. Then the guess
+        is shifted so that the mean of the meshes matches the mean of the measured points of the robot. The changed
+        guesses with the lowest cost are the best.
         """
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
@@ -169,10 +172,11 @@ class Coarse:
         return float(np.mean(found))
 
     def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
-        """Return a model of the robot's visible surface for each view: points (k, 3) and their normals (k, 3).
+        """Render the robot from its meshes, and return the visible surface for each view as points (k, 3) and
+        normals (k, 3).
 
-        Only the pixels at which the robot stands in front of the background are used. The background depth of a pixel
-        is the largest depth that the pixel has in any view.
+        The result contains only pixels at which the robot stands in front of the background. The background depth of a
+        pixel is the largest depth that the pixel has in any rendered view.
         """
         camera = placed_at(self._small, pose)
         seen = [self._surface.see(camera, view.q) for view in self._views]

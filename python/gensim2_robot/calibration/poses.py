@@ -115,7 +115,7 @@ class _Walk:
     def begin(self) -> None:
         until = self._clock.now() + PATIENCE
         while self._arm.state() is None:
-            self._tick(until, "the arm says nothing")
+            self._tick(until, "the arm has sent no state")
         self._arm.begin(self._where())
 
     def to(self, pose: Array) -> bool:
@@ -140,7 +140,7 @@ class _Walk:
         begun, found = self._clock.now(), {name: list[CameraFrame]() for name in self._names}
         joints = []
         while min(map(len, found.values())) < PICTURES:
-            for frame in self._tick(begun + PATIENCE, "a camera gives no pictures"):
+            for frame in self._tick(begun + PATIENCE, "a camera has sent no pictures"):
                 if frame.captured >= begun:
                     found[frame.camera].append(frame)
             self._arm.hold(self._clock.now())
@@ -159,16 +159,17 @@ class _Walk:
         self._clock.wait(self._next)
         self._next = self._clock.now() + CYCLE
         if self._clock.now() > until:
-            raise GenSim2Error(f"{trouble} for {PATIENCE:g} s")
+            raise GenSim2Error(f"timeout after {PATIENCE:g} s: {trouble}")
         self._arm.poll()
         return self._cameras.poll()
 
 
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
-    """Return the poses in which the arm of a log was at rest, each with up to ``pictures`` images of every camera.
+    """Read from a log the poses in which the arm was at rest, and up to ``pictures`` images of every camera for each
+    pose.
 
-    The function reads the log twice: the first pass finds the times, and the second pass reads only the images that are
-    used.
+    The function reads the log twice: the first pass finds the times at which the arm was at rest, and the second pass
+    reads only the images that are returned.
 
     Raises:
         InputError: the log is missing or damaged, the arm was never at rest, or there are too many poses to keep in
@@ -229,7 +230,7 @@ def _stood(
     """Return the joint positions and images of each interval in which the arm was at rest."""
     order = np.argsort(times, kind="stable")
     times = times[order]
-    # moved[i] is the number of earlier states in which the arm moves or its speed is NaN.
+    # ``moved[i]`` counts the states before state i in which the arm was moving or its speed was NaN.
     moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])
     found: list[tuple[Array, dict[str, list[_Taken]]]] = []
     open_until = -np.inf

@@ -127,7 +127,7 @@ def calibrate_log(
     chosen = [camera for camera in cameras if (camera.link is not None) == carried]
     if not chosen:
         raise InputError(
-            "the log has no camera to calibrate: --carried needs a camera on the arm, otherwise a fixed one is needed",
+            "the log has no suitable camera: --carried needs a camera on the arm, other calibrations need a fixed one",
             file=log,
             field="cameras",
         )
@@ -138,7 +138,7 @@ def calibrate_log(
 
 
 def _parted(standing: Sequence[Station]) -> tuple[list[Station], list[Station]]:
-    """Divide the stations into two lists: stations for the fit, and stations that are held out for validation."""
+    """Divide the stations into two lists, for the fit and for validation. A station has the images of one arm pose."""
     held = list(standing[HELD_OUT - 1 :: HELD_OUT])
     return [each for each in standing if all(each is not other for other in held)], held
 
@@ -157,7 +157,8 @@ def _calibrate(
     cameras: dict[str, CameraCalibration] = {}
     report: dict[str, Any] = {}
     for guess in guesses:
-        bare = replace(guess, depth_scale=1.0, depth_bias=0.0)  # the fit needs the uncorrected depth
+        # The fit estimates the depth correction, so the depth must not be corrected before.
+        bare = replace(guess, depth_scale=1.0, depth_bias=0.0)
         parts = [[each.view(bare) for each in part] for part in (fitted[:MAX_VIEWS], held)]
         found = calibrate(surface, bare, *parts, seed=seed)
         report[guess.name] = {
@@ -238,17 +239,18 @@ def _by_board(
 def _written(
     profile: RobotProfile, cameras: dict[str, CameraCalibration], report: dict[str, Any], poses: int, out: Path
 ) -> dict[str, Any]:
-    """Write the calibration file if every camera has converged, and return the command's result.
+    """Write the calibration file if the calibrations of all cameras have converged, and return the command's result.
 
     Args:
         profile: profile of the robot.
-        cameras: calibrations of the cameras that have converged, by camera name.
+        cameras: calibrations that have converged, by camera name.
         report: report on every camera, by camera name.
         poses: number of arm poses that were used.
         out: calibration file to write.
 
     Returns:
-        The result as plain data, with the report.
+        JSON data with the name of the robot, the date, the number of poses, the report, whether all calibrations have
+        converged, and the path of the file.
     """
     whole = len(cameras) == len(report)
     made = datetime.now(UTC)

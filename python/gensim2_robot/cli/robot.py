@@ -284,11 +284,12 @@ def run(
 ) -> dict[str, Any] | Ending:
     """Run episodes on an arm until a time limit, and report the results.
 
-    A policy or the planner does TASK repeatedly. A real arm runs only one episode, and it moves only with --move;
-    without --move the run is a dry run. During the run a watchdog can hold or stop the arm. The watchdog is software
-    and not safety-rated. If it holds the arm, a person at the terminal presses r to resume, or any other key to stop;
-    without a terminal the run ends. Ctrl-C and SIGTERM stop the arm before the program ends. The command writes a JSON
-    result unless the inputs are invalid. The exit code is 1 if the arm was held or stopped.
+    In each episode a policy or the planner does TASK. A simulated arm repeats episodes until the time limit. A real arm
+    runs only one episode and moves only with --move; without --move the run is a dry run. During the run a watchdog can
+    hold or stop the arm. The watchdog is software and not safety-rated. After a hold, a person at the terminal presses
+    r to resume the run, or any other key to stop the arm; without a terminal the run ends. Ctrl-C and SIGTERM stop the
+    arm before the program ends. The command writes a JSON result unless the inputs are invalid. The exit code is 1 if
+    the arm was held or stopped.
 
     Args:
         faults: Inject a fault into a simulated device from the given time (s) on; gensim2_robot.faults lists the names.
@@ -314,8 +315,8 @@ def dry_run(task: str, *, progress: Progress, **given: Any) -> dict[str, Any] | 
 def view(task: str, *, no_clouds: bool = False, **given: Any) -> None:
     """Show the data of the cameras and of the arm in the browser.
 
-    The page shows point clouds, the robot and clocks until Ctrl-C. The arm does not move. With --policy or --plan the
-    page also shows the next actions.
+    The page shows point clouds, the robot, and the delays of images and of the control loop. Ctrl-C closes the page.
+    The arm does not move. With --policy or --plan the page also shows the next actions.
 
     Args:
         no_clouds: Do not compute point clouds. Use this option if the cameras are not calibrated yet.

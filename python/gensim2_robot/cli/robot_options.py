@@ -14,7 +14,8 @@ from gensim2.core.errors import InputError
 Pixels = Annotated[str, Option(metavar="WIDTHxHEIGHT")]
 Share = Annotated[float, Real(0.01, 1.0)]
 
-#: Names of the shared options that select a scene. Commands take these options and those of :class:`LineOptions`.
+#: Names of the options that select a scene. Commands of ``gensim2 robot`` have these options and the options of
+#: :class:`LineOptions`, but no option ``--redraw``.
 SCENES = ("library", "seed", *(each for each in SCENE if each != "redraw"))
 
 
@@ -81,10 +82,10 @@ class Port:
 
 
 class ViewOptions:
-    """Options of a web page that is shown on request.
+    """Options of commands that can show a web page during the run.
 
     Attributes:
-        view: Show clouds, robot, next actions and clocks in the browser.
+        view: Show point clouds, the robot, the next actions and the delays in the browser.
     """
 
     view: bool = False

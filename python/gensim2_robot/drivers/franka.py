@@ -56,10 +56,11 @@ class _FrankaHand(StreamedArm):
         Args:
             state: libfranka state.
             ended: exception with which the motion has ended; None if the motion continues.
-            stopped: whether the arm has stopped itself. The exception is then expected, and the mode reports the stop.
+            stopped: whether the arm's own safety function has stopped the arm. If True, an exception is expected, and
+                the mode reports the stop.
 
         Raises:
-            DriverError: the motion has ended with an exception although the arm did not stop itself.
+            DriverError: the motion has ended with an exception, and ``stopped`` is False.
         """
         if ended is not None and not stopped:
             raise DriverError(f"the arm has ended the motion: {ended}") from ended
@@ -112,7 +113,8 @@ class FrankaArm(_FrankaHand):
                 self._robot.poll_motion()  # If the motion has failed, the next call of poll_motion raises the error.
             except self._franky.ControlException as error:
                 ended = error
-        # The state is read after the error, so that it contains the arm's safety stop (reflex).
+        # The state is read after the error was raised. The state then shows whether the arm's safety function (reflex)
+        # has stopped the arm.
         state = self._robot.state
         stopped = state.robot_mode in (self._franky.RobotMode.Reflex, self._franky.RobotMode.UserStopped)
         return self._measured(state, ended, stopped)
@@ -188,7 +190,8 @@ class PandaPyArm(_FrankaHand):
             except RuntimeError as error:
                 ended = error
                 self._panda.stop_controller()  # While a controller runs, get_state repeats the last state.
-            # The state is read after the stop, so that it contains the arm's safety stop (reflex).
+            # The state is read after the controller was stopped. The state then shows whether the arm's safety function
+            # (reflex) has stopped the arm.
             state = self._panda.get_state()
         stopped = state.robot_mode in self._stopped
         return self._measured(state, ended, stopped)

@@ -86,8 +86,9 @@ def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
 class RealSenseCameras:
     """Cameras that read RealSense devices. Colour images are aligned with the depth images.
 
-    A device can also be a recording, which is played in a loop at the recorded rate. Its time stamps are shifted to the
-    present: the image that is delivered with the smallest delay counts as captured at its arrival.
+    A device can also be a recording, which is played in a loop at the recorded rate. The time stamps of a recording lie
+    in the past, so all time stamps are shifted by the same time. The shift is estimated from the image that is
+    delivered with the smallest delay: this image counts as captured at the time of its arrival.
 
     Args:
         cameras: names, image sizes and poses of the cameras; the intrinsics are read from the devices.
@@ -145,7 +146,7 @@ class _Film:
         unit = rs.option.depth_units  # Depth sensors have this option, even in recordings.
         units = [sensor.get_option(unit) for sensor in device.query_sensors() if sensor.supports(unit)]
         if not units or abs(units[0] - MILLIMETRE) > 1e-6:
-            raise DriverError(f"camera {camera.name}: the depth unit is {units} m, must be {MILLIMETRE}")
+            raise DriverError(f"camera {camera.name}: the depth unit is {units} m, but must be {MILLIMETRE} m")
         self._wanted = (camera.width, camera.height, rate)
         seen = self._choose(camera.name)[rs.stream.depth].get_intrinsics()
         if any(seen.coeffs):
@@ -199,8 +200,8 @@ class _Film:
             width, height, rate = self._wanted
             known = ", ".join(f"{one}x{other} at {each} Hz" for one, other, each in sorted(sizes)) or "none"
             at = "one rate" if rate is None else f"{rate} Hz"
-            said = f"no depth and colours of {width}x{height} at {at}; it has: {known}"
-            raise DriverError(f"camera {name}, {self.serial}: {said}")
+            said = f"the device has no depth and colours of {width}x{height} at {at}; it has: {known}"
+            raise DriverError(f"camera {name} (serial number {self.serial}): {said}")
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
@@ -216,10 +217,10 @@ class _Film:
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
-        # The offset converts the times of images to the control loop's monotonic clock. The times of a device are
-        # system times if its global time is on. The times of a recording lie in the past, so each image gives an
-        # estimate of the offset, and the smallest estimate is used: it belongs to the image with the smallest delay.
-        # The first images are late on a busy machine.
+        # The offset converts the times of images to the control loop's monotonic clock. A real device reports system
+        # times, so its offset is known. A recording has times in the past, so each image gives an estimate of its
+        # offset. The smallest estimate is used, because the smallest estimate belongs to the image with the smallest
+        # delay. One image is not enough, because the first images are late on a busy machine.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         with contextlib.ExitStack() as failed:
             for sensor, profiles in self._sensors:
@@ -244,8 +245,8 @@ class _Film:
             self._offset = now if self._offset is None else min(self._offset, now)
         assert self._offset is not None, "that of a device is known from the start"
         if not self._playback and depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
-            said = "its times are its own clock's; switch its global time on"
-            raise DriverError(f"camera {self.camera.name}, {self.serial}: {said}")
+            said = "the image times come from the device's own clock; switch on the device's global time"
+            raise DriverError(f"camera {self.camera.name} (serial number {self.serial}): {said}")
         self._count += 1
         return CameraFrame(
             self.camera.name,
@@ -258,7 +259,8 @@ class _Film:
 
 
 def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield the streams of a sensor that have a wanted format, each as profile, kind and video profile.
+    """Yield the streams of a sensor that have a wanted format. For each stream, yield the profile, the kind of stream,
+    and the profile as a video profile.
 
     Args:
         sensor: sensor of a RealSense device.

@@ -218,8 +218,8 @@ class StreamedArm(ABC):
             self._attempt(lambda wanted=wanted: self._grip(wanted))
 
     def _attempt(self, what: Any) -> Any:
-        """Call the arm's library and return the result. After a failure return None; the next arm state reports the
-        failure.
+        """Call the arm's library, and return the result. If the call fails, store the reason and return None. The next
+        arm state then contains the reason.
         """
         try:
             return what()
@@ -234,13 +234,13 @@ class StreamedArm(ABC):
 
 
 def _pace(left: float) -> float:
-    """Return the playback speed of the stream (1 is real time) when ``left`` cycles of targets remain to be played."""
+    """Return the playback speed of the stream; 1 is real time. ``left`` is the number of targets that remain."""
     return FASTER if left > MOST else min(1.0, left / LEAST)
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return how far the stream advances through its targets in ``cycles`` cycles of real time. The result is measured
-    in cycles of targets and is always less than ``left``, the number that remains.
+    """Return how far the stream advances during ``cycles`` cycles of the clock. The result counts targets, which are
+    one cycle apart. The result is always less than ``left``, the number of targets that remain.
     """
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))

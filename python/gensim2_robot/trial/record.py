@@ -38,8 +38,10 @@ class PlacementRange(BaseModel):
     """Ranges from which the placement of one object is drawn.
 
     Attributes:
-        at: centre of the ranges, given as two distances (m): in front of the robot's base, and to the left of the base.
-        x, y: ranges (m) of the offset to the front and to the left; a single number r stands for -r to r.
+        at: centre of the ranges: the distance (m) in front of the robot's base, and the distance (m) to the left of the
+            base.
+        x, y: ranges (m) of the offset from the centre: x to the front, y to the left. A single number r stands for the
+            range from -r to r.
         yaw: maximum rotation, degrees. The object is rotated towards the robot, so the sign of the rotation depends on
             whether the object stands to the left or to the right of the centre.
         openness: range of the openness (0 to 1) of the object's joint; None without a joint.
