@@ -1,4 +1,7 @@
-"""Define ``dataset.json``, which has all settings that determine a data set's episodes, and the results."""
+"""Define ``dataset.json``, which records the settings and the results of a data set.
+
+The settings are all inputs that determine the episodes of the data set.
+"""
 
 from __future__ import annotations
 
@@ -46,12 +49,13 @@ class TaskRecord(_Record):
 
     Attributes:
         digest: digest of ``task.yaml`` and the strategies.
-        instances: name of the set of objects.
-        objects: number of generated objects for each articulated class. These objects are used instead of
-            ``instances``. If the number is None, the objects of ``instances`` are used.
+        instances: set from which the objects of the episodes are sampled, such as ``"test"`` (the test split).
+        objects: number of generated objects of each articulated class, from which objects are sampled instead of
+            ``instances``; None: ``instances`` determines the objects.
         tried: number of all episodes; None until all episodes are finished.
-        held: number of successful episodes, which pass the verdict `held`; None until all episodes are finished.
-        strict: number of episodes that pass the verdict `strict`; None until all episodes are finished.
+        held: number of successful episodes (verdict `held`: the goal is true at the end and the scene is at rest); None
+            until all episodes are finished.
+        strict: number of episodes that also pass the verdict `strict`; None until all episodes are finished.
         causes: number of failed episodes by cause.
     """
 
@@ -68,15 +72,15 @@ class DatasetRecord(RunSettings):
     """Content of ``dataset.json``.
 
     Attributes:
-        arguments: options of all episodes: fields of :class:`~gensim2.scenes.config.SceneOptions` and of
-            :class:`~gensim2.rollout.config.RolloutOptions`.
+        arguments: options that all episodes share. The options are the fields of
+            :class:`~gensim2.scenes.config.SceneOptions` and of :class:`~gensim2.rollout.config.RolloutOptions`.
         seed: seed from which the seeds of all scenes are derived.
         episodes: number of episodes to run for each task.
         keep_failures: whether the states of failed episodes are stored as well.
         tasks: tasks by name, in the order of the command.
-        listings: for each class, a digest of the list of objects from which episodes are sampled.
+        listings: digest of the list of objects from which episodes sample, by object class.
         versions: versions of the packages that determine the results.
-        objects: objects used by episodes, by ``class/id``; filled at the end.
+        objects: objects that the episodes of finished tasks use, by ``class/id``.
         complete: whether all episodes of all tasks are finished.
     """
 
@@ -123,9 +127,9 @@ class DatasetRecord(RunSettings):
             yield from differing(f"tasks.{name}", was, given)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the new record of the data set when a command with the settings ``now`` resumes the collection. The
-        new record has the settings of ``now`` and the objects of this record. If ``now`` adds no tasks and no episodes,
-        the new record also has the results of this record.
+        """Return the record of a resumed collection. Its settings come from ``now``, the record of the command that
+        resumes the collection, and its objects come from this record. Its results come from this record if ``now`` adds
+        no tasks and no episodes; otherwise the results are empty.
         """
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):

@@ -1,4 +1,4 @@
-"""Check that a recording belongs to an episode: shapes, types, numbers, objects."""
+"""Check that a recording belongs to an episode and that its arrays are valid."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
     for name, values, dtype, shape in _arrays(recording, steps):
         if values.dtype != dtype or not fits(values.shape, shape):
             needed = f"must have the type {dtype} and the shape {shown_shape(shape)}"
-            raise refuse(name, f"{needed}, but has the type {values.dtype} and the shape {values.shape}")
+            raise refuse(name, f"{needed}; it has the type {values.dtype} and the shape {values.shape}")
         if not values.size:
             raise refuse(name, "is empty")
         if name.startswith("env_states") and values.shape[1] < ROOT:

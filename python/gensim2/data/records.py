@@ -93,8 +93,8 @@ class RunRecord(RunSettings):
 
 
 class SecondEngineRecord(Record):
-    """Episodes that verify a task in the other physics engine, in the same scenes as the first engine. This record is a
-    part of ``verification.json``.
+    """Record of the episodes that repeat a verification in the second physics engine, in the same scenes as in the
+    first engine. This record is a part of ``verification.json``.
     """
 
     engine: Engine
@@ -165,7 +165,7 @@ class RecordingSummary(BaseModel):
 
 
 class ArgumentsSummary(BaseModel):
-    """Arguments of a run as the report shows them, with scene and rollout options nested."""
+    """Arguments of a run that the report shows, with one field for scene options and one for rollout options."""
 
     command: str
     seed: int
@@ -220,9 +220,9 @@ class Verification:
     Attributes:
         episodes: episodes in the order of the seeds.
         threshold: smallest success rate for keeping the task.
-        instances: set of objects. With ``"new"`` (generated objects that are not listed) and ``"test"``, the
-            verification uses no object of the search. ``"all"`` includes the objects of the search; this set is used if
-            a class has too few objects for a test split.
+        instances: set from which the objects of the episodes are sampled. The sets ``"new"`` (generated objects that
+            the library does not list) and ``"test"`` (the test split) contain no object that the search used. The set
+            ``"all"`` also contains those objects; it is used if a class has too few objects for a test split.
         second: episodes in the same scenes in the other physics engine; None if only one engine is used.
     """
 
@@ -290,12 +290,12 @@ class TaskOutcome:
         goal: types of the success criteria.
         kept: whether the success rate reaches the threshold.
         verification: numbers of successful and failed episodes in the verification.
-        fresh: the same numbers for all episodes after the search, which are the verification and the demonstrations.
+        fresh: numbers of successful and failed episodes in the verification and the demonstrations together.
         demos: number of collected demonstrations.
         cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.
-        checker: how often the success criteria were true in mutated worlds, which are scenes in which the task is not
-            done (docs/reference/tasks.md). None in records of earlier versions.
+        checker: how often the success criteria were true in scenes that were changed so that the task is not done
+            (docs/reference/tasks.md). None in records of earlier versions.
     """
 
     name: str

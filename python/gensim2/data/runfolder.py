@@ -111,7 +111,7 @@ class RunFolder(ResumableFolder[RunRecord]):
                     )
 
     def note_effort(self, task: str, cpu_s: float, wall_s: float) -> None:
-        """Record the time of designing and verifying a task. A time that an earlier call has recorded is kept."""
+        """Record the time of designing and verifying a task, unless an earlier call has recorded it already."""
         self.record.effort.setdefault(task, Effort(cpu_s=round(cpu_s, 3), wall_s=round(wall_s, 3)))
         self.save()
 

@@ -70,10 +70,10 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
 
 
 def picture(observation: ObservedEpisode, step: int) -> Frame | None:
-    """Return an image (H, W, 3) of one time step, or None. The image comes from a camera. If no camera has colour
-    images, the image is a drawing of the point cloud. The result is None if there is no point cloud either.
+    """Return an image (H, W, 3) of one time step, or None if the episode has neither colour images nor a point cloud.
 
-    The camera ``right`` is preferred, because it shows the side of the object on which the robot acts.
+    The image comes from a camera with colour images, preferably from the camera ``right``, because it shows the side of
+    the object on which the robot acts. If no camera has colour images, the function draws the point cloud.
     """
     arrays = observation.arrays
     names = sorted(
@@ -91,7 +91,7 @@ def picture(observation: ObservedEpisode, step: int) -> Frame | None:
 
 
 def _splatted(points: npt.NDArray[Any], colours: Frame, intrinsic: Any, T_base_camera: Any) -> Frame:
-    """Draw a point cloud as seen from a camera: a square for each point, near points over far ones."""
+    """Draw a point cloud as a camera would see it. Each point becomes a square, and near points cover far points."""
     width, height = (round(2 * float(intrinsic[axis, 2])) for axis in (0, 1))
     found = np.full((height, width, 3), _PAPER, dtype=np.uint8)
     turned = np.linalg.inv(T_base_camera)

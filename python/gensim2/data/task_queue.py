@@ -104,9 +104,9 @@ class TaskQueue:
 
     @property
     def needed(self) -> int | None:
-        """Number of episodes that the task needs to fill its quota, counted from the episode with index 0.
+        """Number of episodes that fill the quota, counted from episode 0; None if this number is still unknown.
 
-        The number is None as long as it depends on the result of an episode that is not finished.
+        The number is unknown as long as it depends on the result of an unfinished episode.
         """
         if self.quota.held is None:
             return self.quota.limit if self.tried == self.quota.limit else None
@@ -187,8 +187,8 @@ class TaskQueue:
             pass
 
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
-        """Yield a job for each missing episode, numbered from ``first``. Yield None as long as the results of running
-        episodes will decide whether another episode is needed.
+        """Yield a job for each missing episode; the jobs are numbered from ``first``. Yield None while no job can start
+        yet, because the results of running episodes decide whether the task needs another episode.
 
         A new episode is started only if the quota would not be full even if all running episodes succeeded. Therefore
         the same episodes are run with any number of workers, and the order in which the episodes finish does not

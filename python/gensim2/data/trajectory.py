@@ -75,10 +75,10 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
     if not episodes:
         raise InputError("there is no finished episode to merge", file=folder)
     used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
-    # ``trajectory.h5`` is renamed before ``trajectory.json``, so that the JSON file never refers to missing data. In
-    # the JSON file, the list of used objects comes before the episodes, but the list is complete only after the last
-    # episode. Therefore the entries of the episodes are first written to a temporary file, and each episode is read
-    # only once.
+    # ``trajectory.h5`` gets its final name before ``trajectory.json``, so that the JSON file never refers to missing
+    # data. The JSON file lists the used objects before the episodes, but the list is complete only after the last
+    # episode was read. The JSON entries of the episodes therefore wait in a temporary file. Without this file, each
+    # episode would be read twice.
     with (
         replacing(folder / JSON_NAME) as json_path,
         replacing(folder / H5_NAME) as h5_path,
@@ -150,8 +150,8 @@ def env_kwargs(
         "instances": {name: list(ids) for name, ids in instances.items()},
         **environment,
     }
-    # A task of the library has an environment id that ends with its own id. For any other task, the arguments must
-    # contain the definition of the task.
+    # If the environment id ends with the id of the task, the environment can load the task from the library. For any
+    # other task, the arguments of the environment must contain the definition of the task.
     if not _env_id(task).endswith(task.env_id):
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs

@@ -193,9 +193,10 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
     Args:
         video: file to write, atomically.
-        still: file of an image to write, too. The image shows the moment when an object's keypoint is farthest from its
-            start. The suffix selects the format.
-        stride: number of control steps between frames. None means 1, or 2 for long episodes.
+        still: image file to write in addition to the video; None: no image. The image shows the moment when an object's
+            keypoint is farthest from its start. The suffix selects the format.
+        stride: number of control steps between two frames of the video; None: 1 for short episodes, 2 for long
+            episodes.
         speed: playback speed. 1 plays in real time, and 2 plays twice as fast.
     """
     shown = _Shown()

@@ -62,14 +62,15 @@ class Affordance:
             away from the robot.
         mass: mass, kg.
         keypoints: description of each keypoint, by name. A keypoint is included if every sampled instance has it. The
-            last keypoint is the measured keypoint, to which the distance criteria of tasks refer.
+            last keypoint is the measured keypoint: distance criteria measure the distance to this point.
         lever_arms: distance in metres from the joint axis to each keypoint on the moving link, by keypoint name. The
             distances are zero for a prismatic joint. The mapping is empty for a rigid object.
         joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object. If the instances have different joint
             types, this is the more frequent type, and all values about the joint are means over the instances of this
             type.
-        joint_range: lower and upper joint limit, rad or m, at openness 0 and 1.
-        joint_axis: direction of the hinge axis, or of the motion of a prismatic joint: ``"vertical"`` or ``"level"``.
+        joint_range: lower joint limit (openness 0) and upper joint limit (openness 1), rad or m.
+        joint_axis: ``"vertical"`` or ``"level"``. For a hinge, this is the direction of its axis; for a prismatic
+            joint, it is the direction of motion.
         default_openness: mean openness at the start of an episode.
         grip_width: distance in metres between the fingertips when they hold a rigid object across its narrowest side.
         picture: picture of one instance with labelled keypoints, or None.
@@ -94,7 +95,7 @@ class Affordance:
 
     @property
     def hinge_axes(self) -> list[Array] | None:
-        """Unit axis (3,) of each instance's hinge in the world, about which the joint opens; None without a hinge."""
+        """Unit vector (3,) along each instance's hinge axis, in the world frame; None for a class without a hinge."""
         if self.joint_type != "revolute" or not self.samples:
             return None
         return [each.placement.rotation @ each.joint.axis for each in self.samples]
@@ -106,7 +107,7 @@ class Affordance:
 
     @property
     def place(self) -> str | None:
-        """Name of the keypoint at which an object can be put; None for a class without such a place."""
+        """Name of the keypoint that marks where another object can be put; None for a class without such a keypoint."""
         named = self.joint_type is not None and self.keypoints and any(word in self.measured for word in PLACES)
         return self.measured if named else None
 
@@ -213,7 +214,15 @@ def _facts(
     openness: float,
     at: tuple[float, float] | None,
 ) -> KeypointFacts:
-    """Return the geometry at a keypoint for this openness and place (m)."""
+    """Return the mean geometry of ``instances`` at the keypoint ``name``.
+
+    Args:
+        instances: objects of one class.
+        name: name of the keypoint.
+        moves: whether the joint moves the keypoint.
+        openness: openness of the joint.
+        at: x and y of the objects in the world, m; None: their default placement.
+    """
     found = []
     for each in instances:
         point = each.keypoints[name]

@@ -1,4 +1,4 @@
-"""Define the interface of designers, which propose tasks and strategies: offline search, and language models."""
+"""Define the interface of designers, which propose tasks and strategies by search or with a language model."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ class Known:
     """A task that already exists.
 
     Attributes:
-        task: task spec.
+        task: definition of the task.
         strategies: strategies of the task's steps, by name.
-        held, episodes: number of successful episodes, and number of all episodes, in the latest verification of the
-            task; zero if the task has no verification.
+        held, episodes: numbers of successful episodes and of all episodes in the latest verification of the task. Both
+            numbers are zero if the task was never verified.
     """
 
     task: TaskSpec
@@ -69,8 +69,8 @@ class Brief:
             appends each kept task, so that later proposals can build on earlier tasks.
         familiar: tasks that count as already solved. A proposal may repeat such a task but does not count towards the
             number of requested tasks.
-        refused: for each proposed task whose success criteria were refused, the reason by the task's name. The run adds
-            an entry after each refusal.
+        refused: reasons why proposed tasks were refused because of their success criteria, by task name. The run adds a
+            reason after each refusal.
     """
 
     settings: RobotSummary
@@ -115,13 +115,14 @@ class StageResult:
 
     Attributes:
         name: name of the stage.
-        trials: number of scenes planned or episodes simulated.
-        score: fraction of trials with a complete plan, or fraction of successful episodes.
+        trials: number of trials. A trial plans one scene (stage ``"plan"``) or simulates one episode (stage
+            ``"physics"``).
+        score: fraction of trials in which the plan is complete or the episode succeeds.
         causes: number of failures by cause.
         strict: fraction of episodes that also pass the strict verdict; 0 without episodes.
         diagnoses: descriptions of failures with measured values, the most frequent first.
-        by_object: for each instance of the task's first object, by its id, the number of successful episodes and the
-            number of all episodes.
+        by_object: number of successful episodes and number of all episodes, for each instance of the task's first
+            object. The keys are the ids of the instances.
     """
 
     name: Literal["plan", "physics"]
@@ -167,8 +168,8 @@ class CandidateResult:
 
     @property
     def by_object(self) -> dict[str, tuple[int, int]]:
-        """For each instance of the task's first object, by its id, the number of successful episodes and the number of
-        all episodes, over all stages.
+        """Number of successful episodes and number of all episodes in all stages, for each instance of the task's first
+        object. The keys are the ids of the instances.
         """
         found: dict[str, tuple[int, int]] = {}
         for stage in self._physics:

@@ -101,7 +101,7 @@ class Classes(Mapping[str, Affordance]):
             if len(found) == AFFORDANCE_INSTANCES:
                 break
         if not found:
-            raise InputError(f"no instance of {name} is usable", field="assets") from failed
+            raise InputError(f"no object of the class {name} can be loaded", field="assets") from failed
         for each in found:
             self._folder.add_object(each)
         picture = view_of(self._library.location, name, found[0].id)

@@ -1,5 +1,7 @@
-"""Draft tasks of several steps that move joints. A task either moves two joints for one purpose, or moves one joint to
-an end of its range and back.
+"""Draft tasks of several steps that move joints.
+
+A task moves two joints for one purpose (such as tidying a desk), moves a joint and a rigid object for one purpose, or
+moves one joint to an end of its range and back.
 """
 
 from __future__ import annotations
@@ -120,7 +122,9 @@ def _both(first: Piece, second: Piece) -> str:
 
 
 def _work(draft: Draft, piece: Piece, at: tuple[float, float], yaw: float) -> None:
-    """Add the step of a known joint task to a draft, with the object at the position ``at``."""
+    """Add the object and the step of the known joint task ``piece`` to a draft. The object is placed at the position
+    ``at`` (x, y in m) and rotated by ``yaw`` (rad).
+    """
     (step,) = piece.known.task.steps
     thing = piece.known.task.objects[step.object]
     role = step.object if step.object not in draft.objects else f"other_{step.object}"[:60]

@@ -24,10 +24,10 @@ class Chosen:
     Args:
         designer: designer that proposes tasks and writes candidates.
         accepts: function that returns whether to accept a proposal.
-        left_out: predicate of the note about rejected proposals. With ``"are not wanted"``, the note says "3 proposals
-            are not wanted".
-        wish: name of the filter. A run that is resumed must use a filter with this name. None allows the resumed run to
-            use any filter.
+        left_out: words that complete the note about rejected proposals. For example, ``"are not wanted"`` gives the
+            note "3 proposals are not wanted".
+        wish: name of the filter, which the run folder records. When the run is resumed, its filter must have the same
+            name. None: the filter has no name.
     """
 
     def __init__(

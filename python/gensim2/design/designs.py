@@ -61,7 +61,7 @@ class DesignRecord(Record):
         if (self.steps is None) != (self.chosen is None):
             raise ValueError("the fields 'chosen' and 'steps' must either both be null or both have a value")
         if self.steps is None and not self.notes:
-            raise ValueError("no candidate was chosen, but the field 'notes', which must give the reason, is empty")
+            raise ValueError("no candidate was chosen, so the field 'notes' must give the reason, but it is empty")
         return self
 
 

@@ -1,4 +1,4 @@
-"""Describe failures for designers: a violated constraint, an error, a collision or a slip, with numbers."""
+"""Describe failures of candidates in sentences with measured values, which help a designer to improve a candidate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 #: Maximum number of failure sentences kept for each stage, the most frequent first.
 KEPT = 6
 
-#: Sentence that describes each measured value in an episode's diagnosis; {} stands for the value.
+#: Phrases for the measured values in an episode's diagnosis, by the name of the value. The value replaces the braces.
 NUMBERS = {
     "distance": "by {:.0f} mm",
     "nearest": "the point between the fingertips came within {:.0f} mm of its surface",
@@ -50,12 +50,11 @@ class Diagnosis:
 
 
 def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagnosis, ...]:
-    """Return the ``KEPT`` most frequent kinds of failure.
+    """Return up to ``KEPT`` kinds of failure, the most frequent first.
 
     Args:
-        failures: cause and measured values of each failed trial. If the trial is an episode, the values are its
-            ``diagnosis``. If the trial is a plan, the values are its ``detail``, together with the ``step`` and the
-            ``strategy`` of the plan.
+        failures: cause and measured values of each failed trial. The values of a simulated episode are its
+            ``diagnosis``. The values of a plan are its ``detail``, with its ``step`` and its ``strategy`` added.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
     example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}

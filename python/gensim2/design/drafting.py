@@ -84,8 +84,8 @@ STEPS_EACH = 300
 #: object's destination, and ``OTHER_SIDE`` is on the left.
 BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
 
-#: Ranges (m) of the random offsets that are added to start positions. ``CLOSE_ABOUT`` is for tasks with several rigid
-#: objects.
+#: Ranges (m) of the random offsets that are added to start positions. ``CLOSE_ABOUT`` has smaller ranges, for tasks
+#: with several rigid objects.
 ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
 CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
 
@@ -150,8 +150,8 @@ Family = Callable[[Brief], Iterator[Draft]]
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """Return a message for each precondition that is not met when its step begins, because no earlier step establishes
-    it.
+    """Check whether earlier steps of ``task`` establish the preconditions of each step, and return a message for each
+    precondition that is not met. For example, an object cannot be put into a closed container.
     """
     held: str | None = None
     openness: dict[str, str] = {}

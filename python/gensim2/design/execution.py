@@ -1,4 +1,4 @@
-"""Run the pipeline task by task: propose, search, verify, keep, collect demonstrations."""
+"""Run the pipeline, which proposes tasks, searches for strategies, verifies tasks and collects demonstrations."""
 
 from __future__ import annotations
 
@@ -212,11 +212,11 @@ SEARCHED = "search"
 
 
 class _Kept:
-    """Runner for a search that stores the results of all trials. A resumed search reads the stored results instead of
-    running the trials again.
+    """Runner that plans and simulates the trials of a search and stores their results. A resumed search reads the
+    stored results instead of running the trials again.
 
     Args:
-        runner: runner that plans and runs episodes.
+        runner: runner that plans scenes and simulates episodes.
         folder: folder of the results, with one file for each method call. A stored result is used only if the arguments
             of the method call are the same.
     """
@@ -377,8 +377,9 @@ class PipelineRun:
         return first_alike(task, self._familiar) is not None
 
     def _to_verify(self, task: TaskSpec) -> int:
-        """Return the number of verification episodes, which is not smaller than the number of demonstrations. For a
-        task that counts as already solved, the requested number is limited to ``VERIFY_EPISODES``.
+        """Return how many episodes verify a task. This is the requested number or, if more demonstrations are
+        requested, the number of demonstrations. If the task counts as already solved, the requested number is reduced
+        to ``VERIFY_EPISODES`` if it is larger.
         """
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
         return max(verify, self.extent.demos)
@@ -469,10 +470,10 @@ class PipelineRun:
             self.progress.message(f"{task.name}: not all pictures were made: {error}")
 
     def _checked(self, task: TaskSpec, folder: TaskFolder) -> CheckerResult:
-        """Return how often the success criteria hold in episodes in which the task is not done.
+        """Return how often the success criteria of a task are true in scenes in which the task is not done.
 
-        The check needs no strategies, so it runs before the search. The task's folder stores the result, and a second
-        call reads the stored result.
+        This check needs no strategies, so it runs before the search. The task's folder stores the result. If the result
+        exists already, the check does not run again.
         """
         instances = kept_apart(self.library, task).search
         return check_criteria(task, self.evaluator, instances, seed=self.seed, files=folder, progress=self.progress)

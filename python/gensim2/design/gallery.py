@@ -252,7 +252,7 @@ def tasks_gallery(
 
 
 def _again(given: Sequence[TaskInput], seed: int) -> str:
-    """Return the shell command that runs the episode shown in a video again. ``TASK`` stands for the task's name."""
+    """Return the shell command that repeats the episode of a video. The word ``TASK`` stands for the task's name."""
     options = given[0].scene.options
     words = ["gensim2", "demo", "TASK", "--episodes", "1", "--seed", str(seed), "--assets", options.assets]
     words += [word for name in ("engine", "physics", "robot") for word in _unless_default(options, name)]

@@ -28,8 +28,8 @@ _NAMES = "xyz"
 
 
 def _directions() -> list[Direction]:
-    """Return approach directions: the joint frame's six axes, twelve diagonals, and three directions for table-top
-    arms.
+    """Return approach directions. Eighteen directions are axes and diagonals of the joint frame. Three directions in
+    the world frame suit arms on a table: straight down, forward, and forward and down.
     """
     found = []
     for index, axis in enumerate(_AXES):
@@ -51,8 +51,9 @@ def _directions() -> list[Direction]:
 DIRECTIONS = tuple(_directions())
 
 
-#: Alignments that often work for sliding parts. Each entry contains the name of an approach direction, followed by the
-#: values of ``gripper``, ``roll``, ``behind``, ``inset``, ``motion`` and ``tolerance`` in :class:`Manipulation`.
+#: Alignments that often work for prismatic joints, such as drawers. Each entry contains the name of an approach
+#: direction, followed by the fields ``gripper``, ``roll``, ``behind``, ``inset``, ``motion`` and ``tolerance`` of a
+#: :class:`Manipulation`.
 LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, Motion, float], ...] = (
     ("straight down", "grasp", "z", 0.0, 0.0, "follow_joint_to", 0.15),
     ("straight down", "closed", None, 0.0, 0.0, "trace_joint_to", 0.05),
@@ -103,7 +104,14 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
 
 
 def vary(parent: Manipulation, halfway: bool, generator: Any) -> Manipulation:
-    """Return a copy of ``parent`` with small random changes of offsets, retreat, tolerance and end openness."""
+    """Return a copy of ``parent`` with random changes of the contact offsets, the retreat, the tolerance, the motion
+    and the openness at the end.
+
+    Args:
+        parent: manipulation to vary.
+        halfway: whether the goal lies between the joint limits; the openness at the end is then kept.
+        generator: random number generator.
+    """
     step = 1.0 if parent.opening else -1.0
     further = 0.0 if halfway else step * generator.uniform(-0.1, 0.2)
     return replace(
@@ -141,7 +149,7 @@ def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipu
 
 
 def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
-    """Return whether the fingers point against the part's motion, so that the palm would be in the part's way."""
+    """Return whether the palm would block the moving part, because the fingers point against the part's motion."""
     along = direction.vector[1] if direction.frame == "joint" else 0.0
     return (along if opening else -along) < -0.5
 
@@ -168,9 +176,10 @@ def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> 
 
 
 def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Yield grasps whose roll about the approach direction is fixed by one axis of the joint frame.
+    """Yield grasps with a fixed roll angle: the line between the fingertips is perpendicular to one axis of the joint
+    frame.
 
-    If the solver chose the roll freely, the fingers would often close beside thin parts.
+    If the solver chose the roll angle freely, the fingers would often miss a thin part.
     """
     axes: Sequence[Axis] = ("x", "y", "z")
     for roll, inset in itertools.product(axes, (0.0, 0.015)):

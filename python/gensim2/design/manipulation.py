@@ -1,8 +1,8 @@
-"""Describe a contact and a motion that move an object's joint, in the joint frame, and convert them to a solver config.
+"""Describe a contact and a motion that move an object's joint, and convert the description to a solver config.
 
-The frame lies at the contact keypoint (docs/architecture.md): y is the direction in which the keypoint moves as the
-joint opens, z is the joint axis, x points away from the hinge. In this frame one description fits a lid, a door and a
-drawer.
+The description uses the joint frame, whose origin is the contact keypoint (docs/architecture.md). The y axis points in
+the direction in which the keypoint moves as the joint opens, the z axis is the joint axis, and the x axis points away
+from the hinge. Therefore the same description can fit a lid, a door and a drawer.
 """
 
 from __future__ import annotations
@@ -37,15 +37,13 @@ class Manipulation:
 
     Attributes:
         keypoint: contact keypoint of the object.
-        gripper: ``"closed"`` pushes with closed fingertips, ``"grasp"`` grasps the part, ``"open"`` hooks the part with
-            an open finger.
+        gripper: ``"closed"``: the closed fingertips push the part. ``"grasp"``: the fingers grasp the part. ``"open"``:
+            one finger of the open hand pushes the part.
         approach: direction of the fingers.
         roll: axis of the joint frame to which the line between the fingertips must be perpendicular; None: the hand may
             take any roll angle.
-        behind: distance in metres by which the contact is shifted from the keypoint, against the direction of the
-            motion.
-        inset: distance in metres by which the contact is shifted from the keypoint towards the hinge (along -x of the
-            joint frame).
+        behind: offset in metres from the keypoint to the contact, against the direction of the motion.
+        inset: offset in metres from the keypoint to the contact, towards the hinge (along -x of the joint frame).
         retreat: length in metres of the straight approach. The hand starts this far from the contact and moves along
             the direction of the fingers.
         motion: name of the motion after the actuation pose. In all motions the hand follows the joint; some motions

@@ -50,8 +50,9 @@ class ModelReport:
         return self._told(own) if own else None
 
     def of_run(self) -> dict[str, Any] | None:
-        """Return the run's model, the numbers of questions and outcomes in each stage, the conversations that led to no
-        task, and the costs. Return None if the run used no model.
+        """Return a summary of the language model's work in the run, or None if the run used no model. The summary
+        contains the model, the numbers of questions and outcomes in each stage, the conversations from which no task
+        resulted, and the costs.
         """
         if self._model is None:
             return None

@@ -1,7 +1,9 @@
-"""Design without a language model: try rules first, then search over alignments, keypoints and motions.
+"""Design tasks and strategies without a language model.
 
-Single-step tasks follow from the joints and sizes of objects; long tasks combine single-step tasks by pre- and
-postconditions. Simulation decides which strategies are kept.
+The designer derives single-step tasks from the joints and sizes of objects. It combines single-step tasks into long
+tasks, so that each step establishes the preconditions of later steps. To find strategies for a step, it first applies
+rules, and then searches over alignments, keypoints and motions of the hand. Simulation decides which strategies are
+kept.
 """
 
 from __future__ import annotations
@@ -234,10 +236,10 @@ def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
 
 
 def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
-    """Return a candidate with all strategies of each step, and variants of the candidate with other orders of
-    preference.
+    """Return a candidate with all strategies of each step, and variants in which the planner prefers other strategies.
 
-    Each variant moves the first strategy to the end of the order, in one step or in all steps.
+    The planner tries the strategies of a step in order. Each variant moves the first strategy to the end, either in one
+    step or in all steps.
     """
     turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
     found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]

@@ -25,8 +25,8 @@ ASKED_FOR = 0.5
 #: Maximum deviation of the initial openness from its mean, as in the paper's scenes.
 OPENNESS_SPREAD = 0.15
 
-#: Initial openness of an object: its mean, and its maximum deviation from the mean. ``SHUT_AT`` applies to closed
-#: objects, ``OPEN_AT`` to open objects.
+#: Mean of the initial openness, and maximum deviation from this mean. Objects that start closed use ``SHUT_AT``, and
+#: objects that start open use ``OPEN_AT``.
 SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 
 #: Height in metres by which an object must rise for success. The default grasp lifts it twice as high.
@@ -61,7 +61,7 @@ def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
 
 
 def starts_below(task: TaskSpec, criterion: ArticulatedBetween) -> bool:
-    """Return whether the joint has to be opened, rather than closed, to reach the range of ``criterion``."""
+    """Return whether the joint starts below the range of openness of ``criterion``, so that it must be opened."""
     return (task.objects[criterion.object].randomization.openness_mean or 0.0) < criterion.low
 
 
@@ -100,17 +100,18 @@ def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
 
 
 def criterion_of(role: str, goal: Goal) -> Criterion:
-    """Return the criterion for an object whose joint is brought to ``goal``."""
+    """Return the success criterion that the joint of the object named ``role`` reaches ``goal``."""
     if goal == "articulated_open":
         return ArticulatedOpen(object=role)
     return ArticulatedClosed(object=role) if goal == "articulated_closed" else ArticulatedBetween(object=role)
 
 
 def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
-    """Return a randomization of the initial state in which ``goal`` does not hold.
+    """Return the random ranges of the initial state, in which ``goal`` is never met at the start.
 
-    The joint starts at the default openness of its class if the goal never holds there. Otherwise, and for every
-    half-way goal, the joint starts closed if it is to be opened, and open if it is to be closed.
+    If the goal is unmet in the whole default range of openness of the class, the joint starts in this range. Otherwise
+    a joint that must be opened starts closed, and a joint that must be closed starts open. For a half-way goal, the
+    joint always starts closed or open.
     """
     if goal in ("half_open", "half_closed") or not _undone(thing, goal):
         mean, spread = SHUT_AT if goal in ("articulated_open", "half_open") else OPEN_AT
@@ -170,9 +171,13 @@ def propose(
 ) -> Iterator[TaskSpec]:
     """Yield single-step tasks that ``known`` lacks, each with a new name.
 
-    First come the tasks that longer tasks are composed of (``wanted``). Then comes the most useful task of each class
-    (alternately opening and closing if both are equally useful), then all other tasks by usefulness. Tasks that are
-    rarely asked for (below ``ASKED_FOR``) come last.
+    The tasks are ordered as follows:
+
+    - First come tasks that are steps of longer tasks (``wanted``).
+    - Then comes the most useful task of each class. If opening and closing are equally useful, the classes alternate
+      between opening and closing.
+    - Then come all other tasks by usefulness.
+    - Tasks that people rarely ask for (usefulness below ``ASKED_FOR``) come last.
 
     Args:
         classes: affordance by class name.
@@ -254,7 +259,7 @@ def _usefulness(thing: Affordance, goal: Goal) -> float:
 
 
 def _undone(thing: Affordance, goal: Goal) -> bool:
-    """Return whether the goal is unmet at every initial openness within the object's default range."""
+    """Return whether the goal is unmet wherever the joint starts within its default range of openness."""
     openness = thing.default_openness or 0.0
     if goal == "articulated_open":
         return openness + OPENNESS_SPREAD < OPEN

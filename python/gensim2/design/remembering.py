@@ -78,9 +78,9 @@ def add_task(
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
     seeds = scene_seeds(seed, task.name, "verify", episodes)
-    # It is unknown which instances the author of the task used. The task is therefore verified like a designed task:
-    # with new objects of generated classes, otherwise with the test split, or with all instances of a class that is too
-    # small for a test split.
+    # It is unknown which objects the author of the task used. Therefore choose the objects as for a designed task. If a
+    # class is generated, use new objects. Otherwise use the test split, or all objects if the class is too small for a
+    # test split.
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"
@@ -161,7 +161,7 @@ def _verify_anew(folder: Path, record: RunRecord) -> str:
     words = ["gensim2", "tasks", "add", str(folder)]
     for name in ("assets", "instances", "engine", "physics", "robot", "randomization"):
         told = record.arguments.get(name)
-        # leave out a value that is not a string, such as a physics file, whose path is not in the record of the run
+        # Leave out a value that is not a string. For example, the record does not contain the path of a physics file.
         if isinstance(told, str):
             words += [f"--{name}", told]
     return shlex.join(words)

@@ -70,13 +70,13 @@ def run_pipeline(
         ```
 
     Args:
-        num_tasks: number of tasks to keep; fewer, with a note, if the library does not support as many. Ignored if
-            ``single`` or ``long`` is given.
+        num_tasks: number of tasks to keep. If the library does not support as many tasks, the run keeps fewer tasks and
+            adds a note. Ignored if ``single`` or ``long`` is given.
         single, long: number of single-step and of long tasks to keep; with both 0, only ``stored_tasks`` are run.
         verify: number of fresh episodes that decide whether a task is kept.
         from_empty: hide the stored tasks from the designer. By default the designer knows all stored tasks and proposes
-            none of them again. With this option, a task that repeats a task of the paper's suite serves only as a part
-            of longer tasks and does not count towards the number of tasks.
+            none of them again. With this option the designer may propose a task of the paper's suite again, but such a
+            task serves only as a step of longer tasks and does not count towards the number of tasks.
         episodes: number of demonstrations to keep for each task.
         seed: seed of all random choices.
         out: run folder; default ``runs/<date>-<time>``.
@@ -89,7 +89,7 @@ def run_pipeline(
             omits the picture of a plan.
         engines: ``"both"`` repeats each verification in the other physics engine and keeps a task only if enough
             episodes succeed in both engines. Demonstrations must succeed in both engines, too.
-        budget: episodes and rounds of the search for each task; None: the defaults.
+        budget: limits of episodes and rounds in the search for each task; None: the default limits.
         progress: listener for stages and steps.
         scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``; see
             :class:`~gensim2.rollout.config.RunArguments`. Demonstrations use ``instances``; search and verification use
@@ -183,7 +183,7 @@ def run_pipeline(
 
 def _by_kind(single: int, long: int) -> Wanted:
     if min(single, long) < 0:
-        raise InputError("must be at least 0", field="single" if single < 0 else "long")
+        raise InputError("the number of tasks must be at least 0", field="single" if single < 0 else "long")
     return Wanted(single + long, single, long)
 
 

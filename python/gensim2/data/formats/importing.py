@@ -115,7 +115,7 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
         if theirs is None or (wrong := _difference(ours, theirs)):
             said = "is missing" if theirs is None else f"differs from the original in {NATIVE}/ ({wrong})"
             raise InputError(
-                f"episode {count} {said}, so the exported files or the original in {NATIVE}/ were changed",
+                f"episode {count} {said}; the exported files or the originals in {NATIVE}/ were changed later",
                 file=path,
                 remedy="export again",
             )

@@ -81,7 +81,10 @@ class ZarrWriter:
                 self._arrays[key] = self._created(checked_name(key, field="frames"), values)
             array = self._arrays[key]
             if values.shape[1:] != array.shape[1:]:
-                raise InputError(f"has the shape {values.shape[1:]}, not {array.shape[1:]}", field=key)
+                raise InputError(
+                    f"the shape of a frame is {values.shape[1:]}, but in earlier episodes it is {array.shape[1:]}",
+                    field=key,
+                )
             array.append(np.ascontiguousarray(values))
         self._frames += len(next(iter(frames.values())))
         index = self._tasks.setdefault(task, len(self._tasks))

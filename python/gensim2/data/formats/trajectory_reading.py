@@ -106,10 +106,17 @@ def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) 
         counts = f"has {len(origin.indices)} entries, but the list 'episodes' has {len(document.episodes)}"
         raise InputError(counts, file=file, field="gensim2.indices", remedy=REMEDY)
     if any(later <= earlier for earlier, later in zip(origin.indices, origin.indices[1:], strict=False)):
-        raise InputError("must increase from episode to episode", file=file, field="gensim2.indices", remedy=REMEDY)
+        raise InputError(
+            "each episode index must be larger than the index before it",
+            file=file,
+            field="gensim2.indices",
+            remedy=REMEDY,
+        )
     spec = parse_task(origin.task, str(file))
     if spec.name != name:
-        raise InputError(f"is {spec.name!r}, must be {name!r}", file=file, field="gensim2.task.name")
+        raise InputError(
+            f"the task is named {spec.name!r}, but its folder is named {name!r}", file=file, field="gensim2.task.name"
+        )
     if set(origin.strategies) != set(strategies_of(spec)):
         other = sorted(set(origin.strategies) ^ set(strategies_of(spec)))[0]
         raise InputError(f"do not match the task: {other!r}", file=file, field="gensim2.strategies", remedy=REMEDY)

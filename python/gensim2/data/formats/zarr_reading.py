@@ -101,7 +101,9 @@ def array_names(tree: ForeignTree) -> dict[str, str]:
         prefix = formerly_nested(parts[1]) if len(parts) == 4 else None
         column = parts[1] if len(parts) == 3 else None if prefix is None else prefix + current(parts[2])
         if column is None or not is_name(column):
-            raise InputError("is not an array of frames", file=tree.path / folder, remedy=REMEDY)
+            raise InputError(
+                "an array must be stored as data/NAME with a valid name", file=tree.path / folder, remedy=REMEDY
+            )
         found[column] = folder
     return found
 

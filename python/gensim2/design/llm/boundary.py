@@ -57,7 +57,7 @@ class Secret:
 
     @property
     def can_be_sent(self) -> bool:
-        """Return whether the key is valid in an HTTP header."""
+        """Return whether an HTTP header may contain all characters of the key."""
         return self._value.isascii() and self._value.isprintable() and " " not in self._value
 
     @property

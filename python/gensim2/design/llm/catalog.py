@@ -81,7 +81,9 @@ class Catalog:
 
 
 def name_of(kebab: object, problems: list[str], known: Sequence[TaskSpec], field: str = "task-name") -> str:
-    """Convert a lower-case hyphenated task name to CamelCase; append any faults to ``problems``."""
+    """Convert a hyphenated task name, such as ``open-safe``, to CamelCase. If the name is invalid or already exists,
+    append a message to ``problems``.
+    """
     text = str(kebab).strip().lower().replace("_", "-").replace(" ", "-")
     if not isinstance(kebab, str) or not _KEBAB.match(text) or len(text) > LONGEST_NAME:
         problems.append(f'"{field}" must be lower-case words joined by hyphens, at most {LONGEST_NAME} characters')

@@ -160,7 +160,6 @@ class Client:
             finish, usage = choice.finish_reason, raw.parse().usage
             refusal = getattr(choice.message, "refusal", None)
         except (ValueError, TypeError, AttributeError, IndexError, RecursionError):
-            # The reply is truncated or not a chat completion.
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
         except self._openai.APIResponseValidationError:
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)

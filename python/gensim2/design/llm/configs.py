@@ -33,7 +33,8 @@ OPENNESS = (-0.5, 1.5)
 
 MAX_CONSTRAINTS, MAX_MOTIONS = 12, 8
 
-#: Placeholder motion: a config needs a motion, even if only its constraints are to be checked.
+#: Placeholder motion that completes a solver config without motions. Without a motion, its constraints could not be
+#: checked, because the parser refuses such a config.
 _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
 
 
@@ -70,8 +71,8 @@ def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
 def problems_of_names(
     task: TaskSpec, step: Step, config: Mapping[str, Any], things: Mapping[str, Affordance], profile: RobotProfile
 ) -> list[str]:
-    """Return the fault of a solver config that names a keypoint which the tool or the object does not have. The list is
-    empty if the config has no such fault.
+    """Check that the tool and the object have all keypoints that a solver config names. Return a list with the first
+    fault, or an empty list if there is no fault.
 
     Args:
         task: task that contains the step.

@@ -35,10 +35,10 @@ class TurnRecord(_Record):
     """Record of one prompt and its answer.
 
     Attributes:
-        answer: digest of the question. The file ``answers/<first 32 digits of the digest>.json`` stores the question
-            and its answer.
-        problems: faults of the answer. The faults of an unusable answer are sent back to the model. In a usable answer,
-            the faulty parts are left out.
+        answer: digest of the question, by which the answer is found. The file ``answers/<first 32 digits of the
+            digest>.json`` stores the question and its answer.
+        problems: faults of the answer. If the answer is unusable, its faults are sent back to the model. If it is
+            usable, only its faulty parts are left out.
     """
 
     answer: str
@@ -92,7 +92,7 @@ class ConversationLog:
         self._write()
 
     def add(self, record: ConversationRecord) -> None:
-        """Add a conversation. It replaces an earlier conversation that begins with the same question."""
+        """Add a conversation to the log, in place of an older conversation that begins with the same question."""
         with self._lock:
             self._found[_key(record)] = record
             self._write()
@@ -103,8 +103,8 @@ class ConversationLog:
 
     @property
     def conversations(self) -> list[ConversationRecord]:
-        """All conversations so far, sorted by task, part of the task and stage. The order in which answers arrived has
-        no influence.
+        """All conversations so far, sorted by task, part of the task and stage. The order therefore does not depend on
+        the order in which the answers arrived.
         """
         return sorted(self._found.values(), key=lambda each: (each.subject, each.about, each.stage, _key(each)))
 

@@ -138,13 +138,13 @@ class LLMDesigner:
                     return
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Ask the model for configs of all steps without a known or rule-based strategy, and combine the configs into
-        candidates.
+        """Ask the model for solver configs, and combine the configs into candidates. The model is asked about each step
+        that has no known and no rule-based strategy.
 
         In a single-step task, candidate n uses the model's n-th config.
 
-        In a task with several steps, candidate n prefers the n-th config of every step. The planner uses a step's other
-        configs if it finds no plan with the n-th config, because one step without a plan ends the task.
+        In a task with several steps, candidate n contains several configs of every step and prefers the n-th config. If
+        the planner finds no plan with this config, it tries the other configs of the step.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -204,7 +204,9 @@ class LLMDesigner:
         return children
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
-        """Return one proposal; None if the model rejects the proposal when asked to reflect on it."""
+        """Ask the model for a task, and then whether the task is good. Return the task, or None if the model rejects
+        it.
+        """
         catalog = Catalog.of(brief, articulated_only=self.asking.mode == "explore")
         catalog = replace(
             catalog, known=tuple({task.name: task for task in (*catalog.known, *self._proposed)}.values())
@@ -271,8 +273,8 @@ class LLMDesigner:
         the objects differently.
         """
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-        # A run can hide the stored tasks from the model. The example tasks of the prompts replace them, because these
-        # examples are never hidden.
+        # If the run hides the stored tasks from the model, show the example tasks of the prompts instead. A run never
+        # hides these examples.
         if not known:
             known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
@@ -301,8 +303,9 @@ class LLMDesigner:
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
         """Return the step for which the model should write better configs.
 
-        This step is a failed step for which the model wrote the configs. If no such step failed, it is the last step
-        for which the model wrote configs.
+        Only steps for which the model wrote the configs are considered. The method returns the step with the most
+        frequent failure; if none of the steps failed, it returns the last step. The result is None if the model wrote
+        no configs.
         """
         own = [step for step in task.steps if self._fixed(task, step) is None]
         blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
@@ -319,10 +322,10 @@ class LLMDesigner:
 
 
 def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
-    """Return the answers to questions that are asked in at most ``count`` threads, in the order of the questions.
+    """Ask questions in at most ``count`` threads, and return the answers in the order of the questions.
 
-    The threads are daemons: Ctrl-C ends the run at once, although a model may need minutes for its answer. An executor
-    is not used, because Python waits for the threads of an executor at exit.
+    A model may need minutes for an answer. The threads are daemon threads, so that Ctrl-C ends the run without waiting
+    for these answers. An executor is not used, because Python waits for the threads of an executor at exit.
     """
     waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
     answers: queue.SimpleQueue[tuple[int, T | BaseException]] = queue.SimpleQueue()
@@ -353,7 +356,8 @@ def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
-    """Return the candidate that gets furthest in the task, among all candidates that share the best score.
+    """Return the best candidate. If several candidates share the best score, return the one that fails at the latest
+    step of the task.
 
     ``results`` lists the best candidate first. A candidate gets further than another candidate if it fails at a later
     step.

@@ -79,8 +79,8 @@ class LanguageModel:
             return answer
         shared = question.shared_digest(self._client.endpoint, self.options.structured, digest)
         known = self._store.record(digest, shared)
-        # ``spent`` marks a question that an earlier call did not send, because the budget was spent. The question is
-        # asked now, because the budget may be higher.
+        # A record with ``spent`` has no answer: an earlier call did not ask the question, because its budget was spent.
+        # Ask the question now, because the budget of this call may be higher.
         if known is not None and known.spent is None:
             self.ledger.add(known.answer, asked=False)
             self._store.put(digest, question, known.answer)

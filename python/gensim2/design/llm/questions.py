@@ -111,8 +111,8 @@ class ModelQuestion:
         subject: task or class that the question is about, for readers of the record.
         messages: messages so far.
         schema: JSON schema of the answer, for endpoints that support one.
-        sample: numbers that distinguish repetitions of a question: the run's seed, the number of the proposal, the
-            round.
+        sample: numbers that distinguish questions with the same text, such as the seed of the run, the number of the
+            proposal and the round.
     """
 
     stage: str

@@ -22,8 +22,8 @@ from gensim2.tasks.strategies import Strategies
 
 Mode = Literal["explore", "topdown", "bottomup", "free"]
 
-#: A request for better configs shows up to ``SHOWN_BEST`` of the best earlier configs. Of all other earlier configs, it
-#: shows up to ``SHOWN_NEW``, the newest first.
+#: When the model is asked for better solver configs, the prompt shows earlier configs: up to ``SHOWN_BEST`` of the best
+#: configs, and up to ``SHOWN_NEW`` of the other configs, the newest first.
 SHOWN_BEST, SHOWN_NEW = 3, 3
 
 FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"
@@ -73,7 +73,11 @@ class Asking:
 
     @staticmethod
     def read(fields: Mapping[str, Any], file: Path) -> Asking:
-        """Return the settings of a record.
+        """Return the settings that the record of a run stores.
+
+        Args:
+            fields: content of the field ``asking`` in ``model.json``.
+            file: path of ``model.json``, for error messages.
 
         Raises:
             InputError: a field is unknown or invalid.
@@ -147,8 +151,8 @@ class Solutions:
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """Return configs that were tried for a step, with their results. The best configs come first, followed by the
-    newest among the other configs.
+    """Return solver configs that were tried for a step, with their results: first up to ``SHOWN_BEST`` of the best
+    configs, then up to ``SHOWN_NEW`` of the other configs, the newest first.
 
     Args:
         step: step for which the configs were written.

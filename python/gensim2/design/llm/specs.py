@@ -33,7 +33,7 @@ BESIDE = (-0.2, -0.45)
 #: limit.
 STEPS_A_STEP = 300
 
-#: Initial openness of a container that no step opens first.
+#: Mean openness of a container at the start of a task that never opens the container, or first closes it.
 STANDS_OPEN = 0.95
 
 

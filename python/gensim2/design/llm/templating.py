@@ -60,7 +60,9 @@ def hinge(thing: Affordance) -> str:
 
 
 def reached(thing: Affordance, goal: End) -> str:
-    """Return the instruction to move the joint to one limit, in quotes, such as ``"open the drawer"``."""
+    """Return the instruction to move the joint to one end of its range, such as ``"open the drawer"``. The result
+    includes the quotation marks.
+    """
     return quoted(words(thing.asset_class, goal, thing.joint_type or "revolute").sentence)
 
 
@@ -98,8 +100,8 @@ def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> s
 
 
 def shift(spec: ObjectSpec) -> str:
-    """Describe how far each episode shifts and turns an object, such as ``"3 cm along x and y, and turns it by up to
-    11 degrees"``.
+    """Describe the random placement of an object, in words that complete the sentence "Each episode shifts it by up to
+    ...". Example: "3 cm along x and y, and turns it by up to 11 degrees".
     """
     drawn = spec.randomization
     farthest = max(abs(value) for value in (*drawn.x, *drawn.y))
@@ -246,7 +248,9 @@ def _own(folder: Path, known: set[str]) -> dict[str, str]:
         if path.name.startswith(".") or path.name == "README.md":
             continue
         if path.name not in known:
-            raise InputError("is not the name of a prompt", file=path, remedy=near(path.name, sorted(known)))
+            raise InputError(
+                "the file does not have the name of a prompt", file=path, remedy=near(path.name, sorted(known))
+            )
         try:
             found[path.name] = read_input(path, MAX_PROMPT).decode()
         except UnicodeDecodeError as error:

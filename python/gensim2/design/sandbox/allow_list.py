@@ -98,7 +98,7 @@ def checked(
         SyntaxError: the program is not Python, or too long or nested too deeply for the parser.
     """
     if len(source) > LONGEST_SOURCE:
-        raise SyntaxError(f"has {len(source)} characters, more than {LONGEST_SOURCE}")
+        raise SyntaxError(f"the program has {len(source)} characters, more than {LONGEST_SOURCE}")
     if (odd := NOT_IN_TEXT.search(source)) is not None:
         raise at_line(f"the program contains a control character ({odd[0]!r})", source.count("\n", 0, odd.start()) + 1)
     try:
@@ -112,7 +112,7 @@ def checked(
     except (RecursionError, MemoryError) as error:
         raise at_line("cannot be parsed: the program is nested too deeply", longest_line(source)) from error
     except ValueError as error:
-        raise SyntaxError(f"cannot be parsed: {error}") from error
+        raise SyntaxError(f"the program cannot be parsed: {error}") from error
     return tree, Reader(offered, methods).read(tree)
 
 
@@ -140,7 +140,8 @@ class Reader:
             nodes, parents = self.listed(tree)
         except Refused as refused:
             return [(refused.line, refused.words)]
-        for node in nodes:  # in the order of lines, so that a name counts as defined only after its assignment
+        # The nodes are in program order, so that a name counts as defined only after its assignment.
+        for node in nodes:
             try:
                 self.look(node, parents.get(node))
             except Refused as refused:
@@ -236,7 +237,7 @@ class Reader:
         if not isinstance(parent, (ast.ClassDef, ast.FunctionDef)):
             raise Refused(node, "an assignment outside the class is not allowed")
         if len(node.targets) != 1 or not isinstance(node.targets[0], (ast.Name, ast.Attribute)):
-            raise Refused(node, "an assignment must have exactly one target: a name or an attribute of self")
+            raise Refused(node, "the left side of an assignment must be one name or one attribute of self")
 
     def look_at_Attribute(self, node: ast.Attribute, parent: ast.AST | None) -> None:
         if is_super_init(node, parent):
@@ -250,7 +251,7 @@ class Reader:
                 f"self.{_short(node.attr)} is not allowed: names consist of lower-case ASCII letters, digits and _",
             )
         if isinstance(node.ctx, ast.Store) and node.attr in self.methods:
-            raise Refused(node, f"self.{node.attr} cannot be assigned")
+            raise Refused(node, f"self.{node.attr} cannot be assigned, because it is a method of {BASE}")
 
     def look_at_Name(self, node: ast.Name, parent: ast.AST | None) -> None:
         if isinstance(node.ctx, ast.Store):
@@ -308,8 +309,8 @@ class Reader:
 
 
 def number(node: ast.AST) -> int | float:
-    """Evaluate arithmetic on numbers. Other operands are refused, because a text or a list that is multiplied by a
-    number is repeated and could fill the memory.
+    """Evaluate arithmetic on numbers. Refuse all other operands: Python repeats a text or a list when it is multiplied
+    by a number, and the result could fill the memory.
 
     Raises:
         Refused: an operand is not a number, or a result is out of bounds.

@@ -79,7 +79,9 @@ class Composition:
 
 
 def skills_of(known: Sequence[Known], catalog: Catalog) -> list[Skill]:
-    """Return the single-step tasks on one articulated object, with their strategies."""
+    """Return the known tasks that can become steps of a longer task. Each of them has a single step and one articulated
+    object.
+    """
     found = []
     for each in known:
         task = each.task
@@ -194,7 +196,9 @@ def _classes(
 
 
 class _Chain:
-    """Builds task steps from an answer one by one, and tracks the state of the hand and the joint."""
+    """Builds task steps from an answer one by one. It tracks the state of the hand and the joint, to find steps whose
+    preconditions are not met.
+    """
 
     def __init__(self, role: str, other: str | None, skills: Mapping[str, Skill], problems: list[str]) -> None:
         self.role, self.other, self.skills, self.problems = role, other, skills, problems

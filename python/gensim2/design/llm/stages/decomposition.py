@@ -1,9 +1,11 @@
 """Top-down mode: decompose a long task into the sub-tasks of the GenSim2 paper, and convert the sub-tasks to steps.
 
-In the paper, ``grasp`` and ``ungrasp`` are sub-tasks of their own. In this project, a step is one actuation pose (the
-pose of the hand at the contact) with its gripper command. The grasp of a rigid object therefore becomes a step with a
-rule-based strategy. The grasp of a handle becomes part of the step that moves the handle. The release of an object
-becomes part of the step that places the object.
+In the paper, ``grasp`` and ``ungrasp`` are separate sub-tasks. In this project, each step has one actuation pose (the
+pose of the hand at the contact) and one gripper command. The sub-tasks are therefore converted as follows:
+
+- The grasp of a rigid object becomes a step with a rule-based strategy.
+- The grasp of a handle becomes part of the step that moves the handle.
+- The release of an object becomes part of the step that places the object.
 """
 
 from __future__ import annotations
@@ -148,7 +150,8 @@ class _Chain:
         elif kind in WORKING:
             self._work(where, kind)
         elif kind == "distance_gripper_rigidbody" and self._grasps_next(rest):
-            # no extra step: the grasp step that follows has the same criterion
+            # The next sub-task is a grasp, which becomes a step with the same criterion. Therefore do not add a step
+            # here.
             self.reached = criterion(kind, self.role, self.other)
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role

@@ -62,7 +62,7 @@ SCHEMA: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class WholeTask:
-    """A whole task, and the model's own sentence for each step, by name."""
+    """A whole task, and the sentences with which the model describes its steps, by step name."""
 
     task: TaskSpec
     sentences: Mapping[str, str]
@@ -227,7 +227,9 @@ def _steps(
 
 
 def _check_criteria(where: str, given: Any, objects: Mapping[str, Any], catalog: Catalog, problems: list[str]) -> None:
-    """Report criteria that name an object of the wrong kind, or a place that the object's class does not have."""
+    """Append a fault to ``problems`` for each criterion that names an object of the wrong kind (articulated or rigid),
+    or that asks to put an object where the articulated object has no place for it.
+    """
     if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
         problems.append(f"{where}: must be a list of criteria")
         return

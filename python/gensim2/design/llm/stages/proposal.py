@@ -15,7 +15,7 @@ from gensim2.design.llm.templating import Prompts
 from gensim2.tasks.criteria import CLOSED, OPEN
 from gensim2.tasks.spec import TaskSpec
 
-#: Phrases for goals that no criterion can measure, such as distances, angles, parts and sides.
+#: Phrases that ask for something that no criterion can measure, such as "5 cm", "halfway" or "to the left".
 _UNMEASURED = re.compile(
     r"\b(\d+(\.\d+)? ?(mm|cm|m|degrees?|percent)|half(way)?|slightly|a (little|bit)|to the (left|right)|twice)\b"
 )

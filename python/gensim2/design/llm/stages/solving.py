@@ -83,7 +83,7 @@ class StepToSolve:
 
     @property
     def openness(self) -> float | None:
-        """Openness of the step's object when the step starts, if all earlier steps succeed; None for a rigid object."""
+        """Openness of the step's object after all earlier steps have succeeded; None for a rigid object."""
         spec, thing = self.task.objects[self.step.object], self.things[self.step.object]
         found = spec.randomization.openness_mean
         found = thing.default_openness if found is None else found
@@ -278,7 +278,7 @@ def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
             asset_class = each.task.objects[step.object].asset_class
             same = (asset_class, [criterion.type for criterion in step.done]) == (own.asset_class, kinds)
             if CONSTRAINTS not in config or each.task.name == job.task.name or (same and job.task.is_single_step):
-                continue  # the stored solution of the task that is being designed must stay hidden
+                continue  # The example would show the model a stored solution of the task that it designs.
             unlike = (
                 (step.tool == HAND) != (job.step.tool == HAND),
                 [criterion.type for criterion in step.done] != kinds,
@@ -302,8 +302,8 @@ def _motions_of(config: Mapping[str, Any]) -> Config:
 
 
 def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
-    """Return the mappings that an answer lists under ``field``. If the answer has no such list, return its top-level
-    mappings that have a key in ``marks``.
+    """Return the mappings that an answer lists under ``field`` or at its top level. If the answer contains no list,
+    return all of its mappings that have at least one of the keys ``marks``.
     """
     for each in data:
         for name in (field, ITEMS):
