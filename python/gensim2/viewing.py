@@ -99,7 +99,7 @@ def view(
         found = of_data_set(place, task, episode, _location(scene.get("assets")))
     else:
         if task is not None or episode is not None:
-            raise InputError("may be given only for a data set", field="task" if task is not None else "episode")
+            raise InputError("is an option for data sets only", field="task" if task is not None else "episode")
         found = of_task(str(what), seed, **scene)
     return serve(found, spec or ObservationSpec(), host=host, port=port)
 

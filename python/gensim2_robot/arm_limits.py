@@ -188,7 +188,10 @@ class ArmLimits:
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():
-            raise InputError("is too large: a joint has no range left", field="margin")
+            raise InputError(
+                "is too large, because it leaves a joint of the arm no range in which the joint may move",
+                field="margin",
+            )
         own = profile.arm_limits(*(_PANDA if profile.solver.get("limits") == "panda" else _UNKNOWN))
         if not np.isfinite(own.velocity).all():
             raise InputError("a joint of the arm has no velocity limit", file=profile.urdf, field="limit")

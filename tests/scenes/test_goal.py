@@ -30,7 +30,7 @@ def sampler(*goal: dict[str, Any], **objects: dict[str, Any]) -> SceneSampler:
         ),
         (
             [{"type": "articulated_open", "object": "drawer"}, {"type": "articulated_closed", "object": "drawer"}],
-            "require the openness of drawer to be above 0.8 and also below 0.2",
+            "require the openness of drawer to be above 0.8 and below 0.2 at the same time",
         ),
         ([{"type": "articulated_open", "object": "ball"}], "does not apply to 'ball', which is a rigid object"),
         (

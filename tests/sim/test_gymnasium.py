@@ -114,9 +114,9 @@ def test_seeds_of_numpy_and_lists_of_one_are_seeds(env: GenSim2Env) -> None:
     [
         ([], "options: must be a mapping"),
         ("openness", "options: must be a mapping"),
-        ({"offset": [1e308, 0, 0]}, "offset: must lie within 10 m"),
-        ({"pose": [0, 0, 1e30, 1, 0, 0, 0]}, "pose: must lie within 10 m"),
-        ({"env_idx": [3]}, "env_idx: must be 0, because there is only one environment"),
+        ({"offset": [1e308, 0, 0]}, "offset: the coordinates must lie between -10 m and 10 m"),
+        ({"pose": [0, 0, 1e30, 1, 0, 0, 0]}, "pose: the coordinates must lie between -10 m and 10 m"),
+        ({"env_idx": [3]}, "env_idx: must be 0, because a reset resets a single environment"),
         ({"reset_to_env_states": 5}, "reset_to_env_states: must be a mapping"),
     ],
 )

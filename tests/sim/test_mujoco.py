@@ -134,7 +134,7 @@ def test_a_stored_state_of_another_scene_is_refused(task: str, seed: int) -> Non
     other.reset(seed)
     stored = env.snapshot()
     assert stored.physics.shape == other.snapshot().physics.shape
-    with pytest.raises(InputError, match=r"snapshot\.scene: belongs to another scene"):
+    with pytest.raises(InputError, match=r"snapshot\.scene: the snapshot belongs to another scene"):
         other.restore(stored)
     env.restore(stored)
 

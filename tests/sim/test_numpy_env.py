@@ -51,7 +51,7 @@ def test_an_episode_ends_with_the_goal_or_with_its_time() -> None:
         ({"obs_mode": "rgb"}, "obs_mode: must be one of state, raycast"),
         ({"reward_mode": "dense"}, "reward_mode: must be one of"),
         ({"render_mode": "ansi"}, "render_mode"),
-        ({"observation": {"points": 512}}, "observation: applies only to obs_mode 'raycast'"),
+        ({"observation": {"points": 512}}, "observation: is used only with obs_mode='raycast'"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*render_mode")

@@ -120,5 +120,5 @@ def test_an_instance_whose_joint_differs_from_its_urdf_is_refused(crates: Callab
     library = crates()
     crate = library.load("crate", "0")
     library._crates["0"] = dataclasses.replace(crate, joint=dataclasses.replace(crate.joint, upper=1.0))
-    with pytest.raises(InputError, match="hinge: limits are"):
+    with pytest.raises(InputError, match="hinge: the joint limits must be"):
         GenSim2Env(crate_task, assets=library)

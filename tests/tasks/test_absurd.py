@@ -58,9 +58,9 @@ ABSURD: dict[str, tuple[Callable[[Fields], None], str]] = {
         at("objects", value={f"o{i}": {"class": "drawer"} for i in range(1000)}),
         "objects: .* at most 20",
     ),
-    "a terminal's colours": (at("description", value="\x1b[31mopen it"), r"description: holds a control .*\\x1b"),
-    "a null byte": (at("description", value="open\0it"), r"description: holds a control .*\\x00"),
-    "letters from the right": (at("description", value="open \u202e it"), r"description: holds a control .*\\u202e"),
+    "a terminal's colours": (at("description", value="\x1b[31mopen it"), r"text contains a control .*\\x1b"),
+    "a null byte": (at("description", value="open\0it"), r"text contains a control .*\\x00"),
+    "letters from the right": (at("description", value="open \u202e it"), r"text contains a control .*\\u202e"),
 }
 
 

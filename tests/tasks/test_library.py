@@ -229,7 +229,7 @@ def test_shared_strategies_are_used_and_no_task_has_a_file_of_its_own_by_such_a_
         (GOOD.replace("tool: ball", "tool: bat"), "steps.place.tool: there is no object 'bat'"),
         (GOOD.replace("rigid: ball", "rigid: bat"), "names an unknown object 'bat'"),
         (GOOD[: GOOD.index("goal")], "goal: is required"),
-        (GOOD.replace("  ball:", "  hand:").replace("ball", "hand"), "no object may be called 'hand'"),
+        (GOOD.replace("  ball:", "  hand:").replace("ball", "hand"), "no object may have the name 'hand'"),
         (GOOD.replace("  ball:", "  Ball:"), "objects.Ball: string should match pattern"),
         (GOOD.replace("strategies: [drop]", "strategies: []"), "steps.1.strategies: "),
         (GOOD.replace("schema_version: 2", "schema_version: 3"), "schema_version: "),

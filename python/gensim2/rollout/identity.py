@@ -71,8 +71,8 @@ def digest(value: Any) -> str:
 
 
 def listing(library: Library, classes: Iterable[str]) -> str:
-    """Return a hash of a library's list of objects. A resumed run compares the hash, because episodes depend on this
-    list.
+    """Return a hash of the ids of all objects that a library has in some classes. A resumed run compares the hash with
+    the stored hash of the run, because other objects would give other episodes.
     """
     return digest({name: list(library.instances(name)) for name in classes})
 
@@ -83,7 +83,9 @@ def listings(given: Sequence[TaskInput]) -> dict[str, str]:
 
 
 def identity(given: Sequence[TaskInput]) -> dict[str, str]:
-    """Return the digests of the inputs of a run with several tasks and one library."""
+    """Return hashes of the inputs of a run with several tasks: one hash each for the tasks, their strategies and the
+    ids of the library's objects.
+    """
     return {
         "tasks": digest([one.spec.model_dump(mode="json") for one in given]),
         "strategies": digest([one.strategies for one in given]),

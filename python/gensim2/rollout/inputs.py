@@ -96,11 +96,11 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
 
 
 def check_scene_source(given: TaskInput) -> str | None:
-    """Check that the planner can get the scene that the options select: the true scene, or an estimate from point
-    clouds.
+    """Check that the planner can get its scene. The options of the task select the true scene of the simulator, or an
+    estimate from point clouds, which needs an estimator.
 
     Returns:
-        Digest that identifies the controller and its estimator; None for the true scene.
+        Hash that identifies the planner with its estimator, if the scene is estimated; None for the true scene.
 
     Raises:
         InputError: the estimator cannot be read, or it cannot estimate the scene of this task.
@@ -241,7 +241,7 @@ def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, .
             )
             for name, thing in spec.objects.items()
         }
-    except InputError as error:  # Name the argument ``instances`` in the message, because the user gave this argument.
+    except InputError as error:  # The error must name the argument that the user gave, which is ``instances``.
         raise InputError(error.message, file=error.file, field="instances", remedy=error.remedy) from error
 
 

@@ -122,13 +122,14 @@ class _State:
 
 @dataclass(frozen=True)
 class _Mutant:
-    """A state in which a step is not done.
+    """A state of the scene in which one step of the task is not done.
 
     Attributes:
-        mutation: change that prevents success.
-        subject: name of the object that is not where it should be.
-        state: state of the scene.
-        settles: whether the state must be simulated before it is judged.
+        mutation: kind of change that makes the step undone.
+        subject: name of the object that the change concerns.
+        state: changed state of the scene.
+        settles: whether objects may fall in this state. The state is then simulated before the success criteria are
+            evaluated.
     """
 
     mutation: Mutation
@@ -183,7 +184,7 @@ class _Worlds:
         kinds = tuple(dict.fromkeys(criterion.type for criterion in about))
         return WorldCount(step, str(mutation), subject, kinds, 1, int(holds))
 
-    # The successful course of the task.
+    # The following methods build the states of an episode in which every step succeeds.
 
     def _course(self, steps: Sequence[Step]) -> list[_State] | None:
         """Return the states before the first step and after each one; None if they cannot be built."""
@@ -228,7 +229,9 @@ class _Worlds:
         return step.done or (self._task.success if step is self._task.steps[-1] else ())
 
     def _way(self, step: Step) -> Array | None:
-        """Return the displacement (3,) that a step should give its rigid object, m; None if it is unknown."""
+        """Return the displacement (3,), m, by which a step must move its rigid object to meet the criteria; None if no
+        criterion requires a displacement.
+        """
         about = [c for c in self._criteria(step) if step.object in c.objects]
         way = np.zeros(3)
         for criterion in about:
@@ -414,9 +417,9 @@ class _Worlds:
         return self._with_start(self._env.measure(), mutant.state.hand)
 
     def _with_start(self, found: Measurement, hand: Array | None) -> Measurement:
-        """Return the measurement ``found``, completed for the criteria. The objects' start positions are replaced by
-        their positions at the start of the episode. The hand is placed at ``hand``, or at its start if ``hand`` is
-        None.
+        """Return a copy of the measurement ``found`` with the start positions of the objects and the position of the
+        hand, which the success criteria need. The start positions are those in the initial state of the scene. The hand
+        is at ``hand``, or in its start position if ``hand`` is None.
         """
         starts = {name: self._first.objects[name].position for name in found.start_positions}
         gripper = self._env.profile.gripper_with(self._start.start)

@@ -76,9 +76,9 @@ def no_op_baseline(
 ) -> NoOpResult:
     """Simulate the scene of a seed without the arm, and return whether the goal is reached without any action.
 
-    An arm at rest touches nothing, and simulation without an arm is ten times faster. The simulation takes ``steps``
-    control steps, and then the time until the scene is at rest. It ends early if no object moves in the first
-    ``UNMOVED_SECONDS``, because then no object will move later.
+    The simulation omits the arm: an arm at rest touches nothing, and a simulation without it is ten times faster. After
+    ``steps`` control steps, the simulation continues until the scene is at rest. If no object moves in the first
+    ``UNMOVED_SECONDS``, no object will move later, so the simulation ends at this time.
 
     Args:
         world: simulated world, which is reset first.

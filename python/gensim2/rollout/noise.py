@@ -21,14 +21,16 @@ SHARE = 0.5
 class Noisy(WrappedController):
     """Controller that sometimes adds noise to the joint targets of another controller.
 
-    The other controller is not informed. In a period with noise, each joint target has an offset that follows a half
-    sine wave with a random amplitude. The noise-free action is recorded as ``reference/action``.
+    The other controller does not know that noise is added to its actions. Time is divided into periods of equal length,
+    and a random part of the periods has noise. In such a period, each joint target gets an offset that rises from zero
+    to a random amplitude and falls back to zero, like half a sine wave. The noise-free action is recorded as
+    ``reference/action``.
 
     Args:
         controller: controller whose actions get noise.
         control_hz: control rate, Hz.
         arm: number of the arm's joints.
-        noise: standard deviation of the amplitudes, rad.
+        noise: standard deviation of the random amplitudes, rad.
         seed: seed of the episode.
     """
 

@@ -80,8 +80,8 @@ class ObjectRecord:
         yaw: random rotation about the vertical, rad.
         openness_start, openness_end: openness of the joint at start and end; None for a rigid object or if not finite.
         pose_end: (7,) pose of a rigid object at the end; None for an articulated object or if not finite.
-        default_pose: physics preset whose default pose was randomized (``"ours"`` in earlier files); None if the pose
-            was given.
+        default_pose: source of the pose to which the random displacement was added: ``"default"`` (``"ours"`` in
+            earlier files) or ``"original"``. None if the pose was given.
         mass_factor, contact_friction_factor, joint_friction_factor: random factors on mass and friction.
     """
 
@@ -112,8 +112,9 @@ class PlanRecord:
         at_step: control step at which the plan was made.
         trigger: ``"start"``, or the deviation that caused replanning.
         ran: number of control steps executed.
-        detail: measured values about a failure: unmet residuals, unreached keyframe, colliding bodies, distances (m or
-            rad); empty if planning succeeded.
+        detail: measured values that explain why planning failed, for example the residuals that are too large, the
+            keyframe that the arm cannot reach, or the bodies that collide. Distances are in m or rad. Empty if planning
+            succeeded.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)

@@ -128,7 +128,9 @@ class Recorder:
         )
 
     def _observed(self) -> npt.NDArray[np.float32]:
-        """Return the observations (T + 1, D); tool poses are computed for all instants at once."""
+        """Return the observations (T + 1, D). The method computes the tool poses of all steps in one call, because
+        separate calls would take more time.
+        """
         obs = np.stack(self._obs)
         joints = len(self._world.profile.reset_qpos)
         obs[:, 2 * joints : 2 * joints + 7] = tool_pose(self._world.profile, obs[:, :joints])
@@ -155,7 +157,8 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
         if meant.action is not None:
             found.setdefault("action", np.full((len(given), size + 1), np.nan, np.float32))[step] = meant.action
     found["joint_positions"][steps] = joints[:, :size]
-    # Rows are NaN in steps for which the controller gives an action but no intended joints.
+    # A row of ``joints`` is NaN if the controller gave an action but no planned joint positions in this step. Such a
+    # row has no tool pose.
     known = np.isfinite(joints).all(axis=1)
     if known.any():
         found["tool_pose"][np.array(steps)[known]] = tool_pose(profile, joints[known])

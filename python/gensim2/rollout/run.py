@@ -180,7 +180,9 @@ def run(
 
 
 def controller_seed(seed: int) -> int:
-    """Return the seed of the controller's random numbers, which does not reveal the scene's seed."""
+    """Return the seed for the controller's random numbers. The seed is computed from the scene's seed in such a way
+    that a controller cannot find out the scene's seed.
+    """
     return int(rng(seed, "controller").integers(2**32))
 
 
@@ -329,8 +331,8 @@ class Attempt:
         return step.model_copy(update={"strategies": (first, *(name for name in step.strategies if name != first))})
 
     def controller(self, spec: ControllerSpec) -> ControllerSpec:
-        """Return the controller's specification for this attempt. Later attempts give the solver another seed and more
-        start values, so that it can find other solutions.
+        """Return the controller's specification for this attempt. After the first attempt, the solver gets a different
+        seed and starts from more initial joint positions, so that it can find other solutions.
         """
         if self.seed == 0:
             return spec

@@ -37,8 +37,8 @@ class EpisodeRunner:
     Args:
         scene: settings of the scenes of all tasks.
         execution: settings of the workers.
-        progress: progress display. The runner advances the display after each job, but it does not start a stage; its
-            user starts the stage.
+        progress: progress display. The runner advances the display after each job. The caller must start each stage of
+            the display.
         rollout: options of all episodes.
         log: file to which the tracebacks of failed jobs are written; None for no log.
 
@@ -79,8 +79,8 @@ class EpisodeRunner:
 
     @property
     def cpu_s(self) -> float:
-        """CPU time (s) of this process and of all jobs since the start. The start of the worker processes is not
-        included.
+        """CPU time (s) that this process and all jobs have used since the runner was created, without the time for
+        starting the worker processes.
         """
         return time.process_time() - self._begin + self._elsewhere
 

@@ -48,8 +48,9 @@ def strict_misses(
     Args:
         world: simulated world one second after the last command.
         start: measurement before the first control step.
-        at_actuation: measurement at the first actuation pose. With None the controller does not report this pose, and
-            the function does not check whether an object moved before.
+        at_actuation: measurement when the hand was at the first actuation pose; None if the controller does not report
+            this pose. In that case the function cannot check whether the robot moved an object before it reached the
+            pose.
         before: measurement one control step before ``later``.
         later: current measurement.
     """

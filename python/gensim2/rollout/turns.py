@@ -33,15 +33,15 @@ class Turn:
 def told_turns(
     task: TaskSpec, trace: Sequence[Measurement], begun: Sequence[tuple[str, int]], every: int = 1
 ) -> tuple[Turn, ...]:
-    """Return the turns of a controller that reports its current step.
+    """Return the interval in which each step of the task was executed, for a controller that reports its current step.
 
     Args:
         trace: measurements before the first control step and after each one.
-        begun: name of each started step, and index of the step's first measurement.
+        begun: name of each started step, and the index of the step's first measurement in ``trace``.
         every: number of control steps between evaluations of the criteria.
 
     Raises:
-        ControllerError: the task has no step of a reported name.
+        ControllerError: the controller reported the name of a step that the task does not have.
     """
     steps = {step.name: step for step in task.steps}
     for name, _ in begun:

@@ -199,12 +199,12 @@ def evaluate(
     keep: Callable[[Episode, Recording | None], Result] | None,
     index: int | None = None,
 ) -> Episode | Result:
-    """Run one episode of any controller.
+    """Run one episode of a task with a given controller, which may be the planner or a policy.
 
     Args:
         controller: controller, which is created once in each process and reset for each episode.
-        stop: end of the episode, as for :func:`gensim2.rollout.run.run`.
-        keep: as for :func:`record`; None: states are not recorded.
+        stop: condition that ends the episode, as for :func:`gensim2.rollout.run.run`.
+        keep: as for :func:`record`; None if the states are not recorded.
         index: index of the episode among the task's episodes, for error messages.
 
     Returns:
@@ -262,7 +262,9 @@ def _rollout(
 
 
 def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> Controller:
-    """Return a controller for an episode; unprivileged controllers are cached, because loading a network takes time."""
+    """Return a controller for an episode. A controller that does not use the simulator's state, such as a policy, is
+    cached, because loading a network takes time.
+    """
     from gensim2.rollout.controller import is_privileged
     from gensim2.rollout.guarded import Guarded
 
@@ -272,7 +274,7 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
     if is_privileged(spec.load()):
         controller = spec.make(task, profile)
     else:
-        # The digest detects a changed checkpoint or class at the same path.
+        # The key contains the digest, so that a controller is loaded again after its checkpoint or class has changed.
         key = (spec.target, json.dumps(spec.arguments, sort_keys=True), spec.digest)
         if key not in _kept:
             forget()

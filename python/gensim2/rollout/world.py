@@ -101,10 +101,11 @@ class World(Body, Protocol):
         ...
 
     def observation(self, tool: bool = True) -> npt.NDArray[np.float32]:
-        """Return the environment's state observation (D,): qpos, qvel, tool pose (7,), objects.
+        """Return the environment's state observation, a vector (D,). It contains the robot's joint positions, joint
+        velocities and tool pose (7,), and then the values of the objects.
 
         Args:
-            tool: whether to compute the tool pose; if False it is NaN. Recordings compute the tool poses of all
-                instants at once.
+            tool: whether to compute the tool pose. If False, the vector contains NaN instead of the pose. Recordings
+                use False and compute the tool poses of all steps together.
         """
         ...

@@ -1,4 +1,6 @@
-"""Convert users' arguments for tasks, libraries and instances to values."""
+"""Convert the arguments ``task``, ``assets`` and ``instances`` of users to a task, an object library and ids of
+objects.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ from gensim2.tasks.spec import TaskSpec
 
 
 class ObjectSource(Protocol):
-    """Interface of object libraries for environments."""
+    """Interface of an object library from which environments load their objects."""
 
     def source(self, asset_class: str, /) -> str: ...
     def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
@@ -63,9 +65,9 @@ def chosen_instances(
     Args:
         library: library of the objects.
         task: the task, which may allow only some instances of an object.
-        instances: selection of instances. A mapping gives a selection for each named object, and this selection may
-            include instances that the task does not allow. A selection without names applies to all objects, and only
-            to the instances that the task allows.
+        instances: selection of instances: one selection for all objects, or a mapping from object names to selections.
+            A selection for all objects chooses only instances that the task allows. A selection in a mapping may also
+            choose other instances. Objects without an entry in the mapping use all instances that the task allows.
 
     Returns:
         Ids by the name of the object.

@@ -80,8 +80,8 @@ class SceneOptions:
         assets: folder of objects or ``"builtin"``.
         physics: name of the physics settings (:mod:`gensim2.scenes.physics`). Settings from a file are converted to
             such a name.
-        robot: name of a robot that this process already knows. A robot is never loaded because of this name, since
-            loading runs the user's code.
+        robot: name of a robot that this process has already loaded. The name never causes a robot to be loaded, because
+            loading a robot runs Python code of the user, and the name may come from an untrusted file.
         randomization: name of the randomization preset.
         engine: simulation engine.
 

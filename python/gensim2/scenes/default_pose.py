@@ -44,9 +44,10 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
 
     Args:
         model: object to place.
-        poses: ``"default"`` computes the pose from the geometry. ``"original"`` uses the pose of the original GenSim2,
-            if the object is an articulated model that the original GenSim2 published with a pose. Rigid objects always
-            rest on the table, because in the original GenSim2 some of them overlap the table.
+        poses: source of the pose. ``"default"`` computes the pose from the object's geometry. ``"original"`` uses the
+            pose that the original GenSim2 published for an articulated object. If no pose was published, the pose is
+            computed. The pose of a rigid object is always computed, because the original poses of some rigid objects
+            overlap the table.
     """
     if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)

@@ -84,8 +84,8 @@ def square(center: Array, half: float) -> Array:
 
 
 def keep_apart(first: Array, second: Array, gap: float) -> bool:
-    """Return whether two convex outlines are at least ``gap`` (m) apart along the normal of one of their edges
-    (separating axis test).
+    """Return whether two convex outlines are at least ``gap`` (m) apart. Gaps are measured perpendicular to the edges,
+    as in the separating axis test, and the largest gap counts.
     """
     return gap_between(first, second) >= gap
 

@@ -79,7 +79,7 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
         if low >= high:
             raise GoalError(
                 f"the goal is unreachable, because its criteria require the openness of {name} to be above {low:g} and "
-                f"also below {high:g}",
+                f"below {high:g} at the same time",
                 field=field,
                 remedy="remove one of these criteria, or change its threshold",
             )
@@ -157,8 +157,8 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
 
 
 def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, float]:
-    """Return the lower and upper bound of an object's openness that the criteria of a goal require. The bounds
-    themselves do not satisfy the criteria.
+    """Return the lower and the upper bound that the criteria of a goal set for an object's openness. The openness must
+    lie strictly between the bounds.
     """
     low, high = -np.inf, np.inf
     for criterion in criteria:

@@ -135,13 +135,14 @@ def sample_initial_state(
     """Sample the initial state of a scene. Values given in ``options`` replace the sampled values.
 
     A single object keeps its first random placement. If there are several objects and ``physics`` allows it, the
-    placements are sampled until three conditions hold, at most ``MAX_DRAWS`` times. All objects must be ``GAP`` apart,
-    including the volume through which a joint moves a part. All objects must be within the robot's reach. Rigid objects
-    must not overlap the space that the robot occupies at the start. If the preset randomizes the robot's start, a start
-    is sampled until the robot overlaps no object. Placements given by options are never changed.
+    placements are sampled repeatedly, at most ``MAX_DRAWS`` times, until three conditions hold. First, all objects are
+    ``GAP`` apart, including the volume through which a joint moves a part. Second, all objects are within the robot's
+    reach. Third, no rigid object overlaps the space that the robot occupies at the start. Placements given in
+    ``options`` never change. If the preset randomizes the start of the robot, the start is sampled again until the
+    robot overlaps no object.
 
-    A preset does not change the values that are sampled from the task's ranges, because the additional values of a
-    preset come from a second random generator.
+    The values that are sampled from the task's ranges do not depend on whether a preset randomizes additional values,
+    because a second random generator samples the additional values.
 
     Args:
         task: task with the ranges.
@@ -196,7 +197,9 @@ def _vary(
     robot: RobotProfile,
     randomization: Preset,
 ) -> tuple[dict[str, Factors], tuple[float, ...]]:
-    """Sample the additional values of a preset: physical factors of each object, and the robot's start."""
+    """Sample the values that a preset randomizes in addition to the placements: the factors on each object's mass and
+    friction, and the robot's start configuration.
+    """
     if not randomization.varies:
         return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
     generator = rng(seed, f"{task.name}/{randomization.name}")
@@ -367,15 +370,17 @@ ABOVE = 0.02
 
 
 def set_down(thing: PlacedObject, support: PlacedObject, above: float = ABOVE) -> PlacedObject | None:
-    """Lower an object over the measured point of its support until object and support touch.
+    """Lower an object onto its support until the two touch. The object starts above the support's last keypoint, which
+    the success criteria measure.
 
     Args:
         thing: object in its resting pose on the table; its x and y do not change.
-        support: object to stand on or in.
-        above: height (m) above the measured point from which the object is lowered.
+        support: other object, on which or in which ``thing`` will stand.
+        above: height (m) above the keypoint at which the movement starts.
 
     Returns:
-        The lowered object; None if there is no space above the point, or nothing to stand on below it.
+        The lowered object; None if ``thing`` does not fit above the keypoint, or if nothing below the keypoint supports
+        it.
     """
     blocks = [ConvexBlock.of(support.in_world(hull)) for hull in hulls_in_root(support.model, support.joint_value)]
     hulls = hulls_in_root(thing.model, thing.joint_value)

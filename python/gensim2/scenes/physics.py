@@ -108,10 +108,11 @@ _FILES = (".yaml", ".yml", ".json")
 
 @cache
 def physics_switches(word: str) -> PhysicsSwitches:
-    """Return the settings of a physics name.
+    """Return the physics settings that a name stands for.
 
     Args:
-        word: name of a preset, followed by ``+setting=value`` for each change.
+        word: name of the settings: a preset, followed by ``+setting=value`` for each changed setting, for example
+            ``original+gripper=default``.
 
     Raises:
         InputError: a preset, setting or value is unknown.
@@ -228,8 +229,8 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
 
 
 def with_current_scene(record: Any) -> Any:
-    """Return the fields of a scene, as read from a file, in their current form: old names of physics settings are
-    replaced, and a missing engine is added.
+    """Convert the description of a scene that an older version of gensim2 wrote to the current form. The function
+    replaces old names of physics settings, and adds the default engine if the description names no engine.
     """
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
         return {"engine": DEFAULT_ENGINE, **record, "physics": current(word, _RENAMED, "physics")}

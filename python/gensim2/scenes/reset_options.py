@@ -71,7 +71,7 @@ def _list(names: Sequence[str]) -> str:
 
 def _check_maniskill(option: str, value: Any) -> None:
     if option == "env_idx" and value is not None and np.any(np.asarray(value) != 0):
-        raise InputError("must be 0, because there is only one environment", field="env_idx")
+        raise InputError("must be 0, because a reset resets a single environment", field="env_idx")
     has_states = value is None or (isinstance(value, Mapping) and "env_states" in value)
     if option == "reset_to_env_states" and not has_states:
         raise InputError("must be a mapping with env_states", field="reset_to_env_states")
@@ -94,6 +94,6 @@ def _check(option: str, given: Any, field: str) -> None:
             raise InputError("must lie in 0..1", field=field)
         return
     if np.abs(value[:2] if option == "offset" else value[:3]).max() > FARTHEST:
-        raise InputError(f"must lie within {FARTHEST:g} m", field=field)
+        raise InputError(f"the coordinates must lie between -{FARTHEST:g} m and {FARTHEST:g} m", field=field)
     if option == "pose" and abs(math.hypot(*value[3:]) - 1.0) > 1e-3:
         raise InputError("the quaternion (w, x, y, z) must have length 1", field=field)

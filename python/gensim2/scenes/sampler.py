@@ -77,15 +77,16 @@ class SceneSampler:
         return state
 
     def _drawn(self, first: InitialState) -> Iterator[InitialState]:
-        """Yield the given state, and then the initial states of the seeds in ``GOAL_SEEDS``; each state is sampled only
-        when the caller requests it.
+        """Yield the state ``first``, and then the initial states of the seeds in ``GOAL_SEEDS``. Each of these states
+        is sampled only when the caller requests it, because the caller often needs only the first state.
         """
         yield first
         nothing = read_options(None, tuple(self.task.objects))
         for seed in GOAL_SEEDS:
             try:
                 state = self._draw(seed, nothing)
-            # A failed placement says nothing about the goal. A reset with this seed raises the same error.
+            # Skip a seed whose objects cannot be placed, because it says nothing about the goal. A later reset with
+            # this seed reports the error.
             except PlacementError:
                 continue
             yield state

@@ -53,7 +53,9 @@ def register(profile: RobotProfile) -> None:
 
 
 class ProfileAgent(BaseAgent):  # type: ignore[misc]
-    """ManiSkill agent of a robot profile, with control modes ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
+    """ManiSkill agent that represents the robot of a profile. The agent has the control modes ``pd_joint_pos`` and
+    ``pd_joint_delta_pos``.
+    """
 
     profile: ClassVar[RobotProfile]
 

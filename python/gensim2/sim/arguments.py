@@ -57,10 +57,11 @@ def checked_seed(seed: Any) -> int | None:
 
 
 def checked_action(action: Any, size: int, control_modes: Sequence[str]) -> Any:
-    """Check an action and return it: None (no command), or finite numbers of shape (size,) or (1, size).
+    """Check an action and return it. An action is None (no command), an array of finite numbers with the shape (size,)
+    or (1, size), or a mapping.
 
-    In ManiSkill's form ``{"control_mode": ..., "action": ...}`` the size of the action may differ, so the size is not
-    checked.
+    The mapping is ManiSkill's form ``{"control_mode": ..., "action": ...}``. The number of values depends on the
+    control mode, so the function does not check it.
     """
     if action is None:
         return None

@@ -25,10 +25,10 @@ from gensim2.sim.sapien_parts import SapienRobot
 
 
 class Arm:
-    """A robot in a SAPIEN scene.
+    """A robot that is built in a SAPIEN scene.
 
     Args:
-        scene: scene, in which the robot is built at the profile's start.
+        scene: scene to which the robot is added, in the start configuration of its profile.
         physics: physics of the scene.
     """
 
@@ -128,7 +128,7 @@ def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
 def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
     """Parse the URDF of a robot and return a cached builder.
 
-    The parser stores the current default contact material in the builder. The default material depends on the physics
-    settings, so the cache has separate builders for different settings.
+    While parsing, the builder stores the default contact material, which depends on the physics settings ``name``. The
+    cache therefore keeps a separate builder for each name of physics settings.
     """
     return parsed(urdf, urdf_config(friction, pads))

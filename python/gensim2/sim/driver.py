@@ -29,7 +29,7 @@ class Renderer:
 
     Attributes:
         name: ``"sapien"``, ``"mujoco"`` or ``"ray caster"``.
-        reason: sentence for the user about why this renderer was selected.
+        reason: sentence that tells the user why this renderer was selected.
     """
 
     name: Literal["sapien", "mujoco", "ray caster"]

@@ -165,7 +165,7 @@ class GenSim2Env(RaycastObservations):
         self._spec: EnvSpec | None = None
         self._seen = ObservationSpec.of(observation) if obs_mode == RAYCAST else None
         if observation is not None and self._seen is None:
-            raise InputError(f"applies only to obs_mode {RAYCAST!r}", field="observation")
+            raise InputError(f"is used only with obs_mode={RAYCAST!r}", field="observation")
         if self._seen is not None and "rgb" in self._seen.modalities:
             raise InputError("rgb requires the renderer", field="observation.modalities", remedy="use obs_mode='rgb'")
         self.reset_options: dict[str, Any] = {}
@@ -179,7 +179,8 @@ class GenSim2Env(RaycastObservations):
                 sim_backend="physx_cpu",
                 render_backend=rendering.backend(render_backend, "none" if self._seen else obs_mode, render_mode),
                 reconfiguration_freq=1,
-                # With ray-cast observations, ManiSkill computes no observation.
+                # In the observation mode ``raycast``, this class computes the observations itself, so ManiSkill must
+                # not compute any.
                 obs_mode=obs_mode if self._seen is None else "none",
                 render_mode=render_mode,
                 reward_mode=reward_mode,
@@ -283,10 +284,10 @@ class GenSim2Env(RaycastObservations):
             part.before_substep()
 
     def show(self, states: Mapping[str, Any], step: int) -> None:
-        """Set the scene to a recorded state of any engine.
+        """Set the objects and the robot to a recorded state. The state may come from any physics engine.
 
         Args:
-            states: ManiSkill's ``env_states``.
+            states: recorded states of an episode, in the form of ManiSkill's ``env_states``.
             step: index of the state in ``states``.
         """
         self.set_state_dict(

@@ -10,12 +10,12 @@ from gensim2.robots import JointDrive, RobotProfile
 
 
 class Transmission:
-    """Moves the gripper joints that have no motor.
+    """Object that moves the gripper joints that have no motor: follower joints and passive joints.
 
-    A follower joint is coupled to a driven joint. In simulation it has its own drive. Before every physics step the
-    drive's target is computed from the position of the driven joint. PhysX can also couple joints, by fixed tendons,
-    but a tendon adds joint positions without regard to units. Therefore a tendon cannot couple a revolute joint with a
-    prismatic joint, and drives are used. A passive joint has a spring that pulls it to the position 0.
+    A follower joint is coupled to a joint with a motor. In simulation the follower joint has its own drive. Before
+    every physics step, this class computes the drive's target from the position of the joint with the motor. PhysX
+    could couple the joints by a fixed tendon instead, but a tendon adds joint positions without regard to units, so it
+    cannot couple a revolute joint with a prismatic joint. A passive joint has a spring that pulls it to the position 0.
 
     Args:
         robot: robot in the simulation.
@@ -50,7 +50,8 @@ def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[
         InputError: the physics engine orders the joints differently from the profile.
     """
     names, built = (*profile.arm_joints, *profile.gripper.joints), robot.active_joints
-    # ManiSkill prefixes joint names with the names of scene and robot.
+    # Only the end of each joint name is compared, because ManiSkill puts the names of the scene and the robot before
+    # it.
     if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
         raise InputError(
             f"the profile must list the joints in SAPIEN's order, which is {', '.join(joint.name for joint in built)}",

@@ -306,8 +306,9 @@ class HeadlessEnv(SceneAccessMixin):
         """Return the state observation, a vector (D,).
 
         The vector begins with the joint positions of the robot, the joint velocities of the robot, and the pose of the
-        tool. The values of the objects follow in the task's order. An articulated object has its openness, its joint
-        position, the pose of its root and the pose of its moving link. A rigid object has its pose.
+        tool. The values of the objects follow in the task's order. The values of an articulated object are its
+        openness, its joint position, the pose of its root and the pose of its moving link. The value of a rigid object
+        is its pose.
 
         Args:
             tool: whether to compute the pose of the tool. If False, the vector contains NaN instead of the pose.

@@ -73,7 +73,7 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
             if value not in known:
                 raise InputError(f"must be one of {', '.join(map(str, known))}, but is {value!r}", field=field)
         if observation is not None and obs_mode != "raycast":
-            raise InputError("applies only to obs_mode 'raycast'", field="observation")
+            raise InputError("is used only with obs_mode='raycast'", field="observation")
         self.headless = HeadlessEnv(task, **scene)
         self.metadata = {**self.metadata, "render_fps": self.headless.profile.control_hz}
         self.render_mode = render_mode

@@ -82,11 +82,15 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
     where = instance.urdf
     names = [_joint_name(joint) for joint in articulation.active_joints]
     if names != [instance.joint.name]:
-        raise InputError(f"must have only the movable joint {instance.joint.name!r}, has {names}", file=where)
+        raise InputError(
+            f"the only movable joint must be {instance.joint.name!r}, but the movable joints are {names}", file=where
+        )
     limits = np.asarray(articulation.qlimits[0], dtype=np.float64)
     expected = np.array([instance.joint.lower, instance.joint.upper])
     if not np.allclose(limits, expected, atol=1e-5):
-        raise InputError(f"limits are {limits}, not {expected}", file=where, field=instance.joint.name)
+        raise InputError(
+            f"the joint limits must be {expected}, but SAPIEN reads {limits}", file=where, field=instance.joint.name
+        )
     for link in articulation.links:
         name, shapes = link_name(link), link.collision_shapes
         promised, present = len(instance.hulls.get(name, ())), len(shapes)
@@ -113,7 +117,9 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
                 warnings.append(f"{name}: hull {index} lost {1e3 * lost:.1f} mm when the physics engine processed it")
     unknown = set(instance.hulls) - {link_name(link) for link in articulation.links}
     if unknown:
-        raise InputError(f"has no links {sorted(unknown)}", file=where)
+        raise InputError(
+            f"the file lacks the links {sorted(unknown)}, for which the object has collision hulls", file=where
+        )
     return tuple(warnings)
 
 
@@ -137,9 +143,11 @@ def _corners(shape: physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
 
 
 def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionShape) -> tuple[float, float]:
-    """Compare the bounding boxes of a collision shape and of the hull from which PhysX made the shape. Return the
-    largest distance (m) by which the shape's box is smaller than the hull's box, and the largest distance by which it
-    is larger.
+    """Compare the bounding boxes of a collision shape and of the hull (N, 3) from which PhysX made the shape.
+
+    Returns:
+        Two distances (m): the largest distance by which a side of the shape's box lies inside the hull's box, and the
+        largest distance by which a side of the shape's box lies outside the hull's box.
     """
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
@@ -147,7 +155,8 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
 
 
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
-    """Return whether a collision shape is close enough to the hull (N, 3) from which the physics engine made it.
+    """Return whether the physics engine made an acceptable collision shape from a hull. The shape may be larger than
+    the hull only by a fixed tolerance, and smaller only by a fraction of the hull's size.
 
     Args:
         hull: (N, 3) corners of the hull, m.

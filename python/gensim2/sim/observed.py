@@ -23,8 +23,8 @@ RAYCAST = "raycast"
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
-    """Mixin that adds ``obs_mode="raycast"`` to ManiSkill's observation modes. In this mode the attribute ``_seen``
-    holds the observation spec. In all other modes ``_seen`` is None.
+    """Mixin that adds ``obs_mode="raycast"`` to ManiSkill's observation modes. The attribute ``_seen`` is the
+    observation spec in the mode ``raycast``, and None in all other modes.
     """
 
     profile: RobotProfile
@@ -34,7 +34,8 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
     _command = OPEN
 
     def _prepare_observations(self, seed: int) -> None:
-        """Prepare the observation of a new scene.
+        """Create the observer that computes the ray-cast observations of a new scene, and reset the stored gripper
+        command.
 
         Raises:
             InputError: a file of the robot or of an object cannot be used.

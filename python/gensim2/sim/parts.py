@@ -27,12 +27,12 @@ Value = TypeVar("Value")
 
 
 class LazyMapping(Mapping[str, Value], Generic[Value]):
-    """Mapping from names to values that computes its values late. The first access computes all values, and a mapping
-    that is never read costs nothing.
+    """Mapping from names to values that computes all its values at the first access. A mapping that is never read
+    therefore costs no time.
 
     Args:
-        work_out: function that computes all values. It must use stored data, because the simulator may have moved on
-            when the function is called.
+        work_out: function that computes all values. It must use stored data, because the state of the simulator may
+            have changed before the function is called.
     """
 
     def __init__(self, work_out: Callable[[], Mapping[str, Value]]) -> None:
@@ -213,7 +213,7 @@ class RigidPart(ABC):
 
     @abstractmethod
     def put(self) -> None:
-        """Set the object to its initial pose."""
+        """Move the object to its initial pose."""
 
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:

@@ -152,8 +152,8 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # The profile's damping is an upper limit. The robot panda_long has the original GenSim2's finger drives,
-            # whose damping is zero.
+            # The damping of soft drives must not exceed the damping in the robot's profile. For example, the profile
+            # panda_long has the finger drives of the original GenSim2, whose damping is zero.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":
             _drive_fingers(robot, profile, **self._constants.fingers)
@@ -180,7 +180,8 @@ class Physics:
         if self.switches.joint_friction == "original":
             coefficient = self._constants.joint_friction(instance.asset_class)
             return CoefficientFriction(articulation, factors.joint_friction * coefficient)
-        # Joint friction was set such that it holds the joint against gravity, so it grows with the mass.
+        # The joint friction of an object is large enough to hold the joint against gravity. Gravity grows with the
+        # object's mass, so the friction is multiplied by the factor on the mass.
         factor = factors.mass * factors.joint_friction
         joint = instance.joint
         return CoulombFriction(
@@ -204,18 +205,19 @@ class CoulombFriction:
     """Coulomb friction and viscous damping of a joint. The friction is ``joint.friction`` N m, or N for a sliding
     joint.
 
-    PhysX's own joint friction is not used, because it is a coefficient that is multiplied by the load on the joint. It
-    has no threshold in N m, so a joint at rest creeps: at coefficient 1, a 0.3 kg lid with a gravity torque of 0.26 N m
-    moves 0.23 rad in 5 s. SAPIEN's default coefficient of 0.05 doubles the resistance of a moving lid, so this class
-    sets the coefficient to 0.
+    PhysX's own joint friction is not used. It is a coefficient that is multiplied by the load on the joint, so it sets
+    no fixed torque up to which a joint stays at rest. A joint at rest therefore creeps: at coefficient 1, a 0.3 kg lid
+    with a gravity torque of 0.26 N m moves 0.23 rad in 5 s. SAPIEN's default coefficient of 0.05 doubles the resistance
+    of a moving lid, so this class sets the coefficient to 0.
 
-    Instead, a velocity drive brakes the joint. Its target velocity is zero and its force limit is the friction. Such a
-    drive acts as Coulomb friction, except below ``CREEP_SPEED``, where its force grows with the speed. With a limit of
-    0.5 N m the same lid creeps less than 0.0002 rad in 5 s. The lid stays at rest at a torque of 0.98 of the limit. At
-    1.1 of the limit, its speed after 0.1 s agrees with the excess torque to 1 %.
+    Instead of PhysX's friction, a velocity drive brakes the joint. The target velocity of the drive is zero, and its
+    force limit is the friction. Such a drive acts as Coulomb friction, except below ``CREEP_SPEED``, where its force
+    grows with the speed. We tested the same lid with a limit of 0.5 N m. Under gravity it creeps less than 0.0002 rad
+    in 5 s, and it stays at rest at a torque of 0.98 of the limit. At a torque of 1.1 of the limit, its speed after 0.1
+    s agrees with the excess torque to 1 %.
 
-    The damping torque at the joint's current speed is added to the force limit of the drive. A drive can only brake, so
-    damping never reverses the motion of a light link.
+    The drive also provides the damping: the damping torque at the joint's current speed is added to the force limit. A
+    drive can only brake, so damping never reverses the motion of a light link.
     """
 
     def __init__(self, articulation: physx.PhysxArticulation, joint: MovingJoint) -> None:

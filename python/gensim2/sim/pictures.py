@@ -32,11 +32,11 @@ class StatePictures:
         self._shown: Mapping[str, str] | None = None
 
     def show(self, instances: Mapping[str, str], seed: int, options: Mapping[str, Any]) -> None:
-        """Build the scene with the given objects, unless it is already built.
+        """Build the scene with the given objects, unless the current scene has the same objects.
 
         Args:
-            instances: id of the instance that stands for each object of the task.
-            seed, options: arguments for the environment's ``reset``; they must select these instances.
+            instances: mapping from each object of the task to the id of its instance.
+            seed, options: arguments for the environment's ``reset``, which must choose the instances in ``instances``.
         """
         if self._shown != instances:
             self._env.reset(seed=seed, options=dict(options))

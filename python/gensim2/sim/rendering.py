@@ -31,7 +31,9 @@ WITHOUT_RENDERER = "obs_mode 'raycast' (point clouds, depth, segmentation) or 's
 
 
 def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
-    """Light the scene like a room: ambient light, and a lamp from the upper left that casts shadows."""
+    """Add lights to the scene that look like the light in a room: ambient light, and two lamps from above. The brighter
+    lamp, on the left, casts shadows if ``shadows`` is True.
+    """
     scene.set_ambient_light([0.38, 0.38, 0.4])
     scene.add_directional_light(
         [0.5, -0.8, -1.3], [1.1, 1.08, 1.0], shadow=shadows, shadow_scale=1.5, shadow_map_size=2048
@@ -74,8 +76,9 @@ def video_camera() -> CameraConfig:
 
 
 def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
-    """Return the value of ManiSkill's ``render_backend``. For ``"auto"`` return a working backend if rendering is
-    needed, and otherwise ``"none"``.
+    """Return the value for ManiSkill's argument ``render_backend``. ``"auto"`` is replaced by ``"gpu"`` or ``"cpu"`` if
+    pictures are needed and a graphics driver works, and otherwise by ``"none"``. All other values are returned
+    unchanged.
 
     Raises:
         InputError: observations need images, and there is no renderer.

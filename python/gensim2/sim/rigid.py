@@ -27,10 +27,11 @@ def load_rigid(
     name: str | None = None,
     physics: Physics = DEFAULT,
 ) -> Actor:
-    """Build a rigid object at ``pose`` (in the world; default: at rest at the world's origin).
+    """Build a rigid object in a ManiSkill scene.
 
     Args:
-        name: unique name in the scene; default: the object's class.
+        pose: pose in the world frame. By default the object rests on the table at x = y = 0.
+        name: name of the object, unique in the scene. By default it is the name of the object's class.
 
     Raises:
         InputError: the physics engine dropped or replaced a collision hull.
@@ -106,11 +107,12 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
 def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
     """Build the table: one static box with static friction 1.0, dynamic friction 0.2, restitution 0.01.
 
-    Legs and floor have no collision shapes, so an object that leaves the table never lands.
+    The legs of the table and the floor have no collision shapes. An object that slides off the table therefore falls
+    without end.
 
     Args:
         scene: ManiSkill's or SAPIEN's scene.
-        visible: whether to add legs and colours.
+        visible: whether to add the visible parts, such as the legs.
 
     Returns:
         The ``Actor`` or ``Entity`` that the scene's builder returns.

@@ -64,7 +64,8 @@ class RobotReader(ABC):
 
 
 class StandingRobot:
-    """Constant robot state for scenes that are built without a robot: the start configuration with open fingers.
+    """State of a robot that does not move, for scenes that are built without a robot. The robot is in its start
+    configuration, and its fingers are open.
 
     Args:
         start: (n,) all active joints at the start of the episode.
@@ -110,7 +111,7 @@ def read_scene(robot: RobotReader, parts: Parts) -> Scene:
 
     The simulator does not know which object is grasped, so the caller must add the name of the grasped object.
     """
-    # The profile's pose is used, because the simulator rounds the base pose to float32.
+    # Read the pose of the robot's base from the profile, because the simulator rounds this pose to float32.
     T_world_base = robot.profile.T_world_base
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     return Scene(

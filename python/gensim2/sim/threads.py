@@ -60,7 +60,9 @@ class ThreadVectorEnv(SyncVectorEnv):
             return super().reset(seed=seed, options=options)
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
         if len(seeds) != self.num_envs:
-            raise InputError(f"must be {self.num_envs} seeds, but there are {len(seeds)}", field="seed")
+            raise InputError(
+                f"must contain {self.num_envs} seeds, one for each environment, but contains {len(seeds)}", field="seed"
+            )
         made = self._threads.map(
             lambda pair: pair[0].reset(seed=pair[1], options=options), zip(self.envs, seeds, strict=True)
         )
@@ -80,6 +82,6 @@ class ThreadVectorEnv(SyncVectorEnv):
             self.envs = envs
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads and the environments."""
+        """Stop the threads and close the environments."""
         self._threads.shutdown()
         super().close_extras(**kwargs)

@@ -18,8 +18,9 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     Args:
         env: environment from ``gymnasium.make``. If it is wrapped in gymnasium's ``TimeLimit``, this wrapper removes
             that wrapper and uses its step limit.
-        registered: step limit in gymnasium's registry. If ``env`` has this limit, the environment's own limit is used
-            instead, because the number of steps depends on the robot's control rate.
+        registered: step limit that gymnasium's registry stores for the task. If ``env`` has exactly this limit, the
+            caller has not set a limit. The wrapper then computes the number of steps from the task's time limit and the
+            robot's control rate.
     """
 
     def __init__(self, env: gym.Env[Any, Any], registered: int | None = None) -> None:

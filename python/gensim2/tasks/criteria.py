@@ -131,8 +131,8 @@ class RigidLifted(_Criterion):
 
 
 class RigidMoved(_Criterion):
-    """The rigid object has moved more than ``distance`` (m) since the reset in the given direction as seen from the
-    robot. The displacement perpendicular to this direction is less than half of the displacement along it.
+    """Since the reset, the rigid object has moved more than ``distance`` (m) in ``direction``, as seen from the robot.
+    Its sideways displacement is less than half of its displacement in this direction.
     """
 
     type: Literal["rigidbody_moved"] = "rigidbody_moved"
@@ -302,8 +302,9 @@ def all_hold_in_paper(criteria: tuple[Criterion, ...], measured: Measurement) ->
 
 
 def nearness(distance: float) -> float:
-    """Map a distance (m) to a reward from 0 to 1. The reward is 1 for a distance of zero or for a negative value, which
-    means that a limit is kept. The reward is 0.24 if the distance equals ``SCALE``, and nearly 0 at 1 m.
+    """Convert the distance (m) by which a limit is exceeded to a reward from 0 to 1. The reward is 1 if the distance is
+    zero or negative, so the limit is kept. The reward is 0.24 if the distance equals ``SCALE``, and nearly 0 if the
+    distance is 1 m.
     """
     return _share(1.0 - math.tanh(max(distance, 0.0) / SCALE))
 
@@ -314,11 +315,12 @@ def _share(value: float) -> float:
 
 
 def _beyond_height(measured: Measurement, name: str, threshold: float) -> float:
-    """Return by how much the gripper is too high above or too low below an object, m.
+    """Return the height (m) by which the gripper is too far above or below an object.
 
-    Only gripper keypoints that are horizontally within ``threshold`` (m) of the object's measured keypoint are
-    considered. Each may be up to ``threshold`` above or below the object. The result is the excess of the best of these
-    keypoints; 0 if the limit is kept or the object's shape is unknown.
+    Only those keypoints of the gripper count whose horizontal distance from the object's measured keypoint is less than
+    ``threshold`` (m). Each of these keypoints may be up to ``threshold`` above or below the object. The function
+    returns the smallest height by which one of these keypoints exceeds this limit. It returns 0 if a keypoint keeps the
+    limit, or if the object's shape is unknown.
     """
     if name not in measured.bounds:
         return 0.0

@@ -1,4 +1,4 @@
-"""Export tasks as folders or as a zip archive of folders."""
+"""Export tasks of a library: one folder for each task, in a common folder or in a zip archive."""
 
 from __future__ import annotations
 

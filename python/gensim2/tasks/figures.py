@@ -37,7 +37,7 @@ OWNERS = {"default": "default physics", "original": "the original's physics"}
 
 
 class Condition(_Value):
-    """Conditions under which success rates were measured.
+    """Conditions under which the success rate of a task was measured.
 
     Attributes:
         objects: ``"generated"`` for the built-in objects, or ``"real"`` for objects from a folder.
@@ -45,13 +45,13 @@ class Condition(_Value):
             Earlier files write ``"ours"`` for ``"default"``.
         engine: simulation engine.
         robot: name of the robot.
-        instances: instances of the objects that were used; values as in ``--instances``.
+        instances: selection of objects, with the same values as the option ``--instances``.
         randomization: preset for the ranges from which initial scenes are sampled: ``"paper"``, ``"paper-half"`` or
             ``"wide"``.
         attempts: maximum number of attempts in an episode, each from the same initial scene.
-        open_loop: whether all motions were planned at the start of each episode.
-        disturbance: ``"push"``, ``"drop"`` or None.
-        one_plan: whether each step was planned only once, with its first strategy.
+        open_loop: whether all motions of an episode were planned at its start.
+        disturbance: disturbance during each episode: ``"push"``, ``"drop"`` or None.
+        one_plan: whether each step was planned only once, with the first of its strategies.
     """
 
     objects: Literal["generated", "real"]
@@ -190,8 +190,8 @@ class Figures(_Value):
 
 
 def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
-    """Return the sort key of a row. Rows are sorted by task, then by condition. For each task, the row that was
-    measured under the paper's protocol comes first.
+    """Return the sort key of a row. Rows are sorted by task. Among the rows of a task, rows that were measured under
+    the paper's protocol come first, and the rows are then sorted by their conditions.
     """
     return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
 

@@ -4,10 +4,11 @@
 - ``designed/`` in this package contains tasks that language models (designers) made with generated objects.
 - The user's folder (:func:`user_library`) contains tasks that the user's runs have added.
 
-A task's folder is named after the task. Its file ``task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, and each
-file ``strategies/<name>.yaml`` is a strategy for one of the steps. If a strategy has no file in the task's folder, its
-file is read from a shared folder ``strategies/``, which lies beside the task folders of the package. Folders in the
-older schema version 1 have a single file ``solver.yaml`` instead of strategies.
+A task's folder is named after the task. Its file ``task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`. Each file
+``strategies/<name>.yaml`` in the folder describes a strategy: one method to plan a step. Tasks of the package can also
+use strategies of a shared folder ``strategies/``, which lies beside the task folders. A strategy is read from the
+shared folder if it has no file in the task's folder. Folders in the older schema version 1 have a single file
+``solver.yaml`` instead of strategies.
 """
 
 from __future__ import annotations
@@ -69,10 +70,10 @@ def using_library(folder: str) -> Iterator[None]:
 
 
 def user_library() -> Path | None:
-    """Return the user's library: the value of :func:`using_library`, else ``$GENSIM2_LIBRARY``, else a folder in the
-    user's data folder.
+    """Return the path of the user's task library. The path comes from :func:`using_library`, or else from the
+    environment variable ``GENSIM2_LIBRARY``, or else it is a folder in the user's data folder.
 
-    The folder need not exist. None means that the user disabled the library (``none``).
+    The path need not exist. The function returns None if the user has disabled the library with the value ``none``.
     """
     chosen = _chosen.get()
     if chosen:
@@ -194,7 +195,9 @@ def _read_task(folder: Traversable, name: str) -> TaskSpec:
     source = folder / TASK_FILE
     task = parse_task(_read(source), str(source))
     if task.name != name:
-        raise InputError(f"is {task.name!r}, must be the folder's name {name!r}", file=str(source), field="name")
+        raise InputError(
+            f"must be the name of the folder, {name!r}, but is {task.name!r}", file=str(source), field="name"
+        )
     return task
 
 

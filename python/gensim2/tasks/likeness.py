@@ -53,12 +53,12 @@ Fact = tuple[str, ...]
 
 @dataclass(frozen=True)
 class NormalForm:
-    """Task without names and numbers, so that it can be compared with other tasks.
+    """A task in a form that contains no names and numbers, so that tasks can be compared with each other.
 
     Attributes:
         classes: classes of the objects that the steps or the goal use, sorted.
         goal: criteria of the goal, without their numbers.
-        chain: criteria of each step, in the order of the steps, without their numbers.
+        chain: sequence of the steps: the criteria of each step, without their numbers.
         words: words of the instruction, with synonyms replaced.
     """
 
@@ -105,15 +105,17 @@ def first_alike(task: TaskSpec, others: Iterable[TaskSpec]) -> tuple[TaskSpec, s
 
 def normal_words(sentence: str) -> tuple[str, ...]:
     """Return the meaningful words of a sentence in order, with synonyms replaced."""
-    words = re.findall(r"[^\W\d_]+", sentence.lower())  # letters of any script
+    # the pattern matches letters of every script, not only Latin letters
+    words = re.findall(r"[^\W\d_]+", sentence.lower())
     return tuple(_FOR.get(word, word) for word in words if word not in _EMPTY)
 
 
 def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
     """Return the similarity of two instructions, 0 to 100. The order and the repetition of words do not matter.
 
-    The different words of each instruction are sorted and joined to a string. The similarity is 100 times 2 M / T,
-    where M is the length of the longest common subsequence of the two strings, and T is the sum of their lengths.
+    The words of each instruction are sorted without repetitions, and joined to one string. If M is the length of the
+    longest common subsequence of the two strings, and T is the sum of the lengths of the strings, then the similarity
+    is 100 times 2 M / T.
     """
     first, second = " ".join(sorted(set(one))), " ".join(sorted(set(other)))
     lengths = [0] * (len(second) + 1)

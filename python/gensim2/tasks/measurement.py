@@ -18,19 +18,19 @@ class Measurement:
     Attributes:
         openness: how far the joint of each articulated object is open: (q - lower) / (upper - lower), where q is the
             joint position and lower and upper are the joint limits. The value may lie slightly outside 0..1.
-        joint_speed: change of ``openness`` per second, as the simulator reports it. The value may be wrong while a part
-            is pressed against its joint limit.
-        keypoints: position (3,) of each keypoint, m, by object name and keypoint name. Keypoints have the order of the
-            object's definition.
+        joint_speed: change of ``openness`` per second, as the simulator reports it. The simulator may report a wrong
+            value while a part is pressed against its joint limit.
+        keypoints: position (3,) of each keypoint, m, by object name and keypoint name. The keypoints of an object are
+            in the order in which the object defines them.
         poses: (7,) pose of each rigid object: x, y, z (m), qw, qx, qy, qz.
         speeds: (2,) linear (m/s) and angular (rad/s) speed of each rigid object, as the simulator reports them.
         gripper: position (3,) of each keypoint of the robot's tool, m.
         finger_opening: distance between the finger pads, m.
         start_positions: position (3,) of each rigid object at the start of the episode, m.
         bounds: lowest and highest corner (2, 3) of each object's bounding box, m. For an articulated object the box
-            contains only the link with the measured keypoint. Empty if the shapes are unknown; criteria then check
-            distances only.
-        contents: names of the rigid objects inside each container; empty if the shapes are unknown.
+            contains only the link with the measured keypoint. The mapping is empty if the shapes are unknown; success
+            criteria then check only distances.
+        contents: names of the rigid objects inside each container. The mapping is empty if the shapes are unknown.
     """
 
     openness: Mapping[str, float]

@@ -1,7 +1,8 @@
-"""Read and change the user's task library, in which each task's folder is either complete or absent.
+"""Read and change the user's task library. An interrupted program never leaves an incomplete task in the library.
 
 Besides ``task.yaml`` and the strategies, a task's folder contains ``added.json`` with the time and the run that added
-the task. Writers lock the library. Readers need no lock, because a folder is added or removed by a single renaming.
+the task. A program locks the library while it changes the library. Readers need no lock, because a complete folder is
+added or removed in one operation, by renaming it.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ class Memory:
         if self._folder is None:
             raise InputError("the user library is disabled", field="library", remedy="give a folder instead of 'none'")
         if self._folder.is_file():
-            raise InputError("is an archive, which is read-only", file=self._folder, field="library")
+            raise InputError("is an archive, which is read-only; give a folder", file=self._folder, field="library")
         return self._folder
 
     @property
@@ -207,7 +208,9 @@ class Memory:
 
     @contextlib.contextmanager
     def _making(self, name: str) -> Iterator[Path]:
-        """Yield a temporary folder that becomes the task's folder when the block ends."""
+        """Yield a temporary folder for the files of a task. When the ``with`` block ends without an error, the folder
+        becomes the task's folder. After an error the temporary folder is deleted.
+        """
         made = self.folder / _temporary(name)
         try:
             made.mkdir()

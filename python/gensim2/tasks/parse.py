@@ -33,9 +33,9 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
         text = json.dumps(version_1.upgraded(data, file) if former else data)
         return TaskSpec.model_validate_json(text, strict=True)
     except TypeError as error:  # the data has Python types that JSON lacks
-        raise InputError(f"holds a value of an unusable type: {error}", file=file) from error
+        raise InputError(f"the data contains a value of a type that JSON does not have: {error}", file=file) from error
     except RecursionError as error:
-        raise InputError("contains itself, or is nested too deeply", file=file) from error
+        raise InputError("the data contains itself, or is nested too deeply", file=file) from error
     except ValidationError as error:
         first = error.errors()[0]
         location, model = _walk(first["loc"])

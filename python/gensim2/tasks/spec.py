@@ -42,7 +42,7 @@ _NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 def _text(text: str) -> str:
     odd = _NO_TEXT.search(text)
     if odd is not None:
-        raise ValueError(f"holds a control character ({odd[0]!a})")
+        raise ValueError(f"the text contains a control character ({odd[0]!a})")
     return text
 
 
@@ -254,7 +254,7 @@ class TaskSpec(_Value):
     def _names_are_known(self) -> Self:
         for reserved in (HAND, TABLE):
             if reserved in self.objects:
-                raise ValueError(f"no object may be called {reserved!r}")
+                raise ValueError(f"no object may have the name {reserved!r}, which is reserved")
         before: list[str] = [TABLE]
         for name, spec in self.objects.items():
             if spec.place.on not in before:

@@ -56,7 +56,9 @@ class Board:
             return Board(int(columns), int(rows), float(square), float(marker))
         except ValueError as error:
             raise InputError(
-                f"{text!r} is not a valid board", field="--board", remedy="for example 7x5:0.04:0.03"
+                f"must be a valid board COLUMNSxROWS:SQUARE:MARKER with lengths in m, but is {text!r}",
+                field="--board",
+                remedy="for example 7x5:0.04:0.03",
             ) from error
 
     def charuco(self) -> Any:

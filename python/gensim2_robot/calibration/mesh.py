@@ -407,12 +407,14 @@ def calibrate(
     """
     if camera.link is not None:
         raise InputError(
-            f"is mounted on the robot's link {camera.link}", field=camera.name, remedy="calibrate it with a board"
+            f"this calibration needs a camera at a fixed place, but the camera is on the robot's link {camera.link}",
+            field=camera.name,
+            remedy="calibrate the camera with a board",
         )
     if not LEAST_VIEWS <= len(views) <= MAX_VIEWS or not held_out:
         raise InputError(
-            f"needs {LEAST_VIEWS} to {MAX_VIEWS} images for the fit and at least one for validation, "
-            f"got {len(views)} and {len(held_out)}",
+            f"needs {LEAST_VIEWS} to {MAX_VIEWS} images for the fit and at least one for validation, but there are "
+            f"{len(views)} for the fit and {len(held_out)} for validation",
             field="views",
         )
     check_views(camera, [*views, *held_out])

@@ -66,8 +66,8 @@ def links_of(urdf: Path, content_hash: str = "") -> tuple[Link, ...]:
 
     Args:
         urdf: path of the URDF.
-        content_hash: hash of the files from which the URDF was made. If the files change, the hash changes, and the
-            URDF is read again instead of taken from the cache.
+        content_hash: hash of the object's files. The results of this function are cached. If a file changes, the hash
+            differs, and the URDF is read again.
 
     Raises:
         InputError: the file cannot be read or is not a URDF.

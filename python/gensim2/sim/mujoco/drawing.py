@@ -105,8 +105,8 @@ class SceneRenderer:
 
 
 class MujocoDrawing(StateDrawing):
-    """Draws recorded states with MuJoCo, as seen by the camera with which videos are recorded. The arguments are the
-    arguments of the base class.
+    """Draws recorded states with MuJoCo, as seen by the camera with which videos are recorded. The constructor has the
+    same arguments as :class:`StateDrawing`.
     """
 
     def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> None:

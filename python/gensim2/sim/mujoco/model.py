@@ -192,7 +192,9 @@ class _Builder:
     def _add_link(
         self, owner: str, link: Link, position: Sequence[float] | Array, quaternion: Sequence[float] | Array
     ) -> mujoco.MjsBody:
-        """Add the body of a link; position and quaternion are used only for root links."""
+        """Add the body of a link. The given position and quaternion apply only to a root link. The URDF determines the
+        pose of any other link relative to its parent.
+        """
         name = mixed_name(owner, link.name)
         if link.parent is None:
             return self.spec.worldbody.add_body(name=name, pos=position, quat=quaternion)
@@ -245,7 +247,7 @@ class _Builder:
             type=kind.get(solid.kind, kinds.mjGEOM_MESH),
             pos=solid.T[:3, 3],
             quat=_quaternion(solid.T),
-            contype=0,  # only explicit pairs collide
+            contype=0,  # zero: only the pairs of shapes from _add_pairs collide
             conaffinity=0,
         )
         if solid.vertices is None:
@@ -302,9 +304,9 @@ class _Builder:
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart
-        # A drawer slides on its rail, not on the table, so contacts between a sliding link and the table are left out.
-        # MuJoCo's friction model would also press the drawer away from the table when the drawer is pushed along it,
-        # and the drawer would jam.
+        # Contacts between the table and a sliding link, such as a drawer, are left out, because a drawer slides on its
+        # rail and not on the table. With contacts the drawer would also jam: MuJoCo's friction model lifts a drawer
+        # that is pushed along the table.
         table = {one.owner, other.owner} & {"table"}
         return not (table and (one.slides or other.slides))
 

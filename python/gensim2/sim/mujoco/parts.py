@@ -18,7 +18,8 @@ from gensim2.sim.scene_state import RobotReader
 class Simulation:
     """A compiled MuJoCo model and its state.
 
-    After ``mj_step`` the poses of bodies are one step behind the joints; reading :attr:`data` updates the poses.
+    After ``mj_step``, MuJoCo's joint positions are new, but the poses of the bodies still belong to the previous time
+    step. Reading :attr:`data` updates the poses.
 
     Args:
         model: compiled model.
@@ -77,14 +78,14 @@ class MujocoFrame:
 
 
 class MujocoArticulatedPart(ArticulatedPart):
-    """Give access to an articulated object in a MuJoCo scene.
+    """An articulated object in a MuJoCo scene.
 
-    The object's root link is a mocap body: a body that does not move by physics, but can be placed anywhere.
+    The object's root link is a mocap body of MuJoCo. Forces do not move such a body, but a program can set its pose.
 
     Args:
         name, thing: as for :class:`ArticulatedPart`.
         simulation: simulation that contains the object.
-        parents: name of the parent link by link name; None for the root link.
+        parents: mapping from the name of each link to the name of its parent link, which is None for the root link.
     """
 
     def __init__(self, name: str, thing: PlacedObject, simulation: Simulation, parents: dict[str, str | None]) -> None:

@@ -166,6 +166,6 @@ class MujocoScene:
             raise InputError(f"has the shape {np.shape(state)}, not ({size},)", field="snapshot.physics")
         if scene != self._digest:
             remedy = "reset the environment with the task, objects, options and seed of the snapshot"
-            raise InputError("belongs to another scene", field="snapshot.scene", remedy=remedy)
+            raise InputError("the snapshot belongs to another scene", field="snapshot.scene", remedy=remedy)
         mujoco.mj_setState(self.simulation.model, self.simulation.raw, np.asarray(state, dtype=np.float64), _STATE)
         self.simulation.changed()

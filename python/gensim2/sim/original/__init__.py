@@ -19,19 +19,19 @@ from gensim2.core.yaml_files import parse_yaml
 class Constants:
     """Physics constants for all scenes and for single object classes.
 
-    The "soft" finger drives are weaker than the default drives: the solver settings of the original GenSim2 can hold an
-    object only with soft drives.
+    The solver settings of the original GenSim2 can hold a grasped object only with "soft" finger drives, which are
+    weaker than the default drives.
 
     Attributes:
         scene: PhysX settings, named as in ManiSkill's ``SceneConfig``.
         material: static friction, dynamic friction and restitution of every surface except the table's.
         rigid_density: density of rigid objects' hulls, kg/m3.
         fingers: stiffness (N/m) and damping (N s/m) of the original GenSim2's finger drives.
-        fingers_for: by object class, the original GenSim2's stiffness and damping for scenes with a rigid object of
-            this class. These values replace ``fingers``.
-        finger_damping: damping (N s/m) of the soft drives in scenes without rigid objects. Their stiffness is the robot
-            profile's.
-        picking_fingers: stiffness and damping of the soft drives in scenes with rigid objects.
+        fingers_for: mapping from an object class to stiffness and damping. In scenes with a rigid object of this class,
+            the original GenSim2 used these values instead of ``fingers``.
+        finger_damping: damping (N s/m) of the soft drives in scenes without rigid objects. The stiffness of the soft
+            drives is then that of the robot profile.
+        picking_fingers: stiffness (N/m) and damping (N s/m) of the soft drives in scenes with rigid objects.
     """
 
     scene: Mapping[str, Any]
