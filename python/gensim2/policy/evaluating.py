@@ -163,8 +163,8 @@ def evaluate_policy(
 
     Raises:
         CheckpointError: the checkpoint cannot be used with this robot or these tasks.
-        InputError: a control is unknown, or the checkpoint has no clouds for ``"shuffled"``; or as for
-            :func:`~gensim2.evaluation.evaluate`.
+        InputError: a control is unknown, or the checkpoint has no point clouds of other scenes, which the control
+            ``"shuffled"`` shows to the policy. Also raised as for :func:`~gensim2.evaluation.evaluate`.
         NotRunError: as for :func:`~gensim2.evaluation.evaluate`.
     """
     controls, names = read_controls(controls), [tasks] if isinstance(tasks, str) else list(tasks)
@@ -174,7 +174,8 @@ def evaluate_policy(
     policy.require_robot(scene_options(**scene).robot, checkpoint)
     given = read_all_task_inputs(names, seed=seed, **scene)
     if "shuffled" in controls:
-        # check now that the clouds exist, because the error would otherwise come only after the first evaluations
+        # Check now that the checkpoint has the point clouds for this control. Otherwise the command would fail only
+        # after it has run other evaluations.
         Shuffled.of(checkpoint)
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):

@@ -36,9 +36,10 @@ class Inputs:
     Attributes:
         cloud: (B, T, N, C) points. The channels are x, y, z (m), then red, green, blue (0 to 1) if ``colour`` is set,
             then the coordinates in the tool frame (m) if ``tool_frame`` is set.
-        proprio: (B, T, P) state of the robot. If ``joints`` is set, it starts with the arm's joint positions, the first
-            of them relative to its present value. If ``velocity`` is set, the joint velocities follow. The other values
-            are the tool's position, its rotation as six numbers, the gripper's width and the last gripper command.
+        proprio: (B, T, P) state of the robot. The P values are, in this order: the arm's joint positions (if ``joints``
+            is set), the arm's joint velocities (if ``velocity`` is set), the tool's position, the tool's rotation as
+            six numbers, the gripper's width, and the last gripper command. With the frame setting ``turned``, the
+            position of the first joint is given relative to the present position of this joint.
     """
 
     cloud: torch.Tensor
@@ -66,18 +67,19 @@ def policy_frame(state: torch.Tensor, config: PolicyConfig) -> torch.Tensor:
     """Return the rotation ``R_policy_base`` (B, 3, 3) from the base frame into the policy's frame.
 
     Args:
-        state: (B, T, n) joints, rad; the last frame is the present one.
+        state: (B, T, n) joint positions at T time steps, rad. The last time step is the present.
     """
     angle = -state[:, -1, 0] if config.frame == "turned" else torch.zeros_like(state[:, -1, 0])
     return turn_matrix(angle)
 
 
 def inputs_of(seen: Mapping[str, torch.Tensor], config: PolicyConfig, arm: int) -> Inputs:
-    """Return the network's inputs for observations.
+    """Convert observations to the inputs of the network.
 
     Args:
-        seen: observation columns (``SEEN``), (B, T, ...), base frame.
-        arm: number of the arm's joints, which come first in the state.
+        seen: arrays of the observations by name (the names in ``SEEN``). Each array has the shape (B, T, ...), and
+            poses and points are in the base frame.
+        arm: number of the arm's joints. These joints come first in the arrays of joint positions and velocities.
     """
     state = seen[STATE]
     R = policy_frame(state, config)

@@ -1,4 +1,8 @@
-"""Predict places by heatmaps: a place is the weighted mean of the points, each shifted by a predicted offset."""
+"""Predict places, such as the place where the hand acts, with heatmaps over the points of a cloud.
+
+A heatmap has a weight for each point. The predicted place is the weighted mean of all points, and each point is first
+shifted by a predicted offset.
+"""
 
 from __future__ import annotations
 

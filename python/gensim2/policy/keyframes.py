@@ -45,7 +45,8 @@ def taught_frames(
     """Return a mask (T,) of the frames that are used for training.
 
     Frames before the arm starts and after it has stopped look alike and would teach the policy to wait, so most of them
-    are left out. Frames at the start in which the fingers move are kept.
+    are left out. Frames in which the fingers move before the arm starts are kept, because the policy must learn these
+    motions, too.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.

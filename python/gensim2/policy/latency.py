@@ -123,7 +123,8 @@ def measure_latencies(
         settings: further network settings of all measured policies.
 
     Returns:
-        ``rows`` of :class:`Latency`, ``threads``, ``decisions``, and the machine's ``load`` at the start.
+        A dictionary with the entries ``rows`` (one :class:`Latency` for each combination, as plain data), ``threads``
+        and ``decisions`` (the arguments), and ``load`` (load average of the machine at the start).
     """
     kinds = []
     for encoder in encoders:

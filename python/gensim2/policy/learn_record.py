@@ -46,11 +46,12 @@ class LearnRecord(RunSettings):
         start: folder of the policy that training starts from, and the SHA-256 of its ``config.json``; None for training
             from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
-        steps: number of gradient steps of each policy, by the policy's folder. The number is fixed when training of the
-            policy starts.
-        data_cpu_s: CPU time (s) that the demonstrations of each policy took, by the policy's folder, including copied
-            demonstrations.
-        episodes: number of demonstrations of each task for an action-chunk policy, by the policy's folder.
+        steps: number of gradient steps of each policy. The key is the policy's folder. The number is fixed when the
+            training of the policy starts.
+        data_cpu_s: CPU time (s) that the demonstrations of each policy took, including copied demonstrations. The key
+            is the policy's folder.
+        episodes: number of demonstrations of each task, for each policy that predicts action chunks. The key is the
+            policy's folder.
     """
 
     FREE = frozenset({"steps", "data_cpu_s", "episodes", "demonstrations_of", "start"})
@@ -160,7 +161,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
 
     Args:
         record: record of the run; the CPU time of the copied demonstrations is added to the record.
-        key: the policy's folder relative to ``out`` and to the other run.
+        key: path of the policy's folder relative to ``out``. In the folder of the other run the path is the same.
         folder: absolute path of the policy's folder.
         out: folder of the run.
 

@@ -81,8 +81,10 @@ def learn_configs(
 
 
 def observation_of(policy: PolicyConfig, noise: DepthNoise | None) -> ObservationSpec:
-    """Return the observation spec that a policy needs. The head and the source of the point cloud determine the spec,
-    and the policy may set its number of points.
+    """Return the observation spec that a policy needs.
+
+    The kind of head and the source of the point cloud determine the spec. Only the number of points in a cloud can be
+    set freely, in the policy's settings.
 
     Raises:
         InputError: camera noise is requested, but the policy's encoder does not use depth images.

@@ -149,10 +149,10 @@ def learn(
         controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`. The default None runs
             all of them.
         videos: number of recorded episodes of each task.
-        objects: number of generated objects of each class to train on. The seed selects objects that the library does
-            not list. With None the policy trains on the objects that ``instances`` in ``scene`` selects. If
-            ``instances`` is not given, it trains on ``OBJECTS`` generated objects, or on the training split of real
-            objects.
+        objects: number of generated objects of each class to train on. The seed selects these objects among all objects
+            that the generator can create; objects that the library lists are not used. With None the policy trains on
+            the objects that ``instances`` in ``scene`` selects. If ``instances`` is not given, it trains on ``OBJECTS``
+            generated objects, or on the training split of real objects.
         generated: number of generated objects of each class to train on in addition to the objects of a folder, for
             ``"keypose"``. The objects of the folder and the generated objects get shares of the planning time in
             proportion to their numbers.
@@ -222,7 +222,7 @@ def learn(
     if not tasks:
         raise InputError("names no task", field="tasks")
     given = read_all_task_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed=seed, **train_on)
-    given[0].scene.second_engine(engines)  # raises an error now if the second engine cannot be used
+    given[0].scene.second_engine(engines)  # Before any work starts, check that the second engine can be used.
     named = words(given, tasks)
     if objects is None and "instances" not in scene and any(map(can_be_counted, given)):
         objects = OBJECTS
@@ -241,7 +241,8 @@ def learn(
     together = multi_task or begun is not None
     several = together and (begun is not None or len(given) > 1)
     check_text(text, text_model, [one.spec.description for one in given] if several else (), begun)
-    # The tasks of the starting policy are also evaluated, on objects that no training has used.
+    # The tasks of the starting policy are evaluated, too. Read the objects that the starting policy was trained on, so
+    # that the test objects can be chosen among other objects.
     before = [] if start is None else taught_before(start, known, seed=seed, **scene)
     listed = [*(given if objects is None else ()), *before]
     if test_instances is None:

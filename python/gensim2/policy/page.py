@@ -36,10 +36,10 @@ _WIDTH, _HEIGHT = 280.0, 100.0
 
 
 def write_page(result: LearnResult) -> Path:
-    """Write the report and return its path.
+    """Write the report of a ``gensim2 learn`` run into its output folder, and return the path of the report.
 
     Raises:
-        WriteError: the folder cannot be written to.
+        WriteError: the output folder cannot be written to.
     """
     out = Path(result.out)
     curves: dict[str, Any] = {}

@@ -7,10 +7,12 @@ The first stage predicts a place for each keyframe from a subset of the points. 
 weight :math:`w_i` (a heatmap over the points) and an offset :math:`o_i`. The predicted place is the weighted mean
 :math:`p = \sum_i w_i (x_i + o_i)`.
 
-The second stage refines the positions of all keyframes and predicts the hand's rotations. Its input is the part of the
-full cloud near the predicted place of one keyframe (``LOOKED_AT``), with Fourier features of the coordinates.
+The second stage refines the positions of all keyframes and predicts the hand's rotations. Its inputs are the points of
+the full cloud that are close to the predicted place of one keyframe, and Fourier features of their coordinates. The
+constant ``LOOKED_AT`` selects this keyframe.
 
-All coordinates are in the tool frame, so that a prediction equals the motion that the arm has to make.
+All coordinates are in the tool frame. In this frame, the position of a keyframe is the motion that the hand still has
+to make.
 """
 
 from __future__ import annotations

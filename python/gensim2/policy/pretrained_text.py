@@ -73,7 +73,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         try:
             if not file.is_dir():
                 refuse_special(file.stat())
-        except OSError as error:  # also raised for a broken symbolic link
+        except OSError as error:  # A broken symbolic link raises this error, too.
             raise InputError(why(error), file=file, field="text_model", remedy=remedy) from error
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
     text: Any

@@ -74,7 +74,7 @@ class Replicas:
                 self._receive(number)
         except BaseException as error:
             self._end()
-            # PyTorch has no exception type for a lack of shared memory, so the message is searched.
+            # PyTorch has no exception type for a lack of shared memory, so this error is recognized by its message.
             if isinstance(error, RuntimeError) and "shared memory" in str(error):
                 remedy = "free memory in /dev/shm, or train on one device"
                 raise InputError("the machine has too little shared memory", field="device", remedy=remedy) from error
@@ -85,7 +85,8 @@ class Replicas:
         if self._replicas:
             _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
-            # If a replica has died, ``mean_with`` raises the error with the reason.
+            # The pipe to a replica that has died is broken. Ignore this here: ``mean_with`` raises an error that states
+            # why the replica died.
             with contextlib.suppress(BrokenPipeError):
                 pipe.send(step)
 

@@ -21,9 +21,9 @@ class Source(Protocol):
 
     Attributes:
         robot: name of the robot profile.
-        action: format of the targets.
-        observation: observation spec of the clouds.
-        sentences: distinct instructions.
+        action: format of the targets that the policy learns to predict.
+        observation: spec of the observations, which include point clouds.
+        sentences: instructions of the tasks, without repetitions.
         record: description of the data, which is stored in checkpoints.
     """
 
@@ -48,5 +48,8 @@ class Source(Protocol):
         ...
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
-        """Return clouds of at most ``max_clouds`` scenes, evenly spaced through the data."""
+        """Return the point clouds of at most ``max_clouds`` scenes, for the control experiment ``shuffled``.
+
+        The scenes are chosen at regular intervals from all scenes of the data.
+        """
         ...

@@ -95,7 +95,7 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
     """Check that a policy can have the requested text encoder.
 
     Args:
-        text: requested text encoder; None: the encoder of ``begun``, else ``"small"``.
+        text: requested text encoder. None requests the encoder of ``begun``, or ``"small"`` if ``begun`` is None.
         model: requested weights; None for the default.
         sentences: instructions of the tasks that one policy learns; empty if the policy ignores instructions.
         begun: policy that learning starts from, or None.

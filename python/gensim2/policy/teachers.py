@@ -1,5 +1,6 @@
-"""Create demonstrations and train one policy of a ``gensim2 learn`` run, within the CPU time that the run has for this
-policy.
+"""Create the demonstrations of a policy and train the policy, as a part of a ``gensim2 learn`` run.
+
+The run limits the total CPU time of both tasks.
 """
 
 from __future__ import annotations

@@ -106,8 +106,9 @@ class SmallText(nn.Module):  # type: ignore[misc]
     """Text encoder with learned embeddings of words and trigrams, trained with the policy.
 
     The embeddings of a word and its trigrams are averaged. An MLP gets the mean and the maximum over all words of the
-    instruction. A new word has only meaningful embeddings for trigrams that also occur in the words of training
-    instructions. With tokens of size 192, the encoder has about 200,000 parameters.
+    instruction. The embedding of a word that does not occur in the training instructions is meaningless, but the word
+    can share trigrams with the words of the training instructions. With tokens of size 192, the encoder has about
+    200,000 parameters.
 
     Args:
         width: size of the token.

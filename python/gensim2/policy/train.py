@@ -134,8 +134,10 @@ def train_policy(
 
     Args:
         config: settings of the network; with ``start``, the settings of the starting policy.
-        out: folder of the checkpoint; its subfolder ``training/`` has state and curves.
-        start: checkpoint whose weights and normalization the training starts from, with a fresh optimizer.
+        out: folder of the checkpoint. Its subfolder ``training/`` contains the state of the training run and the loss
+            curves.
+        start: checkpoint from which the training takes the initial weights and the normalization. The state of the
+            optimizer is new.
         resume: whether to continue an interrupted training run in ``out``.
         device: as for :func:`~gensim2.policy.devices.read_devices`; each batch is divided among several devices.
 
@@ -190,8 +192,8 @@ def _train(
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
         drawn, moved = rng(training.seed, "policy/fit"), None
-        # The scale of normalized actions is computed from a batch. If training adds noise to arm positions, motions are
-        # longer than in the demonstrations, so the batch needs the same noise.
+        # The network computes the scale of the actions from this batch. If training adds noise to the positions of the
+        # arm, it also makes the motions longer. The batch therefore gets the same noise.
         if training.arm_noise > 0:
             moved = torch.Generator(table.device).manual_seed(training.seed)
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
@@ -309,8 +311,8 @@ def take_steps(
                 curves.add(
                     step=state.step, loss=state.loss, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s
                 )
-            # The flag is read once per step. A signal that arrives while the state is saved takes effect after the next
-            # step.
+            # Check only once in each step whether a signal has arrived. A signal that arrives while the state is saved
+            # ends the run after the next step.
             stopping = stop()
             if stopping or state.step % training.save_every == 0 or state.step == training.steps:
                 state.save(folder, identity)
@@ -318,7 +320,7 @@ def take_steps(
                 break
     if state.loss is not None:
         return state.loss
-    # The state file of an older version does not contain the loss, so it is read from the training curves.
+    # State files of older versions do not contain the loss. In this case, read the last loss from the training curves.
     points = read_curves(folder)
     if not points:
         raise InputError("has no loss", file=folder / CURVES, remedy="delete the folder and train again")

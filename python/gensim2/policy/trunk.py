@@ -1,7 +1,8 @@
 """Define the policy's transformer, which normalizes inside each residual branch (pre-LN).
 
-Its input is a sequence of tokens: a learned readout token, whose output represents the whole observation; a token of
-the instruction; and, for each frame, the tokens of the point cloud and of the robot's state.
+Its input is a sequence of tokens. One is a learned readout token: its output represents the whole observation. Another
+    token encodes the instruction. The remaining tokens encode the point cloud and the robot's state at each observed
+    time step.
 """
 
 from __future__ import annotations

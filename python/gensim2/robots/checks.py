@@ -116,8 +116,8 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
             "arm_joints",
             f"the profile lists the joints {', '.join(expected)}, but the moving joints of the URDF "
             f"are {', '.join(model.joint_names)}",
-            "list all moving joints in the order of the URDF, which begins with the joints of the arm; make all other "
-            "joints fixed",
+            "list all moving joints in the order of the URDF, in which the joints of the arm must come first, and make "
+            "unused joints fixed joints in the URDF",
         )
     for field, link in (("hand_link", profile.hand_link), ("tool_link", profile.tool_link)):
         if link not in model.link_names:
@@ -147,7 +147,11 @@ def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
     remedy = "give the joint a <mimic> element with these numbers"
     for name, mimic in profile.gripper.mimics.items():
         if followed[name] != {"joint": mimic.joint, "multiplier": mimic.multiplier, "offset": mimic.offset}:
-            raise refuse("gripper.mimics", f"the <mimic> element of {name!r} in the URDF differs from {mimic}", remedy)
+            raise refuse(
+                "gripper.mimics",
+                f"the <mimic> element of {name!r} in the URDF differs from the profile, which has {mimic}",
+                remedy,
+            )
     for name in profile.gripper.passive:
         if followed[name] is None or followed[name]["multiplier"] != 0.0:
             remedy = f'give the joint <mimic joint="{profile.gripper.driven[0]}" multiplier="0"/>'

@@ -102,9 +102,8 @@ def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
     srdf = ET.Element("robot", name=str(root.get("name")))
     joined = [(_end(joint, "parent"), _end(joint, "child")) for joint in root.findall("joint")]
     for one, other in (*joined, *pairs):
-        ET.SubElement(
-            srdf, "disable_collisions", link1=one, link2=other, reason="Default"
-        )  # SAPIEN honours an exclusion only if its reason is "Default".
+        # SAPIEN ignores a disable_collisions element if its reason is not "Default".
+        ET.SubElement(srdf, "disable_collisions", link1=one, link2=other, reason="Default")
     return ET.tostring(srdf, encoding="unicode")
 
 

@@ -39,7 +39,7 @@ def fetch_files() -> RobotFiles:
         turns=pi,
         palm="gripper_link",
         hand="fetch_hand",
-        pitch=pi / 2,  # turns the hand frame, so that its z axis has the direction of the palm's x axis
+        pitch=pi / 2,  # The z axis of the hand frame must point along the fingers, like the palm's x axis.
         tool="fetch_hand_tcp",
         tool_at=FINGERTIP,
     )

@@ -128,7 +128,8 @@ def _place(joint: ET.Element, pose: RigidTransform) -> None:
     origin = joint.find("origin")
     origin = ET.SubElement(joint, "origin") if origin is None else origin
     with warnings.catch_warnings():
-        # SciPy warns of gimbal lock, in which any yaw is valid; the result can be used.
+        # SciPy warns if several combinations of angles describe the same rotation (gimbal lock). Any of them is correct
+        # here.
         warnings.simplefilter("ignore", UserWarning)
         turn = pose.rotation.as_euler("xyz")
     origin.set("xyz", " ".join(map(repr, pose.translation.tolist())))

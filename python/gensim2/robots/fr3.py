@@ -21,7 +21,9 @@ LIMITS = (
 
 
 def fr3_files() -> RobotFiles:
-    """Return ManiSkill's description of the Panda with the limits of the Research 3, in the user's cache folder.
+    """Write a description of the Franka Research 3 into the user's cache folder, and return the paths of its files.
+
+    The description is ManiSkill's description of the Panda with the joint limits of the Research 3.
 
     Raises:
         InputError: the cache folder cannot be written to.

@@ -108,7 +108,7 @@ class Gripper(Protocol):
     def planned(self, opening: float) -> float:
         """Return the value of the driven joints at which the distance of the pads is ``opening``, m.
 
-        The planner's solver uses this value as ``finger_width``.
+        The planner passes this joint value to the solver as the option ``finger_width``.
         """
 
     def travel(self, command: float, other: float) -> float:

@@ -25,7 +25,10 @@ UNLIMITED = 1e10
 
 
 def panda_long_files() -> RobotFiles:
-    """Return ManiSkill's description with longer fingers, in the user's cache folder.
+    """Write a description of the Panda with long fingers into the user's cache folder, and return the paths of its
+    files.
+
+    The description is ManiSkill's description of the Panda, in which each finger is replaced by a longer finger.
 
     Raises:
         InputError: the cache folder cannot be written to.

@@ -62,8 +62,8 @@ class Footprint:
     Attributes:
         base_half: half the side length of the square that the base occupies.
         hand_half: half the side length of the square below the hand.
-        hand_drop: distance below the tool in its rest pose. Objects in the square below the hand must be lower than
-            this distance allows.
+        hand_drop: distance from the tool, in its rest pose, down to the bottom of the space that the hand occupies.
+            Objects in the square below the hand must be lower than this bottom.
     """
 
     base_half: float
@@ -167,18 +167,18 @@ class RobotProfile:
     therefore describes the same motion for every robot.
 
     Attributes:
-        name: name of the robot, the value of ``--robot``.
+        name: name of the robot, as given to the option ``--robot``.
         files: function that returns the description files; it raises an error if a package that they need is missing.
         hand_link: link of the hand frame, in which tool keypoints and hand poses are given.
         tool_link: link whose pose is part of state observations.
         arm_joints: names of the m joints that an action commands, in active joint order, before the gripper's joints.
         gripper: gripper of the robot.
-        reset_qpos: (n,) all active joints at the start of an episode.
+        reset_qpos: (n,) positions of all active joints at the start of an episode.
         base_position: (3,) position of the base in the world, m.
-        tool_keypoints: position (3,) m in the hand frame, for ``tool_head``, ``tool_tail`` and ``tool_side``;
-            see :func:`finger_keypoints`.
+        tool_keypoints: positions (3,) of the keypoints ``tool_head``, ``tool_tail`` and ``tool_side`` in the hand
+            frame, by name, m; see :func:`finger_keypoints`.
         reach: maximum horizontal distance (m) from the base at which the hand can touch the table while it points down.
-        footprint: area occupied on the table at rest.
+        footprint: space that the robot occupies on and above the table at the start of an episode.
         simulation: simulation parameters.
         base_quaternion: (4,) orientation of the base in the world, (w, x, y, z).
         control_hz: control rate, Hz.
@@ -292,11 +292,13 @@ class RobotProfile:
         return tuple(names.index(name) for name in self.gripper.joints)
 
     def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
-        """Return the arm's joint limits from the solver options, with the arguments as defaults for missing limits.
+        """Return the limits of the arm's joints, which the solver options contain.
+
+        The URDF provides missing velocity limits, and the arguments provide missing acceleration and jerk limits.
 
         Args:
-            acceleration, jerk: limits to use if the solver options have no limits, (m,) or one number for all joints.
-                Missing velocity limits come from the URDF.
+            acceleration, jerk: limits to use if the solver options contain none, as arrays (m,) or as one number for
+                all joints.
         """
 
         def own(given: npt.ArrayLike | None, usual: npt.ArrayLike) -> Array:
@@ -322,7 +324,10 @@ class RobotProfile:
         return np.array(list(self.tool_keypoints.values()), dtype=np.float64)
 
     def gripper_with(self, q: Sequence[float]) -> dict[str, Array]:
-        """Return the tool keypoints in the world, (3,) m each, for the active joints ``q`` (n,)."""
+        """Return the positions of the tool keypoints by name, each (3,) in the world frame, m.
+
+        ``q`` (n,) are the positions of all active joints.
+        """
         return self.gripper_at(self.T_world_base @ self.model.forward_kinematics(np.asarray(q, dtype=np.float64)))
 
     @cached_property

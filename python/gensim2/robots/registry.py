@@ -68,15 +68,15 @@ def register_robot(make: _Made) -> _Made:
     """
     name = getattr(make, "__name__", "")
     if not callable(make) or not name.isidentifier() or make.__qualname__ != name:
-        raise InputError("must be a function at module level that returns a RobotProfile", field="register_robot")
+        raise InputError("needs a function at module level that returns a RobotProfile", field="register_robot")
     place = _place_of(make)
     known = PACKAGED.get(name, _registered.get(name, place))
     if known != place:
         raise InputError(
-            f"a robot named {name!r} is already registered ({known})",
+            f"a robot named {name!r} is already registered by {known}",
             file=place,
             field="register_robot",
-            remedy="rename it",
+            remedy="give the new robot another name",
         )
     _registered[name], _made_by[place] = place, make
     if _loading:
@@ -169,16 +169,16 @@ def robot_key(name: object) -> str:
         return _granted(name)
     if ":" in name or name.endswith(".py"):
         raise InputError(
-            f"{name!r} is not loaded, and for security gensim2 runs no code that only a data file names",
+            f"the robot {name!r} is not loaded, and gensim2 does not run a file only because a data file names it",
             field="robot",
             remedy="if this robot is your own, load its file with gensim2 --load-robot FILE.py or gensim2.load_robot",
         )
     if name.endswith(".urdf"):
         raise InputError(
-            f"{name!r} is a URDF file, which does not define gripper, drives and base pose",
+            f"{name!r} is a URDF file, which does not define the gripper, the drives and the base pose of a robot",
             field="robot",
-            remedy="register a RobotProfile that has the URDF in its field 'files' (docs/guides/robots.md); to plan "
-            "with the URDF alone, use gensim2_kpam.Robot.from_urdf",
+            remedy="register a RobotProfile whose field 'files' returns this URDF, as docs/guides/robots.md explains; "
+            "only to plan motions, use gensim2_kpam.Robot.from_urdf",
         )
     raise InputError(
         f"no robot {name!r}",
@@ -279,7 +279,8 @@ def _from_file(file: Path, function: str) -> Maker:
             f"the file does not exist on the machine {socket.gethostname()}",
             file=file,
             field="robot",
-            remedy="put the file at the same path on all machines that the run uses, or use module:function",
+            remedy="put the file at the same path on all machines that the run uses, or install the robot as a Python "
+            "module on all machines and name it module:function",
         )
     names = _names_in.get(file)
     # If the file was edited after it was loaded, its list of robots is outdated. Load the file again if the list is
@@ -310,11 +311,11 @@ def _loaded(file: Path) -> list[str]:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # so that functions of the module can be pickled in this process
+    sys.modules[spec.name] = module  # Python finds the module here when it pickles functions of the module.
     _loading.append([])
 
     def refused(error: BaseException) -> InputError:
-        return InputError(f"cannot be loaded: {_told(error, file)}", file=file, field="robot")
+        return InputError(f"the file raises {_told(error, file)}", file=file, field="robot")
 
     try:
         with user_code(refused, GenSim2Error):

@@ -413,7 +413,11 @@ class ChainController:
         return True
 
     def _untried(self, turn: ChainTurn) -> list[str]:
-        """Return the strategies that may still be executed in ``turn``, in order of preference."""
+        """Return the strategies that may still be tried in the present execution of the step, in order of preference.
+
+        ``turn`` is the record of this execution. It counts how often each strategy was tried, and each may be tried at
+        most ``MAX_TRIES`` times.
+        """
         names = self._doing(turn.step)[: 1 if self._one_plan else None]
         return [name for name in names if turn.tries.get(name, 0) < MAX_TRIES]
 

@@ -28,7 +28,9 @@ ROOM = 0.06
 
 
 def room_for_hand(after: Scene | None, step: Step, following: Sequence[Step]) -> float:
-    """Return the horizontal clearance (m) between the link that a step moves and the next step's object.
+    """Return how much horizontal clearance (m) a step leaves for the hand beside the object of the next step.
+
+    This is the clearance between that object and the link that the step moves, such as a door.
 
     Args:
         after: scene predicted by a plan of ``step``; None without a plan.
@@ -36,7 +38,7 @@ def room_for_hand(after: Scene | None, step: Step, following: Sequence[Step]) ->
         following: steps after ``step``.
 
     Returns:
-        Clearance, limited to ``ROOM``.
+        Clearance, at most ``ROOM``, because the hand needs no more.
     """
     if after is None or not following or following[0].tool != HAND:
         return ROOM
@@ -56,7 +58,7 @@ def _outline(bodies: Sequence[SceneBody]) -> Array:
 
 @dataclass
 class ChainPlan:
-    """A plan and the progress of its execution.
+    """A plan of a task step, and the progress of its execution.
 
     Attributes:
         strategy: name of the planned strategy.
@@ -65,9 +67,10 @@ class ChainPlan:
         at_step: control step at which the plan was made.
         trigger: ``"start"``, or the deviation that caused replanning.
         profile: robot whose simulated drives execute the plan.
-        room: horizontal clearance for the hand around the next step's object, m; at most ``ROOM``.
+        room: horizontal clearance (m) that the plan leaves for the hand beside the object of the next step, as returned
+            by :func:`room_for_hand`.
         makes_room: whether the plan only moves an obstacle out of the way.
-        ran: number of actions executed.
+        ran: number of actions executed so far.
     """
 
     strategy: str
@@ -82,8 +85,10 @@ class ChainPlan:
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """Return the key by which plans are sorted; the best plan has the lowest key. Complete plans come first, then
-        plans that leave the hand more room at the next object, then plans with a lower rank in the planner.
+        """Return the key by which plans are sorted; the best plan has the lowest key.
+
+        Complete plans come before incomplete plans. Plans that are equal in this respect are sorted by the room that
+        they leave for the hand beside the object of the next step, and then by the rank that the planner gave them.
         """
         return not self.planned.is_solved, ceil((ROOM - self.room) / 0.01), self.planned.rank
 
@@ -131,8 +136,8 @@ class ChainTurn:
         step: executed step.
         plans: plans made in this execution, oldest first.
         tries: number of complete executions of each strategy.
-        acted: measurement right after the fingers last closed on an object, or right before they last released it. It
-            shows the gripper in the state that the step should bring about.
+        acted: measurement right after the fingers last closed on an object, or right before they last released it. At
+            this moment the gripper was in the state that the criteria of the step require. None before this moment.
     """
 
     step: Step
@@ -143,8 +148,8 @@ class ChainTurn:
     def is_done(self, measured: Measurement) -> bool:
         """Return whether the step is done.
 
-        A criterion about the gripper may have been met only at the moment when the gripper grasped or released the
-        object. Such a criterion counts as met.
+        All criteria of the step must be met. A criterion about the gripper also counts as met if it was met when the
+        gripper last grasped or released the object, because it may be false afterwards.
         """
         return all(
             criterion.holds(measured)

@@ -53,17 +53,16 @@ DONE = "done"
 
 @dataclass(frozen=True)
 class WorldCount:
-    """Number of mutated worlds with the same mutation, and number of these worlds in which the success criteria wrongly
-    hold.
+    """Count of mutated worlds of one kind, and of those in which the success criteria wrongly hold.
 
     Attributes:
         step: name of the step whose criteria ``done`` are evaluated; None if the criteria of the task's goal are
             evaluated.
         mutation: value of a :class:`Mutation`, or ``DONE`` for worlds in which the task is done.
-        subject: name of the object in the wrong place; empty for worlds in which the arm did nothing.
+        subject: name of the object that the mutation changed; empty for worlds in which the arm did nothing.
         criteria: types of the criteria about this object.
         worlds: number of worlds.
-        fooled: number of worlds in which all criteria hold.
+        fooled: number of these worlds in which all criteria hold.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -147,8 +146,11 @@ class CheckerResult:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return the totals as JSON data: the numbers of scenes and worlds, and how often the criteria were wrong or
-        right. The counts for each mutation are not included.
+        """Return the totals as JSON data, without the counts for each mutation.
+
+        The totals are the number of scenes, the number of mutated worlds, the number and fraction of mutated worlds in
+        which the goal wrongly holds, the number of successful end states, and the number of these in which the goal
+        holds.
         """
         fooled, worlds = total(self.of_goal)
         done, built = self.recognized

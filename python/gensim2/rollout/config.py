@@ -137,7 +137,9 @@ class EpisodeConfig:
 
 
 def nested_options(record: Any) -> Any:
-    """Return a record with its scene options moved into ``scene``, and its rollout options into ``rollout``."""
+    """Return the record of a run with its options grouped: scene options in the field ``scene``, and rollout options in
+    the field ``rollout``. Files store all options side by side.
+    """
     if not isinstance(record, dict):
         return record
     current = with_current_scene(record)

@@ -59,7 +59,9 @@ class ControllerSpec:
         try:
             json.dumps(spec.arguments, allow_nan=False)
         except (TypeError, ValueError) as error:
-            raise ControllerError(f"must be plain data: {error}", file=spec.target, field="arguments") from error
+            raise ControllerError(
+                f"must be plain data that JSON can store ({error})", file=spec.target, field="arguments"
+            ) from error
         return spec
 
     def load(self) -> type:
@@ -132,8 +134,8 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
     """Return the specification of the controller that plans and executes the steps of a task.
 
     Args:
-        task: the task. Only a controller that estimates the scene needs it here; the other controllers get the task
-            later.
+        task: the task. It becomes an argument of a controller that estimates the scene. Any other controller gets the
+            task when it is created.
         strategies: strategies by name, as plain data.
         rollout: options of the episode. They select the scene that the planner gets: the true scene or an estimate.
         robot_name: name of the robot.

@@ -65,7 +65,7 @@ def number_of_objects(given: TaskInput) -> int:
 
 
 def is_counted(instances: str) -> bool:
-    """Return whether ``instances``, the selection of objects of a task, is a value set by :func:`with_objects`."""
+    """Return whether :func:`with_objects` has made an object selection ``instances`` of a task."""
     return _COUNTED in instances
 
 
@@ -92,7 +92,7 @@ def _articulated(given: TaskInput) -> dict[str, str]:
 def _drawn(given: TaskInput, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
     new = set(given.library.choose(asset_class, "new"))
     ids = tuple(each for each in given.library.sample(asset_class, count + len(new), seed) if each not in new)
-    # The ids are numbers in ascending order. Without a random permutation, the first ``count`` ids would always be
-    # small numbers.
+    # The ids are in ascending order. Choose among them at random, because the first ``count`` ids would all be small
+    # numbers.
     order = rng(seed, f"objects/{asset_class}").permutation(len(ids))[:count]
     return tuple(ids[number] for number in sorted(order))

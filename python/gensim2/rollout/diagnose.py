@@ -46,14 +46,14 @@ PLAN_CAUSES = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of an episode, from which its failure is explained.
+    """Facts about the end of an episode, which :func:`diagnose` uses to find the cause of a failure.
 
     Attributes:
         goal: whether the goal is reached at the end.
         stable: whether the simulation was stable, both in the episode and in the no-op baseline.
         settled: whether the scene was at rest when the episode was evaluated.
         cut: whether the time limit ended the episode before the controller ended it.
-        truncated: whether the episode was longer than the task allows.
+        truncated: whether the episode was longer than the task allows. This is also true if ``cut`` is true.
         by_itself: whether the goal is reached in the no-op baseline, that is, without a moving arm.
     """
 
@@ -122,8 +122,9 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # A step can meet its criterion and still be faulty. A grasping step may have no criterion, so its grasp is
-            # checked with the measurements. A criterion may also have been met only while the hand held the object.
+            # The step has met its criteria, but it can still be faulty. Check three faults: the controller gave up
+            # after a deviation, the grasp failed (a grasping step may have no criterion), or the criteria were met only
+            # while the hand held the object.
             gave_up = self._given_up(step) if not went_on else None
             return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]

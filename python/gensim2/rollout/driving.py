@@ -1,4 +1,6 @@
-"""Provide a minimal control loop, and run controllers on robots that keep moving while the controller computes."""
+"""Run controllers in a control loop, also on real robots, which cannot wait until the controller has computed an
+action.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,12 @@ class Asked:
     """Gets actions from a controller without making the robot wait too long.
 
     A simulated robot waits for the controller. A real robot needs an action in every control step. If the controller
-    needs more time, the arm repeats its last command; before the first command it stays at its position. Meanwhile the
-    arm hardly leaves the state that the controller observed, so the delayed action can still be executed.
+    needs more time, the arm repeats its last command; before the first command it stays at its position. The arm moves
+    only a little during this time, so the late action still fits the state that the controller observed.
 
     Args:
         controller: controller that computes the actions.
-        body: robot.
+        body: robot that executes the actions.
     """
 
     def __init__(self, controller: Controller, body: Body) -> None:

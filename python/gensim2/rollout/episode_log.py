@@ -77,8 +77,10 @@ class EpisodeLog:
         self.done[index] = entry
 
     def forget(self, index: int) -> None:
-        """Remove an episode from ``done``, so that the episode is run again; the new line then replaces the old
-        line.
+        """Remove an episode from ``done``, so that the episode is run again.
+
+        The old line stays in the file until the file is rewritten, but the line of the repeated episode takes
+        precedence.
         """
         del self.done[index]
 

@@ -1,4 +1,4 @@
-"""Check the actions of users' controllers, and report their errors in one line."""
+"""Check the actions of users' controllers, and report the errors of these controllers in one line."""
 
 from __future__ import annotations
 

@@ -47,13 +47,13 @@ MEANINGS: dict[Kind, str] = {
 
 
 def write_page(told: Mapping[str, Any]) -> Path:
-    """Write the report of an experiment and return its path.
+    """Write the report of an experiment into the folder of the experiment, and return the path of the report.
 
     Args:
-        told: result, as returned by :meth:`ExperimentResult.to_dict`.
+        told: result of the experiment, as returned by :meth:`ExperimentResult.to_dict`.
 
     Raises:
-        WriteError: the folder cannot be written to.
+        WriteError: the folder of the experiment cannot be written to.
     """
     arms = told["arms"]
     kinds = [

@@ -278,8 +278,8 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in found:
         _, lacking = _transferred(arm, record)
         skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
-        # Check only the split of the first seed. The other seeds divide the objects differently, but use the same
-        # classes.
+        # Check before training that the objects of each evaluation exist. A check of the first training run is enough:
+        # the other runs divide the objects differently, but use the same classes.
         for one in _measurements(arm, record, 0):
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
@@ -288,8 +288,9 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Return whether the policy can be trained with generated objects. This is the case if at least one of its tasks
-    that its starting policy does not know can use generated objects.
+    """Return whether at least one task that the policy has to learn can use generated objects.
+
+    Tasks that the starting policy of this policy already knows do not count.
     """
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
@@ -302,7 +303,10 @@ def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
 
 
 def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
-    """Return the tasks of a policy that have no unseen objects, because all their objects are rigid."""
+    """Return the tasks of a policy that use only rigid objects.
+
+    These tasks have no unseen objects, because a class of rigid objects has only one instance.
+    """
     library, tasks = open_library(_assets(arm, record)), map(load_task, arm.tasks)
     return frozenset(
         task.name
@@ -448,7 +452,8 @@ def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_
     if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
-    # a checkpoint loads only default weights of the text encoder by itself; other weights must be named
+    # Pass the name of the weights to the controller. Without a name it loads only the default weights of a text
+    # encoder.
     if config.text_model is not None:
         embedded["text_model"] = config.text_model
     if config.untaught:

@@ -58,9 +58,9 @@ class FlowHead(DecodingHead):
 
 
 def signal_shares(levels: int) -> torch.Tensor:
-    r"""Return the signal fractions :math:`\bar\alpha_t` (levels,), float64, of the cosine schedule.
+    r"""Return the signal fraction :math:`\bar\alpha_t` of each noise level t, as an array (levels,) of float64.
 
-    The fractions decrease with t (Nichol and Dhariwal 2021).
+    The fractions follow the cosine schedule of Nichol and Dhariwal (2021), so they decrease as the noise level grows.
     """
     t = torch.linspace(0.0, 1.0, levels + 1, dtype=torch.float64)
     f = torch.cos((t + 0.008) / 1.008 * math.pi / 2).square()

@@ -113,10 +113,11 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
             self.center.copy_(batch[POSITIONS][live, ACTUATION].mean(0))
 
     def grown(self, theirs: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-        """Return weights for this head that contain the weights of a head with fewer classes.
+        """Return the weights of this head after copying the weights of a trained head with fewer classes into them.
 
-        ``theirs`` are the weights of the smaller head. Its classes keep their indices, and "done" becomes the last
-        class of this head. The additional classes keep the weights that this head has now.
+        This adds classes to the trained head, whose weights are ``theirs``. The classes of the trained head keep their
+        indices, except its last class "done", which becomes the last class of this head. The added classes keep the
+        weights that this head has now.
         """
         mine = {name: value.clone() for name, value in self.state_dict().items()}
         for name, value in theirs.items():
@@ -188,7 +189,11 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return torch.stack(found, 1)
 
     def _first(self, points: torch.Tensor, context: Context, way: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Run the first stage for the classes ``way``: return the heatmaps' logits (B, N) and the places (B, 3), m."""
+        """Run the first stage of the network for one strategy class of each sample.
+
+        ``way`` (B,) has the indices of the classes. Return the logits (B, N) of the heatmaps over the points, and the
+        predicted places (B, 3), m, at which the hand acts.
+        """
         assert context.features is not None
         told = torch.cat([context.tokens[:, 0], self.of_way(way)], -1)
         inner = nn.functional.gelu(self.of_point(context.features) + self.of_cloud(told)[:, None])

@@ -47,8 +47,8 @@ def is_packaged(start: Path) -> bool:
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
-    """Return the tasks of a policy for which the present object library contains the training objects. Each returned
-    task includes these objects.
+    """Return the tasks of a policy whose training objects are in the object library that ``scene`` selects. Each
+    returned task includes its training objects.
 
     Args:
         start: folder of the policy, as written by ``gensim2 learn``.
@@ -92,8 +92,10 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
 def tasks_to_plan_again(
     start: Path, begun: PolicyCheckpoint, objects: int, *, seed: int, **scene: Unpack[SceneArguments]
 ) -> list[TaskInput]:
-    """Return the tasks of a policy whose training plans are missing and must be made again. These are all tasks of the
-    builtin policy, which is distributed without plans, and no tasks of other policies.
+    """Return the tasks of a policy whose training plans are missing and must be made again.
+
+    Only the builtin policy is distributed without plans, so the function returns all tasks of the builtin policy. For
+    any other policy it returns an empty list.
 
     Args:
         start: folder of the policy.
@@ -168,12 +170,13 @@ def inputs_beside(
     seed: int,
     **scene: Unpack[SceneArguments],
 ) -> list[TaskInput]:
-    """Return the same tasks with generated objects instead of the objects of a folder. The generated objects serve as
-    additional training objects.
+    """Return versions of the tasks that use generated objects in place of the objects of the asset folder.
+
+    The policy trains on both versions of a task, so the generated objects are additional training objects.
 
     Args:
         tasks: names or folders of the tasks.
-        given: the same tasks with the objects of a folder.
+        given: the same tasks with the objects of the asset folder.
         count: number of generated objects of each class.
         progress: progress listener. It gets a message for each task that cannot use generated objects.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`; objects named in these arguments are ignored.
@@ -214,10 +217,11 @@ def generated_input(task: str, count: int, *, seed: int, **scene: Unpack[SceneAr
 
 
 def _plans(start: Path, name: str) -> list[Path]:
-    """Return the folders of a task's plans; the folder for generated objects comes last.
+    """Return the folders that contain the training plans of a task. The folder with plans for generated objects comes
+    last.
 
     Raises:
-        InputError: the folder has no plans, or a link leads out of it.
+        InputError: the policy's folder has no plans for the task, or has a symbolic link that leads out of the folder.
     """
     folder, beside = (ForeignTree(start).inside(f"{DATA}/{name}{end}") for end in ("", BESIDE))
     if not folder.is_dir():

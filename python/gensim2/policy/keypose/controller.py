@@ -112,9 +112,9 @@ class KeyposeController:
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
         self._rows: deque[npt.NDArray[np.float32]] = deque()
-        #: Number of events in the episode, by kind: predictions, programs that the arm cannot execute or executes only
-        #: partly, lost objects, and free motions to the object or to the rest pose. Free motions are counted separately
-        #: for each set of obstacles that they avoid.
+        #: Number of events of each kind in the episode. The kinds are: predictions, programs that the arm cannot
+        #: execute at all, programs that it executes only partly, lost objects, and free motions to the object or to the
+        #: rest pose. Free motions that avoid different obstacles are different kinds.
         self.told: Counter[str] = Counter()
 
     @property
@@ -175,7 +175,8 @@ class KeyposeController:
         """Predict strategies and plan the next motion; return False if no motion is left to execute."""
         self.told["looks"] += 1
         seen = self._sight.altered(observation, self._seed)
-        # The finger distance of an empty hand is irrelevant, so the network gets the distance at the start.
+        # The finger distance of an empty hand has no meaning for the task. The network therefore gets the finger
+        # distance at the start of the episode in place of the measured distance.
         if not self._holds:
             seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sight.sees != "nothing" else np.zeros((0, 3))

@@ -252,7 +252,7 @@ def record_of(
 
 
 def _is_to_end(step: Step) -> bool:
-    """Return whether a step succeeds exactly if its joints are at an end of their range."""
+    """Return whether all success criteria of a step require a joint at an end of its range (open or closed)."""
     return bool(step.done) and all(isinstance(each, ArticulatedOpen | ArticulatedClosed) for each in step.done)
 
 

@@ -108,11 +108,12 @@ def draw(
 
 
 def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed: int) -> str | None:
-    """Execute each plan of a scene once in simulation and return why the task fails; None if the task succeeds.
+    """Run an episode in simulation, with one plan for each step. Return why the task fails, or None if it succeeds.
 
     Args:
         scene, seed: as for :func:`draw`.
-        taken: name and strategy for each step that is still to be done at the start of the episode.
+        taken: strategy and its name for each step, by the name of the step. Steps that are already done at the start of
+            the episode are left out.
     """
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.no_op import NoOpResult
@@ -179,11 +180,11 @@ def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
 
 
 def _left_anywhere(now: Scene, step: Step, measured: Measurement, generator: np.random.Generator) -> Scene:
-    """Return the scene ``now``, in which a later step begins, with a random position of the joint that the step moves.
+    """Move the joint that a step acts on to a random position, and return the changed scene.
 
-    The position is random in the fraction ``OTHER_OPENNESS`` of the scenes; the other scenes are returned unchanged. A
-    scene is also returned unchanged if the hand holds an object, if the step is not about a joint, or if the random
-    position would already complete the step.
+    ``now`` is the scene in which the step begins. Only the fraction ``OTHER_OPENNESS`` of the scenes is changed; the
+    other scenes are returned as they are. A scene is also returned unchanged if the hand holds an object, if the step
+    does not move a joint, or if the random position would already complete the step.
     """
     anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
     joint = now.objects[step.object].joint

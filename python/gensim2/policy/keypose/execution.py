@@ -140,7 +140,8 @@ class Executor:
     def _free(self, rows: _Rows, q: Array, goal: Array, seen: Seen) -> Free:
         q, goal = q.copy(), goal.copy()
         fingers = list(self._profile.gripper_columns)
-        if not seen.holds:  # if the hand holds an object, the measured finger positions are used
+        # The fingers of an empty hand follow the last command. Fingers that hold an object stay where they are.
+        if not seen.holds:
             q[fingers] = self._profile.gripper.at_command(rows.command)
         goal[fingers] = q[fingers]
         for how, scene in self._scenes(q, goal, seen):
@@ -228,7 +229,10 @@ class _Rows:
             self._add(target, len(self))
 
     def act(self, target: Array, command: float, gently: bool) -> None:
-        """Wait until the arm arrives at joints (m,), then move the fingers if their command changes."""
+        """Wait until the arm has reached the joint positions ``target`` (m,), then give the fingers a new command.
+
+        Nothing happens if the command of the fingers does not change. If ``gently`` is true, the fingers close slowly.
+        """
         before, rate = self.command, self._profile.control_hz
         if abs(command - before) <= SAME_COMMAND:
             return

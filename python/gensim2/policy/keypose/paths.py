@@ -63,11 +63,11 @@ def joint_path(
 ) -> JointPath | None:
     """Return a joint path that executes the program, preferably without a collision between arm and point cloud.
 
-    The arm can reach the actuation pose in several postures, and each posture gives another path. The first path that
-    executes the complete program without a collision is returned. If no path does, the function returns the path that
-    reaches the most poses of the program. Of several such paths it returns the path with the fewest positions that
-    collide with the table or the robot itself, and then the path with the smallest penetration into the cloud. The
-    result is None if the arm cannot reach the actuation pose.
+    The arm can reach the actuation pose in several postures, and each posture leads to a different path. The function
+    returns the first path that executes the complete program without a collision. If there is no such path, it returns
+    the path that reaches the most poses of the program. If several paths reach the same number of poses, it prefers the
+    path with the fewest positions at which the robot collides with the table or with itself, and then the path with the
+    smallest penetration into the cloud. The function returns None if the arm cannot reach the actuation pose.
 
     Args:
         program: hand poses in the base frame.
@@ -126,7 +126,10 @@ def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
 
 
 def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array] | None:
-    """Return joints along the line between two poses, without the first pose; None if the line is out of reach."""
+    """Return joint positions that move the hand along the line from the pose ``begin`` to the pose ``end``.
+
+    The list does not contain the position at ``begin``. The result is None if the arm cannot follow the line.
+    """
     found: list[Array] = []
     for pose in between(begin, end):
         near = scene.ik(pose, q, max_solutions=1)

@@ -206,7 +206,11 @@ def _either_way_round(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray
 
 
 def _as_held(fingers: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Add noise to finger distances and commands (B, 2) in samples with a grasped object."""
+    """Add noise to the finger distance and the gripper command of each sample in which the hand holds an object.
+
+    Executed grasps differ a little from planned grasps, and the noise represents this difference. ``fingers`` is an
+    array (B, 2).
+    """
     noise = rng.normal(size=fingers.shape) * (WIDTH, COMMAND)
     holds = fingers[:, 1:] < OPEN - 0.5
     return (fingers + np.where(holds, noise, 0.0)).astype(np.float32)

@@ -1,1 +1,4 @@
-"""Run a controller on another machine, over a websocket with msgpack messages, a token, and size and time limits."""
+"""Run a controller on another machine: client and server exchange msgpack messages over a websocket.
+
+The server accepts only clients that send its token. The size of messages and the time for sending them are limited.
+"""

@@ -117,8 +117,10 @@ class RemoteController:
             self._connection = None
 
     def disown(self) -> None:
-        """Close the connection, and make the next connection use a wrong token. With this fault, a run of
-        ``gensim2 robot`` can test its watchdog.
+        """Close the connection, and use a wrong token for the next connection.
+
+        ``gensim2 robot`` causes this fault on purpose, to test how its watchdog reacts if the server refuses the
+        connection.
         """
         self.close()
         self._token = f"not {self._token}"
@@ -152,7 +154,7 @@ class RemoteController:
             found = decode(connection.recv(timeout=CONNECTING), MAX_ANSWER, self._server)
             if found["kind"] == "welcome" and found.get("protocol") != VERSION:
                 spoken = reprlib.repr(found.get("protocol"))
-                raise RemoteError(f"{self._url} uses version {spoken} of the protocol, this client uses {VERSION}")
+                raise RemoteError(f"{self._url} uses protocol version {spoken}, but this client uses version {VERSION}")
             answer = read_message(found, Welcome, Refusal, sender=self._server)
             if isinstance(answer, Refusal):
                 raise RemoteError(f"{self._url} refuses the connection: {answer.why}")
@@ -181,7 +183,7 @@ class RemoteController:
         if self._connection is None:
             self._connect()
             if message["kind"] != "reset":
-                raise RemoteError(f"{self._url} was unreachable: the episode restarts")
+                raise RemoteError(f"{self._url} was unreachable, so the episode must start again")
         self._number += 1
         until = time.monotonic() + deadline
         data = encode({**message, "number": self._number})

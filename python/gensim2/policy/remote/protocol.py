@@ -51,7 +51,9 @@ _URL = re.compile(r"wss?://[^\s/?#@]+(/[^\s@]*)?")
 
 
 class RemoteError(InputError):
-    """A policy server or client cannot be reached, is late, refuses the connection, or sends an invalid message."""
+    """A policy server or client cannot be reached, answers too late, refuses the connection, or sends an invalid
+    message.
+    """
 
 
 def msgpack() -> Any:
@@ -109,7 +111,10 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
 
 
 class _Counter:
-    """Counts values while a message is decoded, because one byte can decode to 70 bytes of Python objects."""
+    """Counts the values of a message while the message is decoded, and raises an error if there are too many.
+
+    This limits the memory, because one byte of a message can become 70 bytes of Python objects.
+    """
 
     def __init__(self) -> None:
         self._count = 0

@@ -94,7 +94,9 @@ class PolicyServer:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
             raise MissingExtraError("websockets", "remote") from error
-        encode({})  # Without msgpack this line raises MissingExtraError, before a client connects.
+        # Encode an empty message, so that a missing msgpack raises MissingExtraError now and not when a client
+        # connects.
+        encode({})
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
@@ -131,8 +133,8 @@ class PolicyServer:
     def serve(self) -> None:
         """Serve until :meth:`close` is called."""
         before = sys.getswitchinterval()
-        # With a short switch interval, threads that serve untrusted clients soon release the interpreter's lock, so
-        # that the controller's thread can go on.
+        # Let Python switch between threads often. Threads that serve untrusted clients then hold the interpreter's lock
+        # only for a short time, and hardly delay the controller's thread.
         sys.setswitchinterval(SWITCH_INTERVAL)
         try:
             self._server.serve_forever()
@@ -269,7 +271,10 @@ class PolicyServer:
         with np.errstate(over="ignore"):
             action = np.asarray(given, dtype=np.float32)
         if action.shape != (self._profile.action_size,):
-            raise RemoteError(f"the controller returned an action of shape {action.shape}")
+            raise RemoteError(
+                f"the controller returned an action of shape {action.shape}, but the robot needs "
+                f"{self._profile.action_size} values"
+            )
         if not np.isfinite(action).all():
             raise RemoteError("the controller returned an action that contains NaN or infinity")
         return action

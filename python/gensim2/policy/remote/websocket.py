@@ -23,8 +23,8 @@ def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
         chunk: number of bytes that are read and parsed at a time.
-        most: maximum number of control frames (pings, pongs) from the peer; attribute ``max_control_frames`` of the
-            class.
+        most: maximum number of control frames (pings, pongs) that the peer may send. The limit of a single connection
+            can be changed later with its attribute ``max_control_frames``.
     """
     from websockets.frames import DATA_OPCODES, Frame
 
