@@ -27,9 +27,9 @@ class ClassRule:
             facing up.
         turn: rule that selects the side of the object that faces the robot. With ``"front"`` this is the model's front,
             or its back if the contact keypoint lies on the back. With ``"swing"`` it is the side towards which the
-            contact keypoint moves as the joint opens. ``"bar"`` is for objects with a bar to grasp along the model's x
-            axis, such as the handle of a bucket: the model is rotated by 90 degrees, so that the hand in its rest pose
-            has one finger on each side of the bar.
+            contact keypoint moves as the joint opens. The rule ``"bar"`` is for objects that are grasped by a bar along
+            the model's x axis, such as the handle of a bucket. It rotates the model by 90 degrees, so that the two
+            fingers of the resting hand are on opposite sides of the bar.
     """
 
     density: float
@@ -131,10 +131,9 @@ def joint_resistance(
     """Return the friction and damping of a joint. The friction holds the joint against gravity, but lets a push move
     the joint. The damping slows the motion.
 
-    The friction is 1.3 times the largest gravity load over the joint's range, plus a small amount that also keeps a
-    joint
-    without gravity load in place. The damping has a small constant and a part proportional to the friction: 0.1 of the
-    friction for a revolute joint, 0.5 for a prismatic joint.
+    The friction is 1.3 times the largest gravity load over the joint's range, plus a small amount. This amount keeps a
+    joint in place even if gravity does not load the joint. The damping is a small constant plus a multiple of the
+    friction: 0.1 times the friction for a revolute joint, and 0.5 times the friction for a prismatic joint.
 
     Args:
         joint_type: ``"revolute"`` or ``"prismatic"``.

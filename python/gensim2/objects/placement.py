@@ -17,11 +17,13 @@ from gensim2.objects.types import Keypoint, Placement
 
 @dataclass(frozen=True)
 class PlacementRegion:
-    """Region in front of a robot for placing objects. All values are in metres, and horizontal unless noted.
+    """Region in front of a robot in which objects are placed. All values are in metres. All distances are horizontal,
+    except ``hand_low_point``.
 
     Attributes:
         base_x: world x of the reference point, which lies under the arm's base. Its world y is 0.
-        comfortable: desired distance from the reference point to the contact keypoint, averaged over the joint's range.
+        comfortable: desired distance from the reference point to the contact keypoint (the point at which the hand acts
+            on the object), averaged over the joint's range.
         farthest: maximum distance from the reference point to the contact keypoint over the joint's range. An object is
             moved closer to the hand than ``hand_clearance`` if this limit requires it.
         sideways: maximum lateral offset of the contact keypoint.
@@ -29,9 +31,10 @@ class PlacementRegion:
         hand_at_rest: world x and y of the hand at the start of an episode.
         hand_low_point: height above the table of the lowest point of the resting hand. Objects lower than this fit
             under the hand.
-        hand_clearance: distance of tall objects from the resting hand: thickness of the hand plus randomization.
-        hand_half_width: lateral distance from the resting hand within which tall objects keep ``hand_clearance``: half
-            the hand's width plus randomization.
+        hand_clearance: distance that tall objects keep from the resting hand. It is the thickness of the hand plus the
+            largest random displacement.
+        hand_half_width: lateral distance from the resting hand within which tall objects keep ``hand_clearance``. It is
+            half the width of the hand plus the largest random displacement.
     """
 
     base_x: float = -0.615

@@ -156,7 +156,9 @@ def ring(center: Vec3, direction: Vec3, radius: float, sides: int, start: float 
 
 
 def cone(a: Vec3, b: Vec3, radius_a: float, radius_b: float, look: Look, sides: int = 16) -> Solid:
-    """Return a frustum from ``a`` to ``b``; the collision hull has ``sides`` sides, the visual mesh twice as many."""
+    """Return a truncated cone from ``a`` to ``b``. The circle of its collision hull is approximated by ``sides`` edges,
+    and the circle of its visual mesh by twice as many edges.
+    """
     a, b = np.asarray(a, float), np.asarray(b, float)
     hull = np.concatenate([ring(a, b - a, radius_a, sides), ring(b, b - a, radius_b, sides)])
     seen = np.concatenate([ring(a, b - a, radius_a, 2 * sides), ring(b, b - a, radius_b, 2 * sides)])
@@ -198,9 +200,9 @@ def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> 
 
 
 def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Array]:
-    """Replace each corner of a polyline by an arc of a parabola. The arc leads from one edge of the corner to the other
-    edge. It starts and ends three times ``radius`` away from the corner. If this distance is more than half the length
-    of an edge, the arc starts or ends at the middle of that edge.
+    """Round each corner of a polyline by an arc of a parabola. The arc connects a point on one edge with a point on the
+    other edge. Each of these points is three times ``radius`` away from the corner, but at most half the length of its
+    edge.
     """
     line = [points[0]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
@@ -222,7 +224,7 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
     u, _ = _frame(tangents[0])
     rings = []
     for point, tangent in zip(p, tangents, strict=True):
-        # Remove the tangential part, so that the cross-section moves along the path without twist.
+        # Remove the part of ``u`` along the tangent. The cross-section then does not twist about the path.
         u = u - (u @ tangent) * tangent
         u /= np.linalg.norm(u)
         v = np.cross(tangent, u)

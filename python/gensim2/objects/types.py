@@ -306,7 +306,7 @@ class RigidObject:
 
     @property
     def joint(self) -> None:
-        """None, since a rigid object has no joint."""
+        """Always None, because a rigid object has no joint."""
         return None
 
     @property

@@ -63,9 +63,9 @@ class Purpose:
         say: sentence with ``{}`` in place of the actions, such as ``"{} to tidy the desk"``.
         goals: joint goals that serve the purpose. Each goal consists of a class of objects and the limit to which the
             joint of such an object is moved.
-        errands: pairs of two actions. In the first action the robot moves a joint, given in the same form as in
-            ``goals``. In the second action the robot puts a rigid object on or into a supporting object. It is given as
-            the class of the supporting object, followed by the class of the rigid object.
+        errands: pairs of actions. In the first action the robot moves a joint; the action is a joint goal as in
+            ``goals``. In the second action the robot puts a rigid object on or into another object; the action is the
+            class of the other object, followed by the class of the rigid object.
     """
 
     say: str
@@ -94,8 +94,8 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
     """Return the instruction for moving the joint of a class of objects to one of its limits.
 
     Args:
-        asset_class: class of articulated objects. For a class that no table lists, the instruction is composed from the
-            class's name.
+        asset_class: class of articulated objects. If the package has no words for the class, the instruction is
+            composed from the class's name.
         goal: ``"articulated_open"`` for the upper limit of the joint, ``"articulated_closed"`` for the lower limit.
         joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not say how its joint moves.
     """
@@ -154,7 +154,9 @@ def belongs(asset_class: str) -> tuple[str, ...]:
 
 
 def noun(asset_class: str) -> str:
-    """Return the noun for an object of a class; the class's name if no table lists it."""
+    """Return the noun for an object of a class. If the package has no noun for the class, derive the noun from the
+    class's name.
+    """
     table = _table()
     if asset_class in table["articulated"]:
         return str(table["articulated"][asset_class]["noun"])
@@ -173,7 +175,8 @@ def in_ascii(phrase: str) -> str:
     computed from the phrase, so that different phrases give different names.
     """
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # The ASCII name drops accents, but it is used only if every letter of the phrase has an ASCII form.
+    # The conversion to ASCII removes accents, but it also removes letters without an ASCII form. The result is used
+    # only if no letter was removed.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

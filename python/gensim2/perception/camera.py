@@ -148,7 +148,7 @@ NEAR, FAR = 0.01, 10.0
 
 
 def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
-    """Return the fixed cameras (not on the robot). Their poses are in the robot's base frame."""
+    """Return the fixed cameras, which stand beside the robot. Their poses are in the robot's base frame."""
     base, turn = np.array(profile.base_position), profile.T_world_base[:3, :3].T
     return tuple(
         Camera.looking(
@@ -177,7 +177,7 @@ def require_cameras(names: tuple[str, ...], profile: RobotProfile) -> None:
     for name in own:
         if name in PLACES:
             raise InputError(
-                f"a camera of the robot must not have the name {name!r}, which is reserved for a fixed camera",
+                f"the robot has a camera {name!r}, but this name is reserved for a fixed camera",
                 field=f"{profile.name}.cameras",
                 remedy="rename the robot's camera",
             )

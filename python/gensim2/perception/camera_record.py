@@ -54,8 +54,8 @@ class CameraRecord(BaseModel):
     @staticmethod
     def message(camera: Camera) -> dict[str, Any]:
         """Return the camera's attributes as a dict in which matrices are arrays, for a request to a policy server. The
-        depth calibration is omitted if it has default values, because servers of version 0.2 do not know these
-        attributes.
+        attributes ``depth_scale`` and ``depth_bias`` are omitted if they have their default values, because policy
+        servers of gensim2 0.2 do not know these attributes.
         """
         told = {name: getattr(camera, name) for name in CameraRecord.model_fields}
         return {name: value for name, value in told.items() if name not in _CALIBRATED or value != _CALIBRATED[name]}

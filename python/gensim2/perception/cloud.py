@@ -107,15 +107,15 @@ class CloudSettings:
             segmentation ids.
         candidates: number of pixels that are sampled evenly from the images, before farthest point sampling selects the
             points; 0: all pixels.
-        outliers: number of standard deviations beyond the average neighbour distance at which :func:`inlier_mask` drops
-            a point as an outlier; None: no point is dropped.
+        outliers: maximum distance of a point from its neighbours, in standard deviations above the average of all
+            points. :func:`inlier_mask` drops points with a larger distance. None: no point is dropped.
         neighbors: number of nearest points whose mean distance :func:`inlier_mask` computes for each point.
         noise: noise of the depth images; None: exact images.
         source: origin of the points. With ``"depth"`` they come from depth images. With ``"keypoints"`` they are the
             true positions of keypoints and bounding box corners, in a fixed order
             (:mod:`gensim2.perception.raycast.observer`). Only a simulator knows these positions, so a policy that uses
-            them serves as a baseline with privileged information. All settings other than ``points`` then have fixed
-            values.
+            them serves as a baseline with privileged information. With ``"keypoints"``, all settings other than
+            ``points`` have fixed values.
     """
 
     points: int = 1024
@@ -137,7 +137,7 @@ class CloudSettings:
         _check_count(self.candidates, "candidates", 0)
         _check_count(self.neighbors, "neighbors", 1)
         if 0 < self.candidates < self.points:
-            raise InputError(f"must be 0 or at least the number of points, which is {self.points}", field="candidates")
+            raise InputError(f"must be 0, or at least {self.points} (the value of 'points')", field="candidates")
         if self.robot not in ROBOT_PARTS:
             raise InputError(f"must be one of {', '.join(ROBOT_PARTS)}, got {reprlib.repr(self.robot)}", field="robot")
         low, high = (np.asarray(corner, dtype=np.float64) for corner in (self.low, self.high))
@@ -150,8 +150,8 @@ class CloudSettings:
             raise InputError("must be positive", field="outliers")
 
     def _keep_points_alone(self) -> None:
-        """Set the settings that a cloud of keypoints does not use to fixed values. Two settings objects that describe
-        the same cloud are then equal.
+        """Replace the values of all settings that a cloud of keypoints does not use by fixed values, so that settings
+        of equal clouds compare equal.
         """
         for name in ("noise", "outliers"):
             if getattr(self, name) is not None:
@@ -287,8 +287,9 @@ def _gather(
     points: npt.NDArray[np.float32],
     rows: npt.NDArray[np.int64],
 ) -> PointCloud:
-    """Select points by their ascending indices ``rows``, and return them as a cloud with colours and segmentation ids.
-    The points belong to the pixels ``parts`` of the views, in the same order.
+    """Select points by their ascending indices ``rows``, and return the selected points as a cloud with colours and
+    segmentation ids. ``parts`` contains the pixel indices of each view; the points of all these pixels are concatenated
+    in ``points``.
     """
     starts = np.cumsum([0, *(len(part) for part in parts)])
     colors, ids = [], []

@@ -29,9 +29,9 @@ FIELD = 3.0
 class DepthNoise:
     """Parameters of depth noise.
 
-    The defaults describe uncorrelated noise of a RealSense D435 camera at 848 x 480 pixels. :data:`D435` models all
-    effects of this camera. A depth camera measures the disparity between two images; a pixel is lost if it has no
-    measurement.
+    A stereo depth camera measures the disparity between two images. A pixel without a measurement is called lost. The
+    defaults describe only the uncorrelated noise of a RealSense D435 camera at 848 x 480 pixels; :data:`D435` describes
+    all effects of this camera.
 
     Attributes:
         focal: focal length of the stereo pair, pixels.
@@ -110,12 +110,12 @@ class DepthNoise:
         colors: Colors | None = None,
         focal: float | None = None,
     ) -> Depth:
-        """Return depth (H, W), m, with noise; 0 means no measurement and stays 0.
+        """Return the depth (H, W), m, with added noise. A depth of 0 means that a pixel has no measurement; it stays 0.
 
         Args:
             depth: (H, W) exact depth, m.
             generator: random generator.
-            colors: (H, W, 3) colours, for losses on dark surfaces; None: no surface is dark.
+            colors: (H, W, 3) colours, which show the dark surfaces on which pixels are lost; None: no surface is dark.
             focal: focal length of the image, pixels; None: focal length of the stereo pair.
         """
         seen = depth > 0
@@ -277,7 +277,8 @@ def brightness(colors: Colors) -> npt.NDArray[np.float32]:
 
 
 def incidence(depth: Depth, focal: float, edge: float) -> npt.NDArray[np.float32]:
-    """Return the angle (H, W), rad, between the camera's axis and the surface normal; 0.5 if the normal is unknown.
+    """Return the angle of incidence (H, W), rad: the angle between the camera's axis and the surface normal. If the
+    normal of a pixel is unknown, the angle is set to 0.5 rad.
 
     Args:
         depth: (H, W) depth, m.
@@ -314,7 +315,9 @@ def _weakened(sigma: float) -> float:
 
 
 def _around(depth: Depth) -> tuple[Depth, Depth]:
-    """Return the minimum and maximum depth among each pixel and its four neighbours, ignoring missing measurements."""
+    """For each pixel, return the minimum and the maximum depth of the pixel and its four neighbours. Missing
+    measurements are ignored.
+    """
     low = np.where(depth > 0, depth, np.float32(np.inf))
     near, far = low.copy(), depth.copy()
     for here, there in (

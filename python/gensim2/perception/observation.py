@@ -35,8 +35,8 @@ IMAGE, DEPTH, SEGMENTATION = "image_", "depth_", "segmentation_"
 
 
 def cloud_column(xyz: npt.NDArray[Any], rgb: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.float32]:
-    """Return a point cloud as one array of an exported data set. Each point has its coordinates (m) and its colour (0
-    to 1), so the shape is (..., N, 6). Without colours the shape is (..., N, 3).
+    """Return point clouds as one array of an exported data set. The array (..., N, 6) contains the coordinates (m) and
+    the colour (0 to 1) of each point. If ``rgb`` is None, the array (..., N, 3) contains only the coordinates.
     """
     points = xyz.astype(np.float32)
     return points if rgb is None else np.concatenate([points, rgb.astype(np.float32) / 255], axis=-1)
@@ -56,8 +56,8 @@ class Proprioception(Mapping[str, Row]):
     ``tool_pose`` and ``gripper``.
 
     ``tool_pose`` and ``gripper`` are computed on first access. Few controllers need them in every step, and the forward
-    kinematics for the tool pose takes a tenth of the duration of a control step. A pickled object becomes a plain dict,
-    so that a process that unpickles it does not need the robot's profile.
+    kinematics for the tool pose takes a tenth of the duration of a control step. Pickling converts the object to a
+    plain dict, so that another process can unpickle it without the robot's profile.
 
     Args:
         profile: profile of the robot.
@@ -131,8 +131,8 @@ class ObservationSpec:
     Attributes:
         modalities: any of ``pointcloud``, ``depth``, ``segmentation`` and ``rgb``. The first three are computed by ray
             casting, and ``rgb`` images by the renderer. An empty tuple requests only the robot's state.
-        cameras: names of the cameras. They are sorted: fixed cameras come first, in the order of the robot profile, and
-            cameras on the robot follow in the given order.
+        cameras: names of the cameras. The spec sorts these names: first the fixed cameras, in the order of ``CAMERAS``,
+            then the cameras on the robot, in the given order.
         cloud: settings of point clouds; the noise in these settings also applies to depth images.
     """
 
@@ -149,7 +149,7 @@ class ObservationSpec:
                 beside = " and the names of the robot's own cameras" if name == "cameras" else ""
                 said = ", ".join(map(str, given)) or "nothing"
                 raise InputError(
-                    f"must list names without duplicates from {', '.join(known)}{beside}, got {said}", field=name
+                    f"must be a list of different names from {', '.join(known)}{beside}, got {said}", field=name
                 )
             # Normalize the order of names, so that equal specs compare equal.
             object.__setattr__(self, name, tuple(word for word in known if word in given))
@@ -171,9 +171,10 @@ class ObservationSpec:
 
     @staticmethod
     def of(values: ObservationSpec | Mapping[str, Any] | None) -> ObservationSpec:
-        """Return a spec from plain data, as returned by :meth:`to_dict`; None gives the default spec.
+        """Return a spec from plain data in the form that :meth:`to_dict` returns. If ``values`` is None, return the
+        default spec.
 
-        The fields of :class:`CloudSettings` may also be given at the top level.
+        The fields of :class:`CloudSettings` may stand at the top level of ``values`` or in its field ``cloud``.
 
         Raises:
             InputError: a setting is unknown or invalid.

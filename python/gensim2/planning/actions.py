@@ -17,9 +17,9 @@ Array = npt.NDArray[np.float64]
 CLOSING_SPEED = 0.06
 
 #: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum leaves a reserve for
-#: torques and inertial forces. The maximum is needed because some physics solvers make the contacts of light bodies
-#: soft. If the force is many times the weight of such a body, the pads sink into it, and a ball of a few grams is
-#: ejected.
+#: torques and inertial forces. The maximum is needed because some physics solvers simulate soft contacts with light
+#: bodies: under a force of many times the body's weight, the pads sink into the body, and a ball of a few grams is
+#: ejected from the hand.
 LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 
 #: Safety factor: the friction of both fingers can hold this multiple of the object's weight.
@@ -29,8 +29,8 @@ CARRIED_WEIGHTS = 3.0
 #: torque is the friction force times this radius.
 PAD_ARM = 0.0075
 
-#: Minimum grip force (N) of each finger. For a light object, a multiple of its weight is too small a force, because the
-#: fingers' own inertia exceeds the inertia of the object.
+#: Minimum grip force (N) of each finger. The weight of a light object does not determine the required force, because
+#: the inertia of the fingers is larger than the inertia of the object.
 LEAST_GRIP_FORCE = 0.5
 
 #: Gravitational acceleration, m/s².
@@ -42,8 +42,8 @@ HOLD_SECONDS = 0.2
 
 @dataclass(frozen=True)
 class Acts:
-    """Gripper commands during a planned step. The arm first moves to the actuation pose, where the fingers may close or
-    open, and then performs the motions of the step.
+    """Gripper commands during a planned step. The arm first moves to the actuation pose, at which the fingers may close
+    or open. From there it performs the motions of the step.
 
     Attributes:
         fingers: finger mode of the strategy, such as "grasp" or "release".
@@ -53,8 +53,8 @@ class Acts:
         grip: gripper command after the fingers have closed, -1 to 1.
         gently: whether the fingers close at the low speed ``CLOSING_SPEED``, so that they do not push a movable object
             away.
-        before: whether the fingers move to ``command`` before the arm starts. If False, fingers and arm move at the
-            same time.
+        before: whether the arm waits at the start until the fingers have moved to ``command``. If False, fingers and
+            arm move at the same time.
         lets_go: whether the hand opens and retreats at the end of the step.
     """
 
@@ -74,8 +74,8 @@ class Schedule:
     Attributes:
         reference: (N, 2, m) desired positions and velocities of the arm joints at the end of each step. Compensation
             for the tracking error of the joint drives is not included.
-        ends: (N,) for each row, the number of the row in which the present motion of the arm ends. While the arm stands
-            still, this is the number of the row itself.
+        ends: (N,) for each row, the index of the row in which the arm's current motion ends. For a row in which the arm
+            stands still, this is the row's own index.
         commands: (N,) gripper commands, -1 to 1.
         times: (N,) time on the plan's trajectory that is reached at the end of each step, s.
         contact: first step of the final approach to the actuation pose. From this step on, the hand may touch its
@@ -104,9 +104,9 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
     Args:
         mass: mass of the object, kg.
-        margin: angle (rad) between the direction in which a pad presses and the edge of the friction cone. If the two
-            touched faces are parallel, this angle is half the opening angle of the cone. Inclined faces make the angle
-            smaller, and at zero the pads slip.
+        margin: angle (rad) between the direction in which a pad presses and the edge of the friction cone. If the pads
+            press on two parallel faces, the angle is half the opening angle of the cone. If the faces are inclined, the
+            angle is smaller. At an angle of zero the pads slip.
         lever: distance (m) of the object's centre of mass from the line between the pads. The weight of the object
             tends to turn the object about this line.
     """

@@ -81,7 +81,7 @@ def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, f
         if isinstance(strategy, GraspStrategy) and not is_rigid:
             remedy = "add follow_joint_to: 1.0 to grasp the moving part and move the joint"
             raise InputError(
-                f"{step.object} has a joint, so this strategy cannot grasp and carry it",
+                f"this strategy grasps and carries an object, but {step.object} has a joint",
                 file=file,
                 field="grasp",
                 remedy=remedy,

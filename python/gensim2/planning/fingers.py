@@ -47,8 +47,8 @@ class Fingers:
             command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
-        # Fingers that only have to close a little before a grasp do so while the arm moves. In all other cases the
-        # fingers move before the arm starts.
+        # Move the fingers before the arm starts, with two exceptions: the fingers already have almost the commanded
+        # position, or they only close to the opening for the approach to a grasp.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 

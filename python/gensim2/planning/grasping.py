@@ -18,15 +18,15 @@ Array = npt.NDArray[np.float64]
 #: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06
 
-#: Maximum number of feasible grasps that the planner compares. It searches for a grasp after which the next step can
-#: use the first strategy in its list, because the strategies are listed in order of preference.
+#: Maximum number of feasible grasps that the planner compares. The strategies of a step are listed in order of
+#: preference. The planner therefore prefers a grasp that allows the next step to use its first strategy.
 COMPARED = 6
 
 #: Motions that pull an object out from under an obstacle before the lift.
 ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
 
-#: Maximum number of grasps that are tried again because an obstacle blocks their lift. In the new attempts, a
-#: horizontal motion of ``ASIDE`` pulls the object out before the lift.
+#: If an obstacle blocks the lift after every grasp, the planner tries some grasps again with a horizontal motion of
+#: ``ASIDE`` before the lift. This value is the maximum number of such grasps.
 DRAWN_OUT = 8
 
 #: Two hand poses count as the same grasp if their distance (m) and rotation angle (rad) are below these limits.
@@ -51,13 +51,14 @@ def grasps_of(
     strategy: GraspStrategy,
     lost: Sequence[Array] = (),
 ) -> list[kpam.Grasp]:
-    """Return collision-free grasps of a rigid object within the allowed tilt, best first.
+    """Return collision-free grasps of a rigid object, the best grasp first. The tilt of the hand is within the limits
+    of the strategy.
 
-    The search first ranks grasps with the friction coefficient of the strategy. A scene can have a lower friction
-    coefficient. Ranking the grasps with the lower coefficient would give too much weight to small misalignments of the
-    pads, so the ranking is only corrected in two ways. First, grasps that would slip with the scene's coefficient are
-    moved to the end. Second, if the scene's coefficient is lower, grasps near the object's centre of mass are
-    preferred. An object that is held far from its centre of mass slowly rotates between the pads.
+    The grasps are ranked with the friction coefficient of the strategy. If the scene has a lower friction coefficient,
+    this ranking is corrected in two ways. First, grasps that would slip with the scene's coefficient are moved to the
+    end. Second, grasps near the object's centre of mass are preferred, because an object that is held far from its
+    centre of mass slowly rotates between the pads. The scene's coefficient does not replace the strategy's coefficient,
+    because the ranking would then depend too much on small misalignments of the pads.
 
     Args:
         world: ``scene`` in the solver's form.
@@ -102,7 +103,9 @@ def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrateg
 
 
 def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:
-    """Return the distance (m) of an object's centre of mass from the line between the pads; 0 if unknown."""
+    """Return the distance (m) of an object's centre of mass from the line between the pads. Return 0 if the centre of
+    mass is unknown.
+    """
     if thing.center_of_mass is None:
         return 0.0
     center = np.linalg.solve(grasp.T_object_hand, np.append(thing.center_of_mass, 1.0))[:3]

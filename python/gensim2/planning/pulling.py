@@ -17,9 +17,9 @@ Array = npt.NDArray[np.float64]
 #: by normal force rather than by friction.
 PADS_PULL = 0.7
 
-#: Number of points that are sampled on the surface, and number of hand poses that are tried. The search needs large
-#: numbers to find grasps of small parts, such as the knob of a drawer: only few samples hit the knob, and other grasps
-#: rank higher than grasps of the knob.
+#: Number of points that are sampled on the surface of the moving link, and number of hand poses that are tried. Both
+#: numbers must be large, so that the search finds grasps of small parts such as the knob of a drawer: only few of the
+#: points lie on the knob, and many other grasps rank higher than grasps of the knob.
 SAMPLES, TRIALS = 2048, 400_000
 
 

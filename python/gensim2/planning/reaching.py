@@ -16,8 +16,8 @@ REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 #: have been unusable.
 SHORT = ("collision", "not_found", "unreachable")
 
-#: Every partial motion completes a fraction of the motion after actuation. A partial motion counts as longer than
-#: another one if its fraction is larger by more than this value.
+#: A partial motion completes only a fraction of the motion after the actuation pose. A partial motion counts as longer
+#: than another one if this fraction is larger by more than this value.
 LONGER = 0.01
 
 
@@ -46,10 +46,10 @@ def reach(
 ) -> Reach:
     """Plan a motion that keeps clear of the target until the hand is at the actuation pose.
 
-    The planner tries the clearances in the given order and returns the first complete motion. With the last clearance,
-    None, the hand may touch the target in the last segment before the actuation pose. If no attempt succeeds, the
-    planner makes a second pass: it repeats the attempts that ended without a usable hand pose (a status in ``SHORT``),
-    and now permits the solver to shift hand poses. If the second pass fails as well, the planner returns the longest
+    The planner tries the clearances in the given order and returns the first complete motion. With the clearance None,
+    which is usually the last one, the hand may touch the target in the last segment before the actuation pose. If every
+    attempt fails, the planner repeats the attempts that ended without a usable hand pose (a status in ``SHORT``). In
+    these repetitions the solver may shift hand poses. If the repetitions fail as well, the planner returns the longest
     partial motion. If several partial motions are equally long, it returns the motion with the largest clearance.
 
     Args:

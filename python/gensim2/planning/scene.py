@@ -105,10 +105,11 @@ class Scene:
     """State of robot and objects at one instant, as the planner needs it.
 
     Attributes:
-        q, qvel: (n,) robot joints and their velocities, rad and m, in the robot's active joint order.
+        q, qvel: (n,) positions (rad or m) and velocities (rad/s or m/s) of the robot's active joints, in the robot's
+            joint order.
         T_world_base: (4, 4) pose of the robot base in the world.
         objects: objects by name, in the task's order.
-        fixtures: bodies that belong to no object: the table.
+        fixtures: bodies that belong to no object, such as the table.
         held: name of the grasped rigid object, or None.
         held_width: distance between the finger pads while they hold the object, m; None if unknown.
         held_force: force of each finger on the grasped object, N.

@@ -38,7 +38,7 @@ class StepPlan:
         force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
         touches: body that the hand has to touch before the actuation pose, or None.
-        whole: plan of the complete motion, which failed, if ``plan`` is a shortened motion; otherwise None.
+        whole: if ``plan`` is a shortened motion, the failed plan of the complete motion; otherwise None.
         foreseen: plan of a later step that uses the grasped object as its tool. This plan starts from the predicted
             scene ``after``. None if no such plan was made.
     """
@@ -63,8 +63,9 @@ class StepPlan:
 
     @property
     def rank(self) -> int:
-        """Quality of the plan; a lower number is better. 0: complete motion without contact before the actuation pose.
-        1: complete motion with such early contact. 2: partial motion. 3: no motion.
+        """Quality of the plan; a lower number is better. The rank is 0 for a complete motion without contact before the
+        actuation pose, 1 for a complete motion with contact before the actuation pose, 2 for a partial motion, and 3
+        without a motion.
         """
         if self.schedule is None:
             return 3
@@ -108,5 +109,5 @@ class Foreseen:
     plan: kpam.Plan
 
 
-#: A step and its strategies, in order of preference.
+#: A step and the strategies of this step. The strategies are in order of preference.
 Ways = tuple[Step, Sequence[Strategy]]

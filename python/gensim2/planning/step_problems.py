@@ -23,8 +23,8 @@ Array = npt.NDArray[np.float64]
 AT_REST = 0.01
 
 #: Solver options for motions that will be executed. The planner keeps the collision margin where possible, but may
-#: reduce the margin to zero. To press on a body, the hand is commanded to a position inside the body. Therefore the
-#: depth of a contact is not limited, and the plan reports the depth. A motion may also start in contact with a body.
+#: reduce the margin to zero. The depth of a contact is not limited, because a hand that presses on a body is commanded
+#: to a position inside the body; the plan reports the depth. A motion may also start in contact with a body.
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
 #: Maximum joint velocity at the start of a motion, as a fraction of the velocity limits. The solver refuses motions
@@ -47,7 +47,7 @@ class StepProblems:
         self._fingers = list(profile.gripper_columns)
 
     def clearances(self, scene: Scene, step: Step, strategy: Strategy) -> tuple[float | None, ...]:
-        """Return the clearances (m) between hand and target that the planner tries, in this order."""
+        """Return the clearances (m) between hand and target, in the order in which the planner tries them."""
         if "reach_clearance" in self._options:
             return (self._options["reach_clearance"],)
         reaches = strategy.fingers != "release" and (

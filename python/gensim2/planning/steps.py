@@ -38,9 +38,9 @@ class StepPlanner:
     Args:
         profile: profile of the robot.
         options: solver options for every plan.
-        patience: number of reachable grasps after which the search ends, if none of these grasps allows the next step.
-            The same grasp with swapped fingers is counted again. None: all grasps are tried, which takes half a minute
-            if all fail.
+        patience: maximum number of reachable grasps to try for an object that the next step needs. The search ends if
+            none of these grasps allows the next step. The same grasp with swapped fingers counts as another grasp.
+            None: all grasps are tried, which takes half a minute if all grasps fail.
 
     Attributes:
         profile: profile of the robot.
@@ -81,8 +81,9 @@ class StepPlanner:
             explain: whether the plan reports the result of every pose that was tried.
 
         Returns:
-            The plan, or the reason for its failure. The status is ``"invalid"`` in two cases: the strategy does not fit
-            the objects of the scene, or the strategy only moves an obstacle out of the way of the step.
+            The plan, or the reason for its failure. The status is ``"invalid"`` if the strategy does not fit the
+            objects of the scene, or if the strategy has the field ``makes_room``: such a strategy moves an obstacle and
+            does not do the step itself.
         """
         if strategy.makes_room is not None:
             return StepPlan(
@@ -258,8 +259,8 @@ class StepPlanner:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
         found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
-        # Leave out the clearance None, which permits early contact: only strategies with a solver config may use this
-        # clearance.
+        # Leave out the clearance None, which permits contact before the actuation pose. A pull strategy must not touch
+        # the object before the grasp.
         clearances = [each for each in self._problems.clearances(scene, step, strategy) if each is not None]
         first: kpam.Plan | None = None
         for grasp, swapped in product(found if clearances else (), (False, True)):

@@ -138,7 +138,7 @@ class GraspStrategy(_FoundGrasp):
     @field_validator("least_tilt")
     @classmethod
     def _leaves_a_tilt(cls, least: float, info: ValidationInfo) -> float:
-        # ``info.data`` has no ``tilt`` if its value is invalid; pydantic then reports that error.
+        # If the value of ``tilt`` is invalid, ``info.data`` has no ``tilt``, and pydantic reports the invalid value.
         most = info.data.get("tilt", least)
         if least > most:
             raise ValueError(f"must be at most the value of the field 'tilt', which is {most} rad")
@@ -150,7 +150,7 @@ class GraspStrategy(_FoundGrasp):
 
 
 class PullStrategy(_FoundGrasp):
-    """Grasp of the step's object by its moving link, followed by a motion of the joint.
+    """Strategy that grasps the moving link of the step's object and then moves the joint.
 
     The planner executes the first grasp that the hand reaches without early contact and that allows the complete motion
     of the joint.
@@ -162,7 +162,8 @@ class PullStrategy(_FoundGrasp):
         let_go: distance by which the open hand retreats at the end, m.
         friction: friction coefficient between pads and object.
         contact_speed: maximum speed of the pads while they grip the link, m/s.
-        candidates: maximum number of grasps to try, each with both finger orders.
+        candidates: maximum number of grasps to try. Each grasp is tried twice, the second time with the two fingers
+            swapped.
     """
 
     follow_joint_to: Annotated[float, Field(ge=0, le=1)]
@@ -180,8 +181,9 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     """Validate a strategy given as plain data.
 
     Args:
-        data: fields of the strategy. Data with ``grasp`` and ``follow_joint_to`` is a :class:`PullStrategy`, other data
-            with ``grasp`` a :class:`GraspStrategy`, and data without ``grasp`` a solver config.
+        data: fields of the strategy, which determine its type. Without the field ``grasp``, the data is a solver config
+            (:class:`KeypointStrategy`). With the field ``grasp``, the data is a :class:`PullStrategy` if it also has
+            ``follow_joint_to``, and a :class:`GraspStrategy` otherwise.
         file: file that contains the data, for error messages.
 
     Raises:
@@ -212,7 +214,7 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     except kpam.KpamError as error:
         raise named(error, file) from error
     except OverflowError as error:
-        raise InputError("contains a number larger than 1e308", file=file) from error
+        raise InputError("the strategy contains a number larger than 1e308", file=file) from error
     except UnicodeEncodeError as error:
         raise InputError("contains an unpaired UTF-16 surrogate, which is not a valid character", file=file) from error
     return strategy

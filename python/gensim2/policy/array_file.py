@@ -50,8 +50,8 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
 
 
 def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
-    """Read a file that :func:`write_arrays` wrote. The function never unpickles objects, and checks all sizes before it
-    allocates memory.
+    """Read a file that :func:`write_arrays` wrote. Untrusted files are safe to read: the function never unpickles
+    objects, and checks all sizes before it allocates memory.
 
     Args:
         path: the ``.npz`` file.

@@ -41,7 +41,7 @@ def augmented(
         seen: observation columns (B, T, ...), base frame.
         training: strength of each augmentation.
         generator: random generator on the tensors' device.
-        ordered: whether the network identifies points by their index; then no point is dropped.
+        ordered: whether the network identifies points by their index. If True, no point is dropped.
     """
     found = dict(seen)
     cloud = seen[CLOUD]
@@ -84,10 +84,10 @@ def off_its_way(
     al. 2021).
 
     All frames of a perturbed sample get the same Gaussian noise on the joint positions, with a standard deviation of at
-    most ``arm_noise``. The tool pose is computed again from the perturbed joint positions. The actions must still lead
-    to the joint positions of the demonstration. Because actions are relative to the present joint positions, the noise
-    is subtracted from the actions. A sample in which the hand may hold an object is not perturbed, because the object
-    would have to move with the hand.
+    most ``arm_noise``. The tool pose is computed again from the perturbed joint positions. The noise is subtracted from
+    the actions, which are relative to the present joint positions, so the actions still lead to the joint positions of
+    the demonstration. A sample in which the hand may hold an object is not perturbed, because the object would have to
+    move with the hand.
 
     Args:
         batch: columns (B, T, ...) in the base frame. The clouds must not contain points of the robot, and the actions

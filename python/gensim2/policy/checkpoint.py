@@ -48,7 +48,9 @@ def checkpoint_folder(place: Path | str) -> Path:
 
 
 class CheckpointError(InputError):
-    """A checkpoint is damaged, was written by another version, or does not fit the robot, the task or the command."""
+    """Raised if a checkpoint is damaged, was written by another version of gensim2, or does not fit the robot, the task
+    or the command.
+    """
 
 
 class DataRecord(BaseModel):
@@ -134,9 +136,9 @@ class PolicyCheckpoint:
         robot: name of the robot profile.
         action: format of the output.
         observation: observations that the policy needs.
-        sentences: S instructions of the training data.
-        table: (S, ...) encodings of the instructions, one row for each instruction in ``sentences``
-            (:func:`gensim2.policy.text.prepare`).
+        sentences: the S different instructions in the training data.
+        table: (S, ...) encoded instructions, one row for each instruction in ``sentences``; see
+            :func:`gensim2.policy.text.prepare`.
         data: description of the training data.
         training: training settings.
         step: number of gradient steps taken.

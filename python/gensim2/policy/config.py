@@ -107,7 +107,7 @@ class PolicyConfig(Settings):
                 f"must be at most the setting 'noise_levels', which is {self.noise_levels}", field="denoise_steps"
             )
         if self.keyframes and self.head == "keypose":
-            raise InputError("applies to action-chunk policies only", field="keyframes")
+            raise InputError("this setting applies only to action-chunk policies", field="keyframes")
         if self.encoder == "state":
             if self.head == "keypose":
                 raise InputError(
@@ -119,7 +119,8 @@ class PolicyConfig(Settings):
                 message = f"must be all points, at least {self.points}, of the encoder state"
                 raise InputError(message, field="seen_points")
         if self.blocks and self.encoder != "pointnext":
-            raise InputError(f"applies to the encoder pointnext, not to {self.encoder}", field="blocks")
+            message = f"this setting applies only to the encoder pointnext, but the encoder is {self.encoder}"
+            raise InputError(message, field="blocks")
 
     @property
     def source(self) -> Source:

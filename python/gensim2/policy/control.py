@@ -28,13 +28,12 @@ Sees = Literal["all", "nothing", "other"]
 
 @dataclass(frozen=True)
 class Shuffled:
-    """Point clouds of training scenes, for the control experiment ``shuffled``.
+    """Point clouds of training scenes, for a control experiment. In this experiment the policy gets a randomly chosen
+    cloud of another scene instead of the observed cloud.
 
-    In this experiment the policy gets a randomly chosen cloud of another scene instead of the observed cloud.
-
-    Attributes:
-        points: (S, N, 3) points of S clouds, m, base frame.
-        colours: (S, N, 3) colours of the points, 0 to 255.
+        Attributes:
+            points: (S, N, 3) points of S clouds, m, base frame.
+            colours: (S, N, 3) colours of the points, 0 to 255.
     """
 
     points: npt.NDArray[np.float32]

@@ -149,9 +149,9 @@ class PolicyController:
         self._step = observation.step
         looks = observation.cloud is not None
         if not looks and not self._plan and self._acted:
-            # The simulation loop interrupted a chunk of actions and executed steps without this controller. The policy
-            # must predict a new chunk, but the present observation has no cloud. Therefore the arm waits for one step,
-            # and the next observation will have a cloud.
+            # The simulation loop executed steps without this controller, so the policy must predict a new chunk of
+            # actions. The present observation has no point cloud, because it was requested during the old chunk.
+            # Therefore the arm waits for one step; the next observation will have a cloud.
             arm = np.asarray(observation[STATE], dtype=np.float32)[: self._policy.action.arm]
             return np.append(arm, np.float32(observation.gripper_command))
         if looks or not self._plan:

@@ -53,7 +53,7 @@ def train_rounds(
     """Train a policy on demonstrations. Then train it in several rounds on states of its own rollouts, for which the
     planner computes the actions (DAgger).
 
-    Each round starts from the weights of the previous round. It trains on the demonstrations and on the labelled states
+    Each round starts from the weights of the previous round, and trains on the demonstrations and the labelled states
     of all rounds so far.
 
     Args:
@@ -75,8 +75,9 @@ def train_rounds(
         of the rollouts is not included.
 
     Raises:
-        InputError: a task has several steps or no joint, ``out`` contains a policy from a run with a different number
-            of rounds, or an argument is invalid as for :func:`~gensim2.policy.train.train_policy`.
+        InputError: a task has several steps or an object without a joint, ``out`` contains a policy that was trained
+            with a different number of rounds, or :func:`~gensim2.policy.train.train_policy` does not accept an
+            argument.
         NotRunError: some episodes could not be run.
     """
     _check_free(out, resume, rounds)

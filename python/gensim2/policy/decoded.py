@@ -109,7 +109,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
     for each in sets[1:]:
         spec.require(each.observation_spec(), str(each.path), of=str(sets[0].path))
     if "pointcloud" not in spec.modalities:
-        raise InputError("has no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
+        raise InputError("the data set has no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
     found = list(_rows(sets, tasks))
     if not found:
         raise InputError("the data sets contain no successful episode", field="--data")
@@ -132,7 +132,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         try:
             _fill(place, rows, episodes, spec, progress)
         except InputError as error:
-            # Decoding failed. The error does not matter if another process has decoded the same data in the meantime.
+            # Decoding failed. Ignore the error if another process has decoded the same data in the meantime.
             if not _whole(place, episodes):
                 if isinstance(error, WriteError):
                     remedy = "free disk space, or set GENSIM2_CACHE to another folder"
@@ -224,7 +224,9 @@ def _fill(
 
 
 def _allocate(file: Path) -> None:
-    """Allocate the space of a sparse file, because writing to its memory map on a full disk would end the process."""
+    """Allocate the disk space of a sparse file. Without this allocation, writing to the file's memory map on a full
+    disk would kill the process.
+    """
     with file.open("r+b") as stream:
         os.posix_fallocate(stream.fileno(), 0, os.fstat(stream.fileno()).st_size)
 

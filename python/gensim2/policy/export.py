@@ -116,7 +116,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
     if not difference <= TOLERANCE:
         out.unlink()
         wrong = f"its output differs from the output of the checkpoint by {difference:.1e}"
-        raise InputError(f"the exported model was removed, because {wrong}", file=out)
+        raise InputError(f"the exported model is wrong and was removed: {wrong}", file=out)
     about: dict[str, Any] = {
         "schema_version": 1,
         "inputs": {name: list(inputs[name].shape) for name in module.names},

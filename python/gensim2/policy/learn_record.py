@@ -149,7 +149,9 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
     for name in DATA_FIELDS:
         was, now = getattr(there, name), getattr(record, name)
         if was != now:
-            raise InputError(f"the other run has {was!r}, this run has {now!r}", file=other / LEARN_JSON, field=name)
+            raise InputError(
+                f"the value is {was!r} in the other run, but {now!r} in this run", file=other / LEARN_JSON, field=name
+            )
     if record.is_of_plans:  # plan files contain point clouds, which must match the observation spec
         record.observation.require(there.observation, str(other / LEARN_JSON), of="this run")
 

@@ -206,7 +206,7 @@ def learn(
         raise InputError(message, file=file, field="--config", remedy="leave it out")
     if verify and policy != "keypose":
         raise InputError(
-            "applies only to keypose policies; action-chunk policies learn from episodes, which are always simulated",
+            "this option applies only to keypose policies; action-chunk policies always learn from simulated episodes",
             field="verify",
         )
     if engines == "both" and policy == "keypose" and not verify:

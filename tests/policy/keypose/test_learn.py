@@ -131,7 +131,7 @@ def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
     assert evaluated["result"]["controller"]["privileged"] is True
     words[words.index(str(tmp_path / "state"))] = str(tmp_path / "refused")
     for more, said in (
-        (["--seed", "1"], "seed: the other run has 0, this run has 1"),
+        (["--seed", "1"], "seed: the value is 0 in the other run, but 1 in this run"),
         (["--policy", "keypose"], "are episodes, but the policy needs plans"),
     ):
         assert run([*words, *more, "--demonstrations", str(out)]) == 2

@@ -205,7 +205,7 @@ def _bounded(numbers: npt.ArrayLike, file: Path, field: str) -> Array:
     value = np.array(numbers, float)
     if not np.abs(value).max() <= LARGEST_VALUE:
         raise AssetError(
-            f"contains a number of magnitude {np.abs(value).max():.3g}; the limit is {LARGEST_VALUE:g}",
+            f"contains a number of magnitude {np.abs(value).max():.3g}, but at most {LARGEST_VALUE:g} is permitted",
             file=file,
             field=field,
         )
@@ -226,7 +226,8 @@ def _pose(origin: Mapping[str, Any], file: Path, field: str) -> Array:
 
 
 def shape_elements(urdf: Urdf, link: str, kind: str) -> list[ShapeElement]:
-    """Return the elements of a link: meshes, boxes, cylinders, capsules and spheres.
+    """Return the visual or the collision elements of a link. Each element is a mesh, a box, a cylinder, a capsule or a
+    sphere.
 
     Args:
         urdf: the parsed file.
@@ -305,7 +306,7 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
     movable = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(movable) != 1:
         raise AssetError(
-            f"has {len(movable)} movable joints instead of one",
+            f"the model has {len(movable)} movable joints instead of one",
             file=urdf.file,
             field="joint",
             remedy="fix all joints but one",

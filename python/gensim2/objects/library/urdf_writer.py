@@ -100,8 +100,9 @@ class UrdfWriter:
 
         Args:
             T: (4, 4) pose in the link's frame.
-            shape: ``box`` (size: three sides), ``sphere`` (radius), ``cylinder`` or ``capsule`` (radius, length).
-            size: dimensions, m.
+            shape: ``box``, ``sphere``, ``cylinder`` or ``capsule``.
+            size: dimensions, m: the three sides of a box, the radius of a sphere, or the radius and length of a
+                cylinder or capsule.
             rgba: (4,) colour of a visual element, 0 to 1.
         """
         names = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}

@@ -8,11 +8,12 @@ conversion follows these rules:
   scene. If a joint names a prim of the static part, the static part becomes the root link. The scene must have exactly
   one group of connected links with a revolute or prismatic joint. This group becomes the object.
 - Prims with ``PhysicsCollisionAPI`` become collision shapes, and so do the prims below them in the same link. Visible
-  prims with the purpose ``default`` or ``render`` become visual shapes. A link that has only collision shapes shows
-  these shapes; a link that has only visual shapes collides with them.
-- Lengths are converted to metres with ``metersPerUnit``, and masses to kilograms with ``kilogramsPerUnit``. A model
-  whose ``upAxis`` is y is rotated so that z points up, as with the option ``--up y``. The front of such a model must
-  face z in the file.
+  prims with the purpose ``default`` or ``render`` become visual shapes. If a link has only collision shapes, its
+  collision shapes also serve as visual shapes. If a link has only visual shapes, its visual shapes also serve as
+  collision shapes.
+- Lengths are converted to metres with ``metersPerUnit``, and masses to kilograms with ``kilogramsPerUnit``. If
+  ``upAxis`` is y, the model is rotated so that z points up, as with the option ``--up y``. In the file, the front of
+  such a model must face the z direction.
 - Colours come from ``UsdPreviewSurface`` or ``displayColor``. The conversion ignores textures, drives, contact
   materials and animation.
 """
@@ -169,7 +170,7 @@ def _plain(name: str, file: Path) -> str:
     """
     if not name or name.startswith("/") or any(sign in name for sign in ":`[]\\\0") or not name.isprintable():
         remedy = "refer to a file by a relative path, and copy the file into the folder"
-        raise AssetError("is not a relative path", file=file, field=repr(name[:80]), remedy=remedy)
+        raise AssetError("the reference is not a relative path", file=file, field=repr(name[:80]), remedy=remedy)
     if os.path.normpath(name).startswith("..") and file.suffix == ".usdz":
         raise AssetError("lies outside the package", file=file, field=repr(name[:80]))
     return name
@@ -357,7 +358,9 @@ class _Converter:
         return {link for link in self._links if top(link) == chosen}
 
     def _sort_in(self, prim: Any, members: set[str]) -> None:
-        """Add a shape to its link."""
+        """Add a shape to the visual shapes of its link if the shape is visible, and to the collision shapes if the
+        shape collides. Ignore a shape whose link is not in ``members``.
+        """
         from pxr import UsdGeom
 
         body = self._body(prim)
@@ -429,7 +432,9 @@ class _Converter:
                 waiting.append(child)
 
     def _root(self, joints: list[_Joint], members: set[str]) -> str:
-        """Return the root link: the static part, else the articulation root, else a link without a parent joint."""
+        """Return the root link. This is the static part if it belongs to the group ``members``. Otherwise it is the
+        articulation root of the USD file, or, if the file marks no articulation root, a link without a parent joint.
+        """
         from pxr import UsdPhysics
 
         if STATIC in members:
@@ -499,7 +504,8 @@ class _Converter:
                 else None
             )
         long = self._axis(prim)
-        turned = np.roll(np.eye(3), 2 - long, axis=1)  # the third column of ``turned`` is the shape's axis
+        # rotation that turns the URDF's z axis to the shape's axis of symmetry
+        turned = np.roll(np.eye(3), 2 - long, axis=1)
         T[:3, :3] = T[:3, :3] @ turned
         across = np.delete(scale, long)
         if np.ptp(across) > SHEAR * across[0] or (kind == "Capsule" and np.ptp(scale) > SHEAR * scale[0]):
@@ -514,7 +520,9 @@ class _Converter:
         return list(AXES).index(axis)
 
     def _is_hull(self, prim: Any) -> bool:
-        """Return whether the collision shape of a prim is its convex hull."""
+        """Return whether the collision shape of a prim is convex, so that its convex hull represents it. This holds for
+        every primitive, and for a mesh with a convex collision approximation.
+        """
         from pxr import UsdPhysics
 
         if str(prim.GetTypeName()) != "Mesh":
@@ -635,7 +643,8 @@ class _Converter:
 
     def _positive(self, value: float, name: str) -> float:
         if not 1e-6 <= value <= LARGEST_VALUE:
-            raise AssetError(f"must be 1e-06 to {LARGEST_VALUE:g}, but is {value:g}", file=self._file, field=name)
+            wrong = f"must lie between 1e-06 and {LARGEST_VALUE:g}, but is {value:g}"
+            raise AssetError(wrong, file=self._file, field=name)
         return float(value)
 
     def _positive_of(self, prim: Any, name: str) -> float:

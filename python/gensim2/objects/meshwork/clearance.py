@@ -35,16 +35,17 @@ Pieces = Sequence[tuple[Array, Faces]]
 # Number of joint values at which overlapping parts of hulls are cut off. The later check of the finished object for
 # overlaps uses every second of these values.
 POSES = 9
-FINE = 0.0012  # m, cell size of the grid that tests which points of a link's surroundings are free for the other link
+FINE = 0.0012  # m, cell size of the grid that tests which points around a link are not occupied by the link
 SPACING = 0.004  # m, distance between neighbouring sample points on a link's own surface
 RESIDUE = 0.0007  # m, depth of overlap that may remain after a cut
-# m. A cut may remove mesh surface from a hull only if this surface reaches at most this far beyond the cutting plane.
+# m. Limit for a cut: no part of the removed mesh surface may lie farther than this beyond the cutting plane.
 LOSS = 0.0012
 NOTICED = 0.0009  # m, minimum depth of overlap for which a cut is tried
-# m. If a cut would remove mesh surface deeper than this, the meshes themselves overlap and nothing is cut.
+# m. If every cut would remove mesh surface that lies farther than this beyond the cutting plane, the meshes themselves
+# overlap. Nothing is then cut.
 HOPELESS = 0.004
-# m. A cut may remove mesh surface from one hull if another hull of the link contains the surface at least this deep
-# inside.
+# m. A cut may remove mesh surface from one hull if the surface also lies at least this deep inside another hull of the
+# same link.
 COVERED = 0.0002
 PROGRESS = 0.0003  # m, depth of overlap that a cut must remove
 ROUNDS = 3
@@ -79,7 +80,9 @@ class Motion:
 
 @dataclass(frozen=True)
 class PairHulls:
-    """Convex hulls (N, 3) of body and moving link, each in its own frame, and the number of omitted pieces."""
+    """Convex hulls (N, 3) of the body and of the moving link, each in the frame of its link, and for each link the
+    number of mesh pieces that are too small for a hull.
+    """
 
     body: list[Array]
     moving: list[Array]
@@ -145,7 +148,7 @@ def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
 
 
 def _surface(pieces: Pieces) -> Array:
-    """Return sample points (N, 3) on all triangles, including vertices, ``SPACING`` apart."""
+    """Return sample points (N, 3) on all triangles. Neighbouring points are at most about ``SPACING`` apart."""
     found = []
     for vertices, faces in pieces:
         triangles = vertices[faces]

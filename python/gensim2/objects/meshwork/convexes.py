@@ -25,8 +25,8 @@ def heights(points: Array, planes: Array) -> Array:
     """Return the largest signed distance (K,) of each of the points (K, 3) from the planes (M, 4) of a hull. The
     distance is negative inside the hull, because the planes' normals point outwards.
 
-    The array of distances has one row for each plane, (M, K). With one row for each point, (K, M), the maximum would
-    take six times as long, because a hull has few planes.
+    The distances are computed as an array (M, K) with one row for each plane. The maximum over this array is six times
+    as fast as over the transposed array (K, M), because a hull has few planes.
     """
     above = planes[:, :3] @ points.T
     above += planes[:, 3, None]
@@ -79,7 +79,9 @@ class ConvexBlock:
         return ConvexBlock(hull.min(axis=0), hull.max(axis=0), planes_of(hull))
 
     def depth(self, points: Array) -> Array:
-        """Return the depth (K,) of points below the nearest face plane; negative outside."""
+        """Return the distance (K,) of each point to the nearest face plane of the hull. The distance is positive inside
+        the hull and negative outside.
+        """
         return -heights(points, self.planes)
 
 

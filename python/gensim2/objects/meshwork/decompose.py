@@ -34,12 +34,13 @@ FREE_SHARE = 0.01  # fraction of a hull's volume that may be free space of the m
 # m³, maximum free space that a hull may fill. Hulls are merged beyond this limit while a link has too many hulls.
 FREE_VOLUME = 1e-6
 PATCH_ANGLE = np.cos(np.radians(15))
-PATCH_OFFSET = 0.002  # m, maximum distance of a patch's vertices from the plane of its first face
+# m, maximum distance of a patch's vertices from the plane of its largest face
+PATCH_OFFSET = 0.002
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
-# A mesh piece with more than ``MANY_PATCHES`` patches is simplified first: vertices whose distance is less than one
-# cell of the link's ``VoidSpace`` are merged. If too many patches remain, vertices within two cells are merged, then
-# vertices within three cells.
+# A mesh piece with more patches than this is first simplified: vertices that are closer together than one cell of the
+# link's ``VoidSpace`` are merged. If too many patches remain, vertices closer than two cells are merged, and finally
+# vertices closer than three cells.
 MANY_PATCHES = 100
 
 
@@ -57,7 +58,8 @@ class Hull:
 
 
 def make_hull(points: Array) -> Hull | None:
-    """Return the hull of (N, 3) points, thickened to ``THINNEST`` if flat; None if the hull is too small.
+    """Return the convex hull of points (N, 3). A hull thinner than ``THINNEST`` is thickened to ``THINNEST``. Return
+    None if the points extend less than ``SMALLEST`` in every direction.
 
     At most ``MAX_VERTICES`` vertices are kept: the extreme points in directions that cover the sphere evenly.
     """
@@ -207,7 +209,7 @@ def allowance(volume: float, cell: float) -> float:
 
 
 def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]:
-    """Drop hulls that lie inside a bigger hull. A dropped hull may protrude from the bigger hull by up to ``tolerance``
+    """Drop each hull that lies inside a bigger hull, or protrudes from the bigger hull by less than ``tolerance``
     metres.
     """
     order = sorted(hulls, key=lambda h: -h.volume)
@@ -360,8 +362,7 @@ FLAT = 1e-5
 def piece_hulls(meshes: Sequence[tuple[Array, Faces]]) -> tuple[list[Array], int]:
     """Return one convex hull for each connected piece of a link's meshes.
 
-    Thin pieces that have a volume are thickened, as in :func:`decompose`, because each physics engine treats thin hulls
-    differently.
+    Thin pieces are thickened, as in :func:`decompose`, because physics engines differ in how they treat thin hulls.
 
     Args:
         meshes: vertices (N, 3) in metres and faces (M, 3) of each mesh of the link.

@@ -152,8 +152,8 @@ def _walled(solid: npt.NDArray[np.bool_], up: int) -> npt.NDArray[np.bool_]:
 
 
 def _box(room: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_]]:
-    """Return the first and the last cell of the bounding box of a free space. Outer layers of the box in which most
-    cells are not free are removed.
+    """Return the indices (3,) of the first and the last cell of a box around the free cells. The box is the bounding
+    box without the outer layers in which too few cells are free.
     """
     cells = np.argwhere(room)
     first, last = cells.min(axis=0), cells.max(axis=0)

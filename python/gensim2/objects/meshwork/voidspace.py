@@ -31,8 +31,9 @@ FINEST = 0.003  # m, edge length of a cell
 CELLS = 96  # number of cells along the longest side of a large link
 MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # number of sample points processed at a time
-# Penalty (m³) for each point inside a hull if the object's other link moves through this point. The penalty is added to
-# the free space that the hull fills. One penalty already exceeds the free space that any hull may fill.
+# Penalty (m³) for each point inside a hull through which the object's other link moves. The penalties are added to the
+# volume of free space that the hull fills. A single penalty is larger than ``FREE_VOLUME`` (m³), so it makes the hull
+# unacceptable.
 NEEDED_VOLUME = 1.1e-6
 # m. A point through which the other link moves is penalized only if it lies deeper than this in a hull.
 NEEDED_DEPTH = 0.0008
@@ -131,8 +132,8 @@ class VoidSpace:
 
     @staticmethod
     def _samples(triangles: Array, cell: float) -> list[Array]:
-        """Return points on (M, 3, 3) triangles. Neighbouring points are less than ``cell`` apart, the edge length (m)
-        of a cell.
+        """Return points on triangles (M, 3, 3). Neighbouring points are closer together than ``cell``, which is the
+        edge length (m) of a grid cell.
         """
         edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
         steps = np.maximum(1, np.ceil(edges / (0.7 * cell))).astype(np.int64)
@@ -206,8 +207,8 @@ class VoidSpace:
 OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
 MESH_SPACING = 0.002  # m, distance between neighbouring sample points on a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
-# Maximum distance (m) between a mesh and the surface of its convex parts. The surfaces differ, because the convex parts
-# of thin sheets are thickened.
+# Points closer to a mesh than this distance (m) count as part of the mesh. The convex parts of a thin sheet extend up
+# to this far beyond the mesh, because they are thickened.
 SKIN = 0.0032
 NEAREST = 8  # number of candidate triangles that are compared to find the triangle closest to a point
 

@@ -54,8 +54,8 @@ MAX_CHECKS = 2
 
 
 class _Chain(ChainController):
-    """Controller that plans the steps of a task on an estimated scene. It makes no observations during a motion, so it
-    cannot detect deviations from a plan.
+    """Controller that plans the steps of a task on an estimated scene. It observes the scene only between motions, so
+    it cannot detect during a motion that the object deviates from the plan.
     """
 
     @property
@@ -79,11 +79,11 @@ class _Chain(ChainController):
         self.is_finished = False
 
     def resume(self, last: Action) -> None:
-        """Plan the task's last step again, although the controller has already ended the episode as successful. This is
-        necessary if a new estimate of the scene shows that the goal is not reached.
+        """Plan the task's last step again after the controller has already ended the episode as successful. Call this
+        method if a new estimate of the scene shows that the goal is not reached.
 
         Args:
-            last: latest action of the controller. The controller repeats this action until the arm moves again.
+            last: latest action of the controller. The controller repeats this action until the new motion begins.
         """
         self.is_finished, self._retreat, self._trigger, self._last = False, None, NOT_DONE, last
 
@@ -96,7 +96,8 @@ class _Chain(ChainController):
 
 
 class PerceivingChain:
-    """Controller that plans each step of a task in an estimated scene, and estimates the scene again after each motion.
+    """Controller that estimates the scene from a point cloud, plans each step of a task in the estimated scene, and
+    estimates the scene again after each motion.
 
     A step counts as done when the estimate shows that its goal is reached. The openness is tracked over the motions of
     an episode (:mod:`~gensim2.perception.estimation.tracking`). After the last step the hand retreats, and the
@@ -111,8 +112,8 @@ class PerceivingChain:
         strategies: strategies by name, as plain data; None: the strategies that the task library has for a task of this
             name.
         robot_name: name of the robot.
-        noise: noise that is added to simulated depth images, as for :func:`~gensim2.perception.noise.read_noise`; None:
-            exact images.
+        noise: noise that is added to simulated depth images: a name or file that
+            :func:`~gensim2.perception.noise.read_noise` accepts. None: exact images.
         threads: number of PyTorch threads.
 
     Raises:
@@ -160,8 +161,8 @@ class PerceivingChain:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Spec of the next observation. Before the controller plans a step and after each motion, the spec requests the
-        cameras. At other times the spec requests only the robot's state.
+        """Contents that the controller needs in the next observation. Before the controller plans a step, and after
+        each motion, it needs a point cloud from the cameras. At other times it needs only the robot's state.
         """
         if self._checks_goal:
             return self._spec
@@ -170,7 +171,9 @@ class PerceivingChain:
 
     @property
     def reference(self) -> Reference | None:
-        """Planned state of the joints and the gripper after the latest action; None before the scene was estimated."""
+        """Planned state of the joints and the gripper after the latest action; None before the first estimate of the
+        scene.
+        """
         return self._chain.reference if self.looks else None
 
     @property
@@ -206,13 +209,15 @@ class PerceivingChain:
         self._track, self._before, self._refusal = None, None, None
         self._checks_goal, self._checked, self._last = False, 0, None
         self._seed = seed
-        # The first observation lacks a cloud if it was computed with the previous episode's observation spec. The first
-        # estimate is then made from the next observation.
+        # The first observation has no cloud if its contents were requested during the previous episode. In this case
+        # ``act`` makes the first estimate from the next observation.
         if observation.cloud is not None:
             self._begin(observation)
 
     def act(self, observation: Observation) -> Action | None:
-        """Return the next action; None if the task is done, all plans have failed, or the object is not visible."""
+        """Return the next action; None if the task is done, if all plans have failed, or if the first point cloud does
+        not show the object.
+        """
         if not self.looks:
             self._begin(observation)
         elif observation.step > 0 and observation.cloud is not None:
@@ -228,8 +233,8 @@ class PerceivingChain:
         track = self._track
         action = self._chain.act(self._with_belief(observation))
         if self._chain.motions > self._motions:
-            # A motion has begun. Keep the estimate with which the motion was planned, because the joint's displacement
-            # will be measured from the point cloud of this estimate.
+            # A motion has begun. Keep the estimate from before the motion: after the motion, the joint's displacement
+            # is measured against its point cloud.
             self._motions, self._before = self._chain.motions, track
         if action is None and self._chain.is_finished and self._last is not None:
             if self._checked == MAX_CHECKS:
@@ -299,7 +304,8 @@ class PerceivingChain:
         return PrivilegedObservation.of(observation, self._measurement(track.found, q), scene)
 
     def _measurement(self, found: ObjectEstimate, q: Array, distrust: float = DISTRUST) -> Measurement:
-        """Return the estimated state of the scene in the form that the task's success criteria take.
+        """Return the estimated state of the scene as a measurement, from which the task's success criteria are
+        computed.
 
         The estimated openness is moved away from the goal by a safety margin, so that an uncertain estimate does not
         count as success. The margin is ``distrust`` times the standard deviation of the estimate, divided by the number

@@ -46,13 +46,13 @@ def show(
         estimator: folder of the estimator, as for :meth:`SceneEstimator.load`.
         out: folder for the picture ``estimates.png``.
         assets: folder that contains the data set's objects, if the objects have been moved since the recording.
-        task, episode: task and episode of a data set, as for :func:`~gensim2.viewing.view`.
+        task, episode: name of the task and number of the episode in a data set, as for :func:`~gensim2.viewing.view`.
         instants: number of instants, from the start of the episode to its end.
         noisy: whether the depth images have the noise of a deployed camera.
         seed: seed of the noise.
 
     Returns:
-        Plain data: title of the episode, picture, and the errors at each instant.
+        Plain data: the title of the episode, the path of the picture, and the errors of the estimate at each instant.
 
     Raises:
         InputError: the episode cannot be read, it has several objects, the estimator does not know the object's class,

@@ -154,8 +154,8 @@ class SceneEstimator:
         network: network in evaluation mode.
         classes: constants of the classes, in the network's order.
         profile: robot whose base frame the clouds use.
-        scales: calibration factors by which predicted standard deviations are multiplied, by the names in
-            ``DEVIATIONS``; None: all factors are 1.
+        scales: calibration factors. Each predicted standard deviation is multiplied by the factor with its name in
+            ``DEVIATIONS``. None: all factors are 1.
         refine: whether to align the estimated yaw with the upright surfaces in the cloud.
 
     Example:
@@ -217,8 +217,8 @@ class SceneEstimator:
     def estimate(self, xyz: Points, asset_class: str | None = None) -> SceneEstimate:
         """Estimate the scene in a point cloud.
 
-        If the cloud shows no articulated object, the result has no objects. All points on articulated objects are
-        treated as one object.
+        If the cloud shows no articulated object, the result has no objects. If the cloud shows several articulated
+        objects, the estimator treats them as a single object.
 
         Args:
             xyz: (N, 3) finite points in the base frame, m, without points of the robot.
@@ -302,8 +302,9 @@ def squared_yaw(normals: Points, yaw: float) -> float:
     """Return the yaw (rad) of a box, computed from the normals of its vertical faces. If the normals do not fit a box,
     return ``yaw``.
 
-    The horizontal directions of the faces' normals differ by multiples of 90 degrees. Multiplied by four, they differ
-    by multiples of 360 degrees, so they are equal. Their mean, divided by four, gives the yaw.
+    The angles of the faces' normals in the horizontal plane differ by multiples of 90 degrees. Four times these angles
+    differ by multiples of 360 degrees, so they are the same direction. The mean of this direction, divided by four, is
+    the yaw.
 
     Args:
         normals: (M, 3) unit normals with either sign, in a frame with a vertical z axis.

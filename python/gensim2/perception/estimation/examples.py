@@ -142,7 +142,9 @@ def _beside(other: ObjectModel, target: PlacedObject, generator: np.random.Gener
 
 
 def _surface(views: Sequence[View], ids: set[int]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
-    """Return the exact points (M, 3), m in the base frame, of all pixels with an id in ``ids``, and the ids (M,)."""
+    """Return the points (M, 3), m in the base frame, of all pixels whose segmentation id is in ``ids``, and the
+    segmentation ids (M,) of these pixels.
+    """
     points, found = [], []
     for view in views:
         segmentation = view.segmentation
@@ -295,8 +297,8 @@ def training_instances(
 ) -> Mapping[str, tuple[str, ...]]:
     """Return the ids of training objects by class.
 
-    For generated classes, the ids exclude all objects that the selections ``all`` and ``new`` contain, because these
-    objects serve for evaluation. For classes from a folder of objects, the ids are those of the training split.
+    For generated classes, the ids exclude all objects that ``--instances all`` or ``--instances new`` selects, because
+    these objects serve for evaluation. For classes from a folder of objects, the ids are those of the training split.
     """
     found: dict[str, tuple[str, ...]] = {}
     for name in classes:

@@ -153,9 +153,10 @@ def measure(
         progress: listener.
 
     Returns:
-        Plain data with the settings and these error statistics: ``estimated`` if the estimator estimates the class,
-        ``given`` if the estimator gets the true class, and ``classes``, which lists the statistics ``given`` for each
-        class. ``estimated_classes`` has, for each true class, the number of clouds by estimated class.
+        Plain data with the settings and the error statistics. In the statistics ``estimated`` the estimator also
+        estimates the class of the object. In the statistics ``given`` the estimator is told the true class. ``classes``
+        contains the statistics ``given`` for each class separately. For each true class, ``estimated_classes`` counts
+        how many clouds were assigned to each estimated class.
 
     Raises:
         InputError: the estimator cannot be read, or a class or object does not exist.
@@ -197,8 +198,9 @@ def measure(
 
 
 def calibrated(estimator: SceneEstimator, arrays: Arrays) -> dict[str, Any]:
-    """Calibrate the standard deviations that an estimator predicts. They are scaled such that the fraction
-    ``ONE_SIGMA`` of the errors is smaller than the predicted standard deviation.
+    """Calibrate the standard deviations that an estimator predicts. The standard deviations are multiplied by factors.
+    The factors are chosen such that the fraction ``ONE_SIGMA`` of the errors is smaller than the scaled standard
+    deviations.
 
     Args:
         estimator: estimator to calibrate. The function sets the scale factors in its attribute ``scales``.

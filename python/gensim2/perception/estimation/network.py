@@ -86,8 +86,8 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         self.classify = nn.Linear(128, classes)
         self.of_class = nn.Embedding(classes, 32)
         self.told = _mlp(128 + 32, 128, 128)
-        # The outputs are the direction, the yaw, the openness, both limits and the size, then the log standard
-        # deviations of the yaw, the openness, the axis position and the keypoints.
+        # The outputs are, in this order: direction, yaw, openness, both limits, size, and the log standard deviations
+        # of the yaw, the openness, the axis position and the keypoints.
         self.answer = nn.Linear(128, len(DIRECTIONS) + 2 + 1 + 2 + 3 + 2 + 1 + SLOTS)
         self.vote = nn.Sequential(_mlp(WIDTH + 128, WIDTH, WIDTH), nn.GELU(), nn.Linear(WIDTH, 1 + 4 * (1 + SLOTS)))
 
@@ -217,7 +217,7 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
     turned = (found["yaw"] * batch["yaw"]).sum(-1).clamp(-1, 1)
     angle = torch.atan2((found["yaw"][:, 0] * batch["yaw"][:, 1] - found["yaw"][:, 1] * batch["yaw"][:, 0]), turned)
     part = functional.binary_cross_entropy_with_logits(found["moving"], moves, reduction="none")
-    # The points of the body and of the moving part get the same total weight, even if one part has few points.
+    # Weight the points of the body and of the moving part so that the part with fewer points also influences the loss.
     share = ((moves * mask).sum(1) / mask.sum(1)).clamp(0.03, 0.97)[:, None]
     balanced = torch.where(moves > 0, 0.5 / share.sqrt(), 0.5 / (1 - share).sqrt())
     return {
@@ -236,7 +236,7 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
 
 
 def _likelihood(error: torch.Tensor, log_deviation: torch.Tensor) -> torch.Tensor:
-    """Return the negative log density of a Laplace distribution, without its constant."""
+    """Return the negative log density of a Laplace distribution, without the constant log 2."""
     return error * torch.exp(-log_deviation) + log_deviation
 
 

@@ -103,7 +103,9 @@ def _draw(
 def _mark(
     draw: ImageDraw, at: Array, axes: list[int], middle: Array, origin: Array, axis: Array, color: tuple[int, int, int]
 ) -> None:
-    """Draw a segment of a joint axis. The middle of the segment is the axis point closest to the centre of the view."""
+    """Draw a segment of a joint axis. The segment is centred at the point of the axis that is closest to the centre of
+    the view.
+    """
     nearest = origin + ((middle - origin) @ axis) * axis
     ends = _pixels(np.stack([nearest - AXIS * axis, nearest + AXIS * axis]), at, axes, middle)
     draw.line([tuple(map(float, end)) for end in ends], fill=color, width=2)

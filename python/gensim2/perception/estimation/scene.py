@@ -1,5 +1,5 @@
-"""Convert estimated objects to a scene for the planner. Boxes around the points of the cloud represent other bodies,
-and the estimated joint limits are widened so that pushes do not stop short.
+"""Convert estimated objects to a scene for the planner. Boxes around the cloud's points on other bodies become
+obstacles. The estimated joint limits are widened, so that an error of the estimate does not end a push too early.
 """
 
 from __future__ import annotations

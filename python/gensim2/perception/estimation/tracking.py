@@ -33,12 +33,13 @@ STALLED = 0.05
 
 
 def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new: Points) -> float | None:
-    """Return the displacement (rad or m) of an object's joint between two clouds. The joint is the joint of the
-    estimate ``before``.
+    """Return the displacement (rad or m) of an object's joint between two clouds. The type and the axis of the joint
+    are taken from the estimate ``before``.
 
-    The function searches for the displacement at which the two clouds match best. It moves the moving part's points in
-    the old cloud forwards along the joint, and measures their distance from the object in the new cloud. It also moves
-    the moving part's points in the new cloud backwards, and measures their distance from the object in the old cloud.
+    The function searches for the displacement at which the two clouds match best. It compares the clouds in both
+    directions. First, the moving part's points in the old cloud are moved forwards along the joint and compared with
+    the object in the new cloud. Second, the moving part's points in the new cloud are moved backwards and compared with
+    the object in the old cloud.
 
     Args:
         before, after: estimates of the object.
@@ -87,9 +88,9 @@ class Track:
     def after(self, found: ObjectEstimate, cloud: Points, others: npt.NDArray[np.int64], goal: int) -> Track:
         """Return the track after a motion.
 
-        The openness is the mean of the new estimate and of the old estimate plus the measured displacement, weighted by
-        the inverse variances. If an earlier motion moved the joint towards the goal and this motion did not, the joint
-        is at the end of its range.
+        The new openness is a weighted mean of two values: the openness in the new estimate, and the openness in the old
+        estimate plus the measured displacement. The weights are the inverse variances. If an earlier motion moved the
+        joint towards the goal and this motion did not move it, the joint counts as being at the end of its range.
 
         Args:
             found: new estimate of the object.

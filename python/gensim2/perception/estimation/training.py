@@ -204,9 +204,9 @@ class Examples:
     """Samples batches of labelled clouds.
 
     Args:
-        arrays: arrays with one row for each labelled cloud. Their names are the names in
-            :func:`~gensim2.perception.estimation.examples.example`, and ``features`` (..., N, 5), which contains the
-            points' features times 127 as int8.
+        arrays: arrays with one row for each labelled cloud: the arrays that
+            :func:`~gensim2.perception.estimation.examples.example` returns, and the array ``features`` (..., N, 5).
+            This array contains the points' features times 127 as int8.
     """
 
     def __init__(self, arrays: Arrays) -> None:
@@ -229,8 +229,9 @@ class Examples:
 
 
 def tensors(arrays: Arrays, turn: npt.NDArray[np.float64], shift: npt.NDArray[np.float64]) -> dict[str, torch.Tensor]:
-    """Return examples as tensors, after rotating and shifting each cloud. ``turn`` (B,) contains the rotation angle of
-    each cloud about the z axis of the base frame, rad. ``shift`` (B, 3) contains the shift after the rotation, m.
+    """Rotate and shift each cloud, and return the examples as tensors. ``turn`` (B,) contains the rotation angle of
+    each cloud about the z axis of the base frame, rad. ``shift`` (B, 3) contains the shift (m) that follows the
+    rotation.
     """
     cos, sin = np.cos(turn), np.sin(turn)
     R = np.zeros((len(turn), 3, 3))

@@ -35,7 +35,7 @@ class CastSolid:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """First hits of the rays of several cameras.
+    """For each ray of several cameras, the surface that the ray hits first.
 
     Attributes:
         depth: for each camera, depth (H, W), m; the camera's ``far`` for rays without a hit.
@@ -86,8 +86,8 @@ class Caster:
         self._solids = tuple(solids)
         counts = [len(solid.surface.faces) for solid in solids]
         self._first = np.cumsum([0, *counts])
-        # A ray without a hit has the face index -1. This index selects the last row of the following two arrays, which
-        # contains the id 0 and the colour black.
+        # A ray without a hit has the face index -1. This index selects the last row of ``_ids`` and of ``_colors``, so
+        # a ray without a hit gets the id 0 and the colour black.
         self._ids = np.repeat([*(solid.id for solid in solids), 0], [*counts, 1]).astype(np.int16)
         self._colors = np.concatenate([*(solid.surface.colors for solid in solids), np.zeros((1, 3), dtype=np.uint8)])
         self._textures = [
@@ -179,7 +179,9 @@ class Caster:
             np.copyto(hits.v[view][window], met["v"].reshape(face.shape), where=new)
 
     def _boxes(self, which: list[int], poses: Array) -> list[list[list[int]]]:
-        """Return, for each camera and solid, the pixel range that may show the solid: left, top, right, bottom."""
+        """Return, for each camera and solid, a rectangle of pixels that contains the image of the solid, as left, top,
+        right and bottom pixel coordinates.
+        """
         # shape (l, 4, 8): homogeneous box corners of l solids
         corners = poses[which] @ self._corners[which].transpose(0, 2, 1)
         seen = self._projections[:, None] @ corners  # shape (cameras, l, 3, 8): projected box corners
@@ -202,8 +204,9 @@ def _paint(
     v: npt.NDArray[np.float32],
     texture: Texture,
 ) -> None:
-    """Write the colours of a texture into ``colors``, for all pixels that show a face with this texture. ``face``
-    contains the index of the visible face for each pixel; ``u`` and ``v`` are the position on the face.
+    """Write the colours of a texture into ``colors``, for all pixels that show a face with this texture. For each
+    pixel, ``face`` contains the index of the visible face, and ``u`` and ``v`` contain the barycentric coordinates of
+    the visible point on this face.
     """
     row = np.searchsorted(texture.faces, face)
     wears = row < len(texture.faces)

@@ -57,7 +57,7 @@ class Drawing:
         solids: surfaces, each with a pose (4, 4).
         eye: (3,) position of the camera, m, in the same frame as the poses of the solids.
         target: (3,) point in the middle of the picture, m.
-        size: edge of the picture, pixels.
+        size: width and height of the picture, pixels.
     """
 
     def __init__(

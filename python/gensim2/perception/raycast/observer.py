@@ -32,8 +32,8 @@ Array = npt.NDArray[np.float64]
 
 
 class KnownPoints:
-    """Computes point clouds from the true positions of points on a scene's objects. The points determine the complete
-    state of the objects.
+    """Computes point clouds from the true positions of points on a scene's objects. The chosen points determine the
+    pose of each object and the position of its joint.
 
     The cloud lists the objects in the task's order. Each object contributes three groups of points: eight corners of a
     box around its moving part, along the axes of the moving link; eight corners of a box around its fixed part, along
@@ -130,7 +130,7 @@ class Observer:
         objects: objects by name, in the task's order.
         seed: seed of the episode's reset, which determines the noise.
         language: instruction of the task.
-        photograph: function that renders colour images; needed if the spec requests ``rgb``.
+        photograph: function that renders colour images. It is required if the observation spec requests ``rgb``.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -256,8 +256,9 @@ class Observer:
             step: control steps since the reset.
             positions: (n,) true positions of all active joints. They determine the true pose of a camera on the robot,
                 and therefore its image.
-            read: (n,) joint positions that the robot reports with a delay. The camera poses in the returned views are
-                computed from these positions. None: the robot reports its positions without a delay.
+            read: (n,) joint positions that the robot reports, which lag behind ``positions`` if the robot reports with
+                a delay. The camera poses in the returned views are computed from the reported positions. None: the
+                robot reports without a delay.
         """
         views = self.scene.see(poses, {} if positions is None else self._links_at(positions))
         if self._noise is None:

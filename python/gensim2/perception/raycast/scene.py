@@ -33,8 +33,9 @@ class RaycastScene:
 
     Args:
         objects: objects by name, in the task's order.
-        cameras: cameras from which rays are cast. The pose of a camera on the robot is in the frame of its link. If the
-            tuple is empty, no mesh is read and no rays can be cast; link poses are still available.
+        cameras: cameras from which rays are cast. The pose of a camera on the robot is in the frame of its link.
+            Without cameras, the scene reads no meshes and cannot cast rays, but it still computes the poses of the
+            links.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -59,8 +60,8 @@ class RaycastScene:
                 self._add(name, name, read_mesh(model.visual) if seen else None, still=False)
             else:
                 raise TypeError(f"cannot cast rays into an object of type {type(model).__name__}")
-        # Each link that carries cameras has its own caster, which works in the link's frame. The cameras do not move in
-        # this frame.
+        # The cameras on a link do not move in the link's frame. Therefore each link with cameras has its own caster,
+        # which casts the rays in the link's frame. The key None stands for the fixed cameras.
         self._casters: dict[str | None, Caster] = {
             link: Caster(self._solids, [camera for camera in self.cameras if camera.link == link])
             for link in dict.fromkeys(camera.link for camera in self.cameras)
@@ -68,7 +69,9 @@ class RaycastScene:
 
     @property
     def names(self) -> Mapping[int, tuple[str, str]]:
-        """For each segmentation id, the owner (object name, name of the robot's agent, or ``table``) and the link."""
+        """Owner and link of each segmentation id. The owner is the name of an object, the name of the robot's ManiSkill
+        agent, or ``table``.
+        """
         return self._names
 
     @property

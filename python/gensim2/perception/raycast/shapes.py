@@ -87,7 +87,7 @@ class Surface:
 
     @cached_property
     def corners(self) -> Array:
-        """Corners (8, 4) of the surface's bounding box, homogeneous, m."""
+        """Corners (8, 4) of the surface's bounding box in homogeneous coordinates, m."""
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
         return np.column_stack([np.where(signs, high, low), np.ones(8)]).astype(np.float64)

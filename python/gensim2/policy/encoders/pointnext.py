@@ -51,7 +51,8 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
 
 
 class InvertedResidual(nn.Module):  # type: ignore[misc]
-    """InvResMLP block: a maximum over the neighbours, then an MLP with four times the width, and a residual connection.
+    """InvResMLP block: a maximum over the features of the neighbours, then an MLP whose hidden layer is four times as
+    wide as its input, and a residual connection.
 
     Args:
         width: number of features.

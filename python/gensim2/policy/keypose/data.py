@@ -309,5 +309,6 @@ def _read(path: Path) -> tuple[_About, dict[str, npt.NDArray[Any]]]:
     about = parse_record(told.encode(errors="surrogateescape"), TypeAdapter(_About), path, remedy, "about")
     require_shapes(arrays, _SHAPES if arrays else {}, path)
     if arrays.keys() - _SHAPES:
-        raise InputError(f"has the unknown array {min(arrays.keys() - _SHAPES)}", file=path, remedy=remedy)
+        message = f"the file contains an array with the unknown name {min(arrays.keys() - _SHAPES)!r}"
+        raise InputError(message, file=path, remedy=remedy)
     return about, arrays
