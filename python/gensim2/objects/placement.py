@@ -31,10 +31,10 @@ class PlacementRegion:
         hand_at_rest: world x and y of the hand at the start of an episode.
         hand_low_point: height above the table of the lowest point of the resting hand. Objects lower than this fit
             under the hand.
-        hand_clearance: distance that tall objects keep from the resting hand. It is the thickness of the hand plus the
-            largest random displacement.
+        hand_clearance: distance that tall objects keep from the resting hand. It is the thickness of the hand plus a
+            reserve for the random displacement of the object.
         hand_half_width: lateral distance from the resting hand within which tall objects keep ``hand_clearance``. It is
-            half the width of the hand plus the largest random displacement.
+            half the width of the hand plus a reserve for the random displacement of the object.
     """
 
     base_x: float = -0.615

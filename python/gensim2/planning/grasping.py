@@ -25,8 +25,8 @@ COMPARED = 6
 #: Motions that pull an object out from under an obstacle before the lift.
 ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
 
-#: If an obstacle blocks the lift after every grasp, the planner tries some grasps again with a horizontal motion of
-#: ``ASIDE`` before the lift. This value is the maximum number of such grasps.
+#: If no grasp can be executed, the planner tries the grasps again whose lift is blocked by an obstacle, now with a
+#: horizontal motion of ``ASIDE`` before the lift. This value is the maximum number of grasps that are tried again.
 DRAWN_OUT = 8
 
 #: Two hand poses count as the same grasp if their distance (m) and rotation angle (rad) are below these limits.

@@ -127,4 +127,4 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
         else:
             rows = found.shape[0] if shape else rows
             continue
-        raise InputError(f"is damaged, because the array {name!r} {said}", file=path, remedy=_REMEDY)
+        raise InputError(f"the file is damaged, because the array {name!r} {said}", file=path, remedy=_REMEDY)

@@ -28,12 +28,14 @@ Sees = Literal["all", "nothing", "other"]
 
 @dataclass(frozen=True)
 class Shuffled:
-    """Point clouds of training scenes, for a control experiment. In this experiment the policy gets a randomly chosen
-    cloud of another scene instead of the observed cloud.
+    """Point clouds of training scenes, for the control experiment with the clouds of other scenes.
 
-        Attributes:
-            points: (S, N, 3) points of S clouds, m, base frame.
-            colours: (S, N, 3) colours of the points, 0 to 255.
+    In this experiment the policy gets a randomly chosen cloud of another scene instead of the observed cloud, to
+    measure how much the policy depends on the cloud.
+
+    Attributes:
+        points: (S, N, 3) points of S clouds, m, base frame.
+        colours: (S, N, 3) colours of the points, 0 to 255.
     """
 
     points: npt.NDArray[np.float32]

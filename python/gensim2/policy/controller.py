@@ -1,4 +1,4 @@
-r"""Run a trained action-chunk policy as a controller.
+r"""Run a trained action-chunk policy as a controller. For example, this command evaluates a policy:
 
 gensim2 evaluate CloseBox --controller gensim2.policy.controller:PolicyController \
     --controller-args '{"checkpoint": "DIR"}'

@@ -130,7 +130,9 @@ class LearnFolder(ResumableFolder[LearnRecord]):
         folders = (out, *(out / name for name in settings.tasks))
         if not (out / LEARN_JSON).exists() and any(map(holds_training, folders)):
             raise InputError(
-                "contains a policy that was trained by a different command", file=out, remedy="choose another --out"
+                "the folder contains a policy that was trained by a different command",
+                file=out,
+                remedy="choose another --out",
             )
         return super()._opened(settings)
 

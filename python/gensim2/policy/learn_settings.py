@@ -65,7 +65,7 @@ def learn_configs(
     """
     for name, remedy in ELSEWHERE.items():
         if name in settings:
-            raise InputError("is not a setting of gensim2 learn", file=file, field=name, remedy=remedy)
+            raise InputError("this field is not a setting of gensim2 learn", file=file, field=name, remedy=remedy)
     strangers, kind = (OF_CHUNKS, "action chunks") if policy == "keypose" else (OF_KEYPOSES, "keyposes")
     for name in strangers:
         if name in settings:

@@ -313,8 +313,8 @@ def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], s
 @pytest.mark.parametrize(
     ("text", "words", "said"),
     [
-        ("steps: 5", [], "steps: is not a setting of gensim2 learn (say how long with --minutes)"),
-        ("head: flow", [], "head: is not a setting of gensim2 learn (say it with --policy)"),
+        ("steps: 5", [], "steps: this field is not a setting of gensim2 learn (say how long with --minutes)"),
+        ("head: flow", [], "head: this field is not a setting of gensim2 learn (say it with --policy)"),
         ("encodr: mlp", [], "encodr: is not a field of the policy settings"),
         (
             "encoder: state",
@@ -323,7 +323,7 @@ def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], s
         ),
         ("history: 2", [], "history: applies only to action chunks"),
         ("arm_noise: 0.1", [], "arm_noise: applies only to action chunks"),
-        ("ways: 3", ["--policy", "chunk"], "ways: is not a setting of gensim2 learn"),
+        ("ways: 3", ["--policy", "chunk"], "ways: this field is not a setting of gensim2 learn"),
         ("hears: false", ["--policy", "chunk"], "hears: applies only to keyposes"),
         ("{encoder: state, points: 8}", ["--policy", "chunk"], "points: must be at least 64 for the encoder state"),
         ("encoder: state", ["--policy", "chunk", "--noise", "d435"], "noise: is of depth pictures"),

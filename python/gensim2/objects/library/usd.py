@@ -521,7 +521,7 @@ class _Converter:
 
     def _is_hull(self, prim: Any) -> bool:
         """Return whether the collision shape of a prim is convex, so that its convex hull represents it. This holds for
-        every primitive, and for a mesh with a convex collision approximation.
+        every shape other than a mesh, and for a mesh whose collision approximation is convex.
         """
         from pxr import UsdPhysics
 

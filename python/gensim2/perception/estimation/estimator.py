@@ -303,7 +303,7 @@ def squared_yaw(normals: Points, yaw: float) -> float:
     return ``yaw``.
 
     The angles of the faces' normals in the horizontal plane differ by multiples of 90 degrees. Four times these angles
-    differ by multiples of 360 degrees, so they are the same direction. The mean of this direction, divided by four, is
+    differ by multiples of 360 degrees, so they are equal angles. The mean of these equal angles, divided by four, is
     the yaw.
 
     Args:

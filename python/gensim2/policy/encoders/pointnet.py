@@ -7,7 +7,7 @@ from torch import nn
 
 
 class Shared(nn.Module):  # type: ignore[misc]
-    """Linear layer that is followed by a batch normalization over all points of all clouds and, optionally, by a ReLU."""
+    """Linear layer, followed by batch normalization over all points of all clouds and optionally by a ReLU."""
 
     def __init__(self, inner: int, outer: int, *, active: bool = True) -> None:
         super().__init__()
