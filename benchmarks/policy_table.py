@@ -89,7 +89,7 @@ def every(rows: Sequence[Row]) -> str:
         )
     if others:
         parts.append(
-            "**Others.** The next policies use other objects, or learn long-horizon tasks or several tasks.\n\n"
+            "**Other policies.** The next policies are for other objects, long-horizon tasks or several tasks.\n\n"
             + _table(others, others=True)
         )
     return "\n".join(parts)

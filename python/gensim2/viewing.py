@@ -73,8 +73,8 @@ def view(
     """Serve a page that shows an episode in the browser, and return immediately.
 
     Args:
-        what: one of three things: the name or folder of a task, the folder of a data set, or an episode file of a data
-            set. A task is planned and run first.
+        what: the name or folder of a task, the folder of a data set, or an episode file of a data set. If it is a task,
+            the function first plans and runs an episode of the task.
         task: name of a task in the data set; None: the first task.
         episode: index of an episode in the data set; None: the first successful episode.
         seed: seed of the scene, if a task is run.
@@ -105,15 +105,13 @@ def view(
 
 
 def _location(assets: object) -> Path | str | None:
-    """Return the path of an object library. The argument is an open library, a path or None; a path and None are
-    returned unchanged.
-    """
+    """Return the path of an open object library. A path or None is returned unchanged."""
     return cast(Path | str | None, getattr(assets, "location", assets))
 
 
 def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
-    """Plan a task in the scene that the seed generates, and run the episode. On an estimated scene, the
-    result has no plans.
+    """Plan a task in the scene of a seed, and run an episode. If the planner uses a scene that is estimated from
+    images, the result contains no plans.
 
     Raises:
         InputError: the task does not exist, or an argument is invalid.

@@ -101,8 +101,8 @@ class LimitedArm:
         return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """Continue to brake the arm. Together with every command, a complete stop from that command was computed and
-        checked; this method sends the next command of that stop. Once the arm is at rest, it repeats the last position.
+        """Send the next command that brakes the arm. The braking motion was computed and checked together with the last
+        normal command. When the arm is at rest, the method sends the last position again.
 
         Args:
             t: time at which the command is due, s.
@@ -165,9 +165,9 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # The velocity of a command is the mean velocity over a cycle. The planned motion has this velocity in the
-        # middle of the cycle, but the velocity limit is checked at the position at the end of the cycle. The motion
-        # therefore uses velocity limits that look half a cycle ahead.
+        # A command's velocity is the mean velocity in a cycle, which the planned motion has in the middle of the cycle.
+        # But the limit depends on the position, and is checked at the end of the cycle. The planned motion must
+        # therefore already respect the limits of the position that the arm reaches half a cycle later.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
@@ -219,7 +219,7 @@ class Streamer:
                 found = self._motion.splice(found, now).since(now - _KEPT)
             self._motion = found
         except kpam.KpamError:
-            return False  # The current motion ends at rest; the next targets start from its end.
+            return False  # The arm continues its present motion, which ends at rest.
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:

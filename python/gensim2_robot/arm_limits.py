@@ -55,9 +55,8 @@ class Braking:
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest position (m,), rad, to which a joint should move. At these two positions
-        the velocity limit towards the end of the range has fallen to ``0.1 * offset``, so the joint would hardly move
-        farther.
+        """Return the lowest and the highest useful position (m,) of each joint, rad. Beyond these positions a joint can
+        only move very slowly: at them, the velocity limit towards the end of the range is only ``0.1 * offset``.
         """
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
@@ -184,17 +183,24 @@ class ArmLimits:
         range_lower, range_upper = model.lower[columns], model.upper[columns]
         lower, upper = range_lower + margin, range_upper - margin
         braking = FR3.scaled(speed) if profile.solver.get("limits") == "fr3" else None
-        if braking is not None:  # The FR3 hardly moves near the ends of a joint range, so these positions are excluded.
+        # The FR3 can move only very slowly near the ends of a joint range, so the position limits exclude these
+        # positions.
+        if braking is not None:
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():
             raise InputError(
-                "is too large, because it leaves a joint of the arm no range in which the joint may move",
+                "must be smaller, because with this margin a joint of the arm cannot move",
                 field="margin",
             )
         own = profile.arm_limits(*(_PANDA if profile.solver.get("limits") == "panda" else _UNKNOWN))
         if not np.isfinite(own.velocity).all():
-            raise InputError("a joint of the arm has no velocity limit", file=profile.urdf, field="limit")
+            raise InputError(
+                "a joint of the arm has no velocity limit",
+                file=profile.urdf,
+                field="limit",
+                remedy="add <limit velocity=...>",
+            )
         return ArmLimits(
             profile,
             lower,
@@ -262,7 +268,7 @@ class ArmLimits:
 
     @cached_property
     def _open(self) -> Array:
-        """All active joints (n,) with open fingers."""
+        """Start positions of all active joints (n,), but with open fingers."""
         joints = np.array(self.profile.reset_qpos, dtype=np.float64)
         joints[list(self.profile.gripper_columns)] = self.profile.gripper.at_command(1.0)
         return joints

@@ -18,8 +18,8 @@ BLOCK = 5000
 
 
 def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
-    """Return the number of commands (m,) that exceed a limit. Successive commands are one cycle apart; at the first
-    command the arm is at rest.
+    """Return the number of commands (m,) that exceed a limit of the arm. The commands follow each other by one cycle,
+    and the arm is at rest at the first command.
     """
     if not commands:
         return 0

@@ -64,7 +64,7 @@ class CameraSource:
             raise InputError(f"unknown cameras {word!r}", field="--cameras", remedy=remedy)
         found = {name: device for name, _, device in pairs}
         if len(found) < len(pairs):
-            raise InputError(f"{word!r} names a camera twice", field="--cameras")
+            raise InputError(f"{word!r} gives the same camera name twice", field="--cameras")
         return cls(cast(CameraKind, kind), found)
 
 
@@ -134,7 +134,7 @@ class LineConfig:
         calibration: calibration file with camera poses; None: the camera poses of the simulation.
         calibration_days: maximum age of the calibration, days.
         seed: seed of the scenes and of all noise.
-        dry: whether to send no commands to the arm.
+        dry: True for a dry run, in which no command is sent to the arm.
         simulated_clock: whether to run all devices in this process, with a simulated clock that waits for the devices.
         rules: tolerances of the watchdog; None: the default tolerances.
 
@@ -183,7 +183,7 @@ class LineConfig:
         if len(self.pixels) != 2 or not all(1 <= count <= MAX_PIXELS for count in self.pixels):
             raise InputError(f"must be width and height from 1 to {MAX_PIXELS}, but is {self.pixels}", field="pixels")
         if self.delays != Delays() and not self.simulated_clock:
-            raise InputError("apply only to a simulated clock", field="delays", remedy="simulated_clock=True")
+            raise InputError("can only be set for a simulated clock", field="delays", remedy="use simulated_clock=True")
         if not self.is_simulated and self.policy is None:
             raise InputError("needs the true state of the scene, which only a simulation has", field="--plan")
 

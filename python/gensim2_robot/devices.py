@@ -68,7 +68,7 @@ class CameraFrame:
 
 
 class ArmDriver(Protocol):
-    """Interface of a connection to an arm, whose methods never block."""
+    """Interface of a connection to an arm. Its methods never block."""
 
     profile: RobotProfile
 
@@ -77,7 +77,7 @@ class ArmDriver(Protocol):
         ...
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Accept targets of arm and gripper for the time ``t``.
+        """Send the arm and the gripper targets that they should reach at the time ``t``.
 
         Args:
             q: (m,) joints of the arm, rad or m.

@@ -111,7 +111,7 @@ def test_a_library_that_is_neither_a_folder_nor_an_archive_is_refused(
 ) -> None:
     (tmp_path / "file").write_text("")
     os.mkfifo(tmp_path / "fifo")
-    refused = r"is not a folder or a \.zip file"
+    refused = r"must be a folder or a \.zip file"
     with pytest.raises(InputError, match=refused), using_library(str(tmp_path / name)):
         load_task("OpenDrawer")  # a task of the package does not need the library; the option is checked nevertheless
     monkeypatch.setenv("GENSIM2_LIBRARY", str(tmp_path / name))

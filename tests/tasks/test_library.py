@@ -225,7 +225,10 @@ def test_shared_strategies_are_used_and_no_task_has_a_file_of_its_own_by_such_a_
         (GOOD.replace("threshold: 0.8", "threshold: 1.5"), "steps.0.done.0.threshold: "),
         (GOOD.replace("[0.0, 0.1]", "[0.1, 0.0]"), "randomization.y: the first number of a range must not exceed"),
         (GOOD.replace("x: 0.05", "x: true"), "objects.crate.randomization.x: "),
-        (GOOD.replace("on: crate", "on: bench"), "objects.ball.place.on: 'bench' is not an object listed before it"),
+        (
+            GOOD.replace("on: crate", "on: bench"),
+            "objects.ball.place.on: no object before 'ball' has the name 'bench'",
+        ),
         (GOOD.replace("tool: ball", "tool: bat"), "steps.place.tool: there is no object 'bat'"),
         (GOOD.replace("rigid: ball", "rigid: bat"), "names an unknown object 'bat'"),
         (GOOD[: GOOD.index("goal")], "goal: is required"),

@@ -133,7 +133,7 @@ def run(
     stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
     goal = goal_reached(world.task, trace[-1], turns)
     events = events_of(controller)
-    # Read these values from the world now, because the baseline resets the world.
+    # Read the initial state and the recording now, because the no-op baseline below resets the world.
     initial_state = world.initial_state
     objects = _object_records(initial_state, trace[0], trace[-1])
     recording = motion.recording()

@@ -91,12 +91,13 @@ class EpisodeRunner:
     def run(
         self, function: Callable[..., Result], jobs: Iterable[Job | None], what: str
     ) -> Iterator[tuple[int, Result]]:
-        """Yield (index, result) of finished jobs in any order.
+        """Run jobs in the worker processes. Yield the index and the result of each job as soon as the job has finished.
 
         Args:
             function: function of :mod:`gensim2.rollout.worker`.
-            jobs: jobs as for ``Executor.map_unordered``.
-            what: name of the jobs for messages.
+            jobs: jobs with their indices and arguments. None means that the next job depends on a result that is not
+                known yet.
+            what: name of the jobs in messages to the user.
 
         Raises:
             NotRunError: some jobs could not be run; raised after all other jobs.

@@ -46,10 +46,10 @@ class SolvedStep:
     def to_dict(self) -> dict[str, Any]:
         """Return the step as plain data.
 
-        The field ``plan`` describes the plan of the complete motion; it is null if the solver was not called. If the
-        solver found no complete motion, ``plan`` describes the failed plan, and the field ``part`` describes a
-        shortened motion, which an episode would execute instead. The shortened motion goes as far as the arm can reach,
-        and at its end the hand releases the object.
+        The field ``plan`` is the solver's result for the complete motion, even if the solver failed; it is null if the
+        solver was not called. If the solver failed, the field ``part`` may contain the plan of a shortened motion,
+        which an episode would execute instead. In a shortened motion the arm moves the object as far as it can, and
+        then the hand releases the object.
         """
         plan, part = self.found.plan, None
         if self.found.whole is not None:

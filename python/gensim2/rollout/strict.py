@@ -83,13 +83,13 @@ def is_about_the_gripper(task: TaskSpec) -> bool:
 
 
 def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]:
-    """Return rigid objects that penetrate other bodies by more than ``DEEPEST``.
+    """Return the rigid objects that overlap other bodies by more than ``DEEPEST`` (m).
 
-    The planner's collision library measures the penetrations, whatever the simulation engine. Contacts with the robot
-    do not count.
+    The planner's collision library measures the overlaps, so the result does not depend on the contact model of the
+    simulation engine. Overlaps with the robot do not count.
 
     Returns:
-        Penetration depth (m), by the name of the rigid object and the name of the other body.
+        Depth of each overlap (m), by the name of the rigid object and the name of the other body.
     """
     import gensim2_kpam as kpam  # imported here: reading records does not need the solver
 

@@ -19,12 +19,12 @@ class Tally:
         paper, held, strict: number of episodes that pass each verdict (docs/reference/episodes.md).
         partial: number of episodes in which only part of a motion was executed because no complete plan was found.
         replanned: number of episodes in which a step was planned again.
-        still: number of episodes whose goal is reached in the no-op baseline.
+        still: number of episodes whose goal is reached even in the no-op baseline, in which the robot does nothing.
         causes: number of failures by cause, most frequent first.
         strict_misses: number of unmet conditions of ``strict`` by condition, most frequent first.
         objects: number of different objects by class.
-        disturbed: number of disturbed episodes.
-        engines: number of episodes that pass ``held`` in each engine, of the episodes that ran in both engines.
+        disturbed: number of episodes in which an object was pushed or dropped on purpose, to test the controller.
+        engines: number of episodes that pass ``held``, by engine. Only episodes that ran in both engines count.
         disagreed: seeds of the scenes in which only one engine passes ``held``.
     """
 

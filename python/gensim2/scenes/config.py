@@ -51,9 +51,9 @@ class SceneArguments(TypedDict, total=False):
             mapping from object names to selections.
         physics: physics settings (docs/reference/simulation.md). The value is ``"default"``, ``"original"``, a preset
             with changed settings such as ``"original+gripper=default"``, or a settings file.
-        redraw: ``"placement"`` or ``"none"``, which overrides the setting ``redraw`` of ``physics``. By default nothing
-            is overridden.
-        robot: name of a known robot. :func:`gensim2.load_robot` makes a robot of your own known.
+        redraw: ``"placement"`` or ``"none"``. The value replaces the setting ``redraw`` of ``physics``. By default the
+            setting of ``physics`` applies.
+        robot: name of a robot. To use your own robot, first load it with :func:`gensim2.load_robot`.
         randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/reference/simulation.md).
         engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md). The default is ``"sapien"`` if SAPIEN is
             installed, and otherwise ``"mujoco"``.
@@ -103,7 +103,7 @@ class SceneOptions:
 
     @classmethod
     def of(cls, **scene: Unpack[SceneArguments]) -> SceneOptions:
-        """Return the options from a user's arguments; ``instances`` is left out, because each task has its own
+        """Create options from a user's arguments. The argument ``instances`` is ignored, because each task has its own
         instances.
 
         Raises:

@@ -1,6 +1,8 @@
-"""Determine default poses of objects: computed from the geometry, or from the original GenSim2.
+"""Determine the default poses of objects. A default pose is either computed from the object's geometry, or taken from
+the original GenSim2.
 
-The poses of the original GenSim2 are in ``default_poses.csv`` in this folder, a package resource that wheels include.
+The poses of the original GenSim2 are in the file ``default_poses.csv`` in this folder, which is installed with the
+package.
 """
 
 from __future__ import annotations

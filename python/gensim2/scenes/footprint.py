@@ -1,4 +1,4 @@
-"""Compute outlines of objects seen from above, gaps between outlines, and heights of lowest points."""
+"""Compute outlines of objects as seen from above, gaps between outlines, and the lowest point of a moving link."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[
 
 
 def swept_points(model: ArticulatedObject | RigidObject) -> Array:
-    """Return the vertices of the convex hull around all positions that an object takes when its joint moves through its
+    """Return the vertices of the convex hull around the space that an object occupies while its joint moves through its
     range.
 
     Returns:
@@ -43,11 +43,11 @@ def swept_points(model: ArticulatedObject | RigidObject) -> Array:
 
 
 def lowest_of_moving_link(model: ArticulatedObject, position: Array, quaternion: Array) -> float:
-    """Return the height (m) of the moving link's lowest point over the joint range.
+    """Return the smallest height (m) that any point of the moving link has while the joint moves through its range.
 
     Args:
-        position: (3,) of the root in the world frame, m.
-        quaternion: (4,) of the root in the world frame, (w, x, y, z).
+        position: (3,) position of the object's root in the world frame, m.
+        quaternion: (4,) orientation of the object's root in the world frame, (w, x, y, z).
     """
     hulls = model.hulls.get(model.joint.child_link, ())
     if not hulls:
@@ -84,8 +84,8 @@ def square(center: Array, half: float) -> Array:
 
 
 def keep_apart(first: Array, second: Array, gap: float) -> bool:
-    """Return whether two convex outlines are at least ``gap`` (m) apart. Gaps are measured perpendicular to the edges,
-    as in the separating axis test, and the largest gap counts.
+    """Return whether two convex outlines are at least ``gap`` (m) apart. As in the separating axis test, the gap is
+    measured in the direction perpendicular to each edge, and the largest value is the gap between the outlines.
     """
     return gap_between(first, second) >= gap
 

@@ -33,12 +33,12 @@ def is_container(model: Model) -> bool:
 
 
 def bounds_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the lowest and the highest corner (2, 3) of each object in the world frame, m.
+    """Return the lowest and the highest corner (2, 3) of each object's bounding box in the world frame, m. For an
+    articulated object the box contains only the measured link.
 
     Args:
         models: objects by name.
-        poses: pose (4, 4) of each object's measured link in the world frame. The corners of an articulated object are
-            the corners of this link.
+        poses: pose (4, 4) of each object's measured link (:func:`measured_link`) in the world frame.
     """
     found = {}
     for name, model in models.items():

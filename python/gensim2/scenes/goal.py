@@ -60,15 +60,15 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
     """Check that the robot can bring about a state that meets the goal.
 
     Args:
-        task: task whose goal (``goal`` or the last step's ``done``) is checked, and whose ``done`` criteria must fit
-            the kinds of their objects.
+        task: task to check. Its goal is ``goal`` or the last step's ``done``. The function also checks that each
+            ``done`` criterion fits its object: articulated or rigid.
         state: initial state of the task.
         robot: robot profile, whose reach limits how far objects can be moved.
         placed: names of objects that reset options have placed; their distance to the goal is not checked.
 
     Raises:
-        GoalError: a criterion does not apply to its kind of object, two criteria contradict each other, or a rigid
-            object would have to be moved beyond the robot's reach.
+        GoalError: a criterion is for the other kind of object (articulated or rigid), two criteria contradict each
+            other, or a rigid object would have to be moved beyond the robot's reach.
     """
     for step in task.steps:
         _check_kinds(step.done, state, f"steps.{step.name}.done")

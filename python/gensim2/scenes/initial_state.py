@@ -102,8 +102,9 @@ class InitialState:
 
     Attributes:
         objects: objects by name, in the task's order.
-        draws: number of placements sampled until all objects were apart, within reach and clear of the robot.
-        start: (n,) all active joints of the robot.
+        draws: number of sampled placements of the objects. Sampling may be repeated until the objects are apart, within
+            reach and clear of the robot.
+        start: (n,) positions of all active joints of the robot at the start, rad or m.
         randomization: name of the randomization preset.
     """
 
@@ -316,8 +317,8 @@ class _Room:
 
     def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
-        # An articulated object is always clear of the robot, because its default pose and the task's ranges of
-        # placement keep it away.
+        # An articulated object needs no check, because its default pose and the task's placement ranges keep it away
+        # from the robot.
         if isinstance(thing.model, ArticulatedObject):
             return True
         if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):
@@ -333,16 +334,17 @@ MAX_STARTS = 10
 def clear_start(
     generator: np.random.Generator, start: tuple[float, ...], robot: RobotProfile, hulls: Sequence[Sequence[Array]]
 ) -> tuple[float, ...] | None:
-    """Return a robot start that overlaps no object: ``start`` if possible, else a random start.
+    """Return start joints at which the robot overlaps no object. These are ``start`` if possible, and otherwise random
+    joints.
 
     Args:
-        generator: random generator of additional starts.
-        start: (n,) all active joints.
+        generator: generator of the random joints.
+        start: (n,) first start joints to test: all active joints, rad or m.
         robot: robot profile.
         hulls: for each object, the vertices (N, 3) of its convex hulls in the world frame, m.
 
     Returns:
-        Joints (n,); None if ``MAX_STARTS`` starts overlap an object.
+        Start joints (n,), rad or m; None if the robot overlaps an object at each of ``MAX_STARTS`` tested starts.
     """
     import gensim2_kpam as kpam  # imported here: reading scenes does not need the solver
 
@@ -370,13 +372,13 @@ ABOVE = 0.02
 
 
 def set_down(thing: PlacedObject, support: PlacedObject, above: float = ABOVE) -> PlacedObject | None:
-    """Lower an object onto its support until the two touch. The object starts above the support's last keypoint, which
-    the success criteria measure.
+    """Lower an object straight down until it touches its support. The movement starts above the support's last
+    keypoint, from which the success criteria measure heights and distances.
 
     Args:
-        thing: object in its resting pose on the table; its x and y do not change.
-        support: other object, on which or in which ``thing`` will stand.
-        above: height (m) above the keypoint at which the movement starts.
+        thing: object in its resting pose on the table. The function changes only its height.
+        support: the object that ``thing`` will stand on or in.
+        above: height (m) above the keypoint, at which the movement starts.
 
     Returns:
         The lowered object; None if ``thing`` does not fit above the keypoint, or if nothing below the keypoint supports

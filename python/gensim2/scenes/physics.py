@@ -1,8 +1,9 @@
 """Define names for physics settings, and select the engines that can simulate them.
 
-Each setting is either the default or as in the original GenSim2. ``original`` and ``default`` are presets, and a name
-such as ``original+gripper=default`` changes one setting of a preset. The name defines the physics completely, so
-records and worker processes store only the name. Users may also give a file of settings.
+A name is a preset, ``default`` or ``original`` (the settings of the original GenSim2). A name can also change single
+settings of a preset: ``original+gripper=default`` is ``original`` with the default gripper. The name defines the
+physics completely, so records and worker processes store only the name. Users may also give a file of settings, which
+is converted to a name.
 """
 
 from __future__ import annotations

@@ -52,7 +52,8 @@ class Factors:
     Attributes:
         mass: factor on masses and inertias of all links.
         contact_friction: factor on static and dynamic friction of all surfaces.
-        joint_friction: factor on the joint's resistance, in addition to the factor ``mass``; 1 for a rigid object.
+        joint_friction: factor on the joint's friction and damping, which are also multiplied by ``mass``; 1 for a rigid
+            object.
     """
 
     mass: float = 1.0
@@ -103,7 +104,9 @@ def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
 
 
 def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[float, ...]:
-    """Sample the robot's active joints at the start: each arm joint gets a uniform offset within its joint limits."""
+    """Sample the positions of the robot's active joints at the start. A uniform random offset is added to each arm
+    joint, and the result is clipped to the joint limits.
+    """
     size = robot.arm_size
     start = np.array(robot.reset_qpos)
     start[:size] += generator.uniform(-START_SPREAD, START_SPREAD, size)

@@ -30,7 +30,7 @@ class SceneSampler:
     Attributes:
         task: spec of the task.
         library: library of the objects.
-        robot: name under which any process can find the robot.
+        robot: key with which worker processes find the robot.
         profile: profile of the robot.
         physics: name of the physics settings.
         engine: simulation engine.

@@ -38,9 +38,9 @@ def register(profile: RobotProfile) -> None:
         other = getattr(known.agent_cls, "profile", profile)
         if other is not profile or known.agent_cls.urdf_path != str(profile.urdf):
             raise InputError(
-                f"another agent is named {profile.agent!r}",
+                f"ManiSkill already has another agent with the name {profile.agent!r}",
                 field=f"{profile.name}.simulation.agent",
-                remedy="rename it",
+                remedy="give the agent of this robot another name",
             )
         return
     fields = {

@@ -12,8 +12,8 @@ from gensim2.sim.driver import renderer
 
 
 def state_drawing(engine: Engine, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> StateDrawing:
-    """Return an object that draws recorded states of a scene. MuJoCo's renderer draws states of the engine ``mujoco``;
-    the ray caster draws states of the other engine.
+    """Return an object that draws recorded states of a scene. The object uses MuJoCo's renderer for states of the
+    engine ``mujoco`` if this renderer works. Otherwise it uses the ray caster.
 
     Args:
         engine: engine of the states.

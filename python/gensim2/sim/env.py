@@ -47,7 +47,8 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
     """Build an object at its initial pose.
 
     Raises:
-        InputError: the physics engine has changed the object's shapes or joint.
+        InputError: the physics engine built the object with other collision shapes or with another joint than the
+            object's files define.
     """
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
@@ -75,10 +76,10 @@ def spare_imports_from_collection() -> None:
 class GenSim2Env(RaycastObservations):
     """ManiSkill environment in which a robot stands at a table with the objects of a task.
 
-    Physics and control run on the CPU at the rates of the robot. The PhysX settings are ManiSkill's and cannot be
-    changed: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration. Every reset
-    rebuilds the scene, so episodes are exactly repeatable. A seed always gives the same scene, and the same actions
-    give the same states, in any process, with or without images.
+    Physics and control run on the CPU at the rates of the robot. By default PhysX uses the TGS solver and persistent
+    contact manifolds, with 15 position iterations and 1 velocity iteration. Every reset rebuilds the scene, so episodes
+    are exactly repeatable. A seed always gives the same scene, and the same actions give the same states, in any
+    process, with or without images.
 
     An action of the default control mode ``pd_joint_pos`` is an array (m + 1,). It contains the targets of the m arm
     joints in rad (the Panda has 7), and then the gripper command from -1 (closed) to 1 (open).

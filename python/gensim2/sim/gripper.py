@@ -14,8 +14,8 @@ class Transmission:
 
     A follower joint is coupled to a joint with a motor. In simulation the follower joint has its own drive. Before
     every physics step, this class computes the drive's target from the position of the joint with the motor. PhysX
-    could couple the joints by a fixed tendon instead, but a tendon adds joint positions without regard to units, so it
-    cannot couple a revolute joint with a prismatic joint. A passive joint has a spring that pulls it to the position 0.
+    could couple the joints by a fixed tendon instead. However, a tendon adds radians to metres, so it cannot couple a
+    revolute joint with a prismatic joint. A passive joint has a spring that pulls the joint to the position 0.
 
     Args:
         robot: robot in the simulation.
@@ -50,14 +50,14 @@ def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[
         InputError: the physics engine orders the joints differently from the profile.
     """
     names, built = (*profile.arm_joints, *profile.gripper.joints), robot.active_joints
-    # Only the end of each joint name is compared, because ManiSkill puts the names of the scene and the robot before
-    # it.
+    # Only the end of each joint name is compared, because ManiSkill prefixes joint names with the names of the scene
+    # and the robot.
     if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
         raise InputError(
-            f"the profile must list the joints in SAPIEN's order, which is {', '.join(joint.name for joint in built)}",
+            f"the profile's joints must be in SAPIEN's order, which is {', '.join(joint.name for joint in built)}",
             file=profile.urdf,
             field="arm_joints",
-            remedy="list the joints in the URDF breadth first, so that joints closer to the base come first",
+            remedy="in the profile and the URDF, list joints nearer to the base before joints farther from it",
         )
     return dict(zip(names, built, strict=True))
 

@@ -1,8 +1,8 @@
-"""Simulate only the physics of a task in one of the engines; only the selected engine is imported.
+"""Simulate a task in a physics engine without ManiSkill's environment. Only the selected engine is imported.
 
 With SAPIEN the scene has the same bodies in the same order as in :class:`~gensim2.sim.env.GenSim2Env`, and the same
-actions lead to exactly the same states as there. ManiSkill's overhead in each step is avoided: there are no batched
-tensors, no rewards, and no observations unless requested.
+actions lead to exactly the same states as there. A step is faster than in ManiSkill, because the headless environment
+computes no batched tensors and no rewards, and computes observations only on request.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class HeadlessEnv(SceneAccessMixin):
     def _reader(self) -> RobotReader:
         assert self.initial_state
         if isinstance(self._robot, StandingRobot):
-            raise GenSim2Error("the scene was built without the robot")
+            raise GenSim2Error("the scene was built without the robot (call reset with robot=True)")
         return self._robot
 
     def step(self, action: npt.ArrayLike) -> None:
@@ -190,8 +190,8 @@ class HeadlessEnv(SceneAccessMixin):
         return Snapshot(*self._scene.snapshot(), self.elapsed_steps, self._command)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue the simulation from a snapshot. Before, the environment must be reset to the scene in which the
-        snapshot was taken; another process may have taken the snapshot.
+        """Continue the simulation from a snapshot. Call :meth:`reset` first, with the seed and the options of the scene
+        in which the snapshot was taken. The snapshot may come from another process.
 
         Raises:
             InputError: the engine cannot restore states, or the snapshot belongs to another scene.
@@ -201,7 +201,8 @@ class HeadlessEnv(SceneAccessMixin):
         self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
-        """Move an object suddenly, to simulate a bump. The initial state that recordings contain does not change.
+        """Move an object suddenly, to simulate a bump. :attr:`initial_state` still contains the object's pose at the
+        reset.
 
         Args:
             name: name of the object.
@@ -231,7 +232,7 @@ class HeadlessEnv(SceneAccessMixin):
 
     @property
     def q(self) -> npt.NDArray[np.float64]:
-        """Joints (n,) of the robot, rad or m."""
+        """Positions (n,) of the robot's active joints, rad or m."""
         return self._reader.q
 
     @property

@@ -1,4 +1,6 @@
-"""Provide a plain gymnasium environment of a task, without ManiSkill: NumPy arrays without a batch axis."""
+"""Provide a gymnasium environment of a task that does not use ManiSkill. Its observations are NumPy arrays without a
+batch axis.
+"""
 
 from __future__ import annotations
 
@@ -141,7 +143,7 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
         return self._drawing.of(rows)
 
     def close(self) -> None:
-        """End the environment."""
+        """Close the environment and release its resources."""
         self._close_drawing()
         self.headless.close()
         self._closed = True

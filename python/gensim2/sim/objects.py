@@ -73,10 +73,10 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
     """Check that the physics engine built ``instance`` correctly.
 
     Returns:
-        A warning for each hull that PhysX has made smaller while it prepared the hull ("cooking").
+        One warning for each collision hull that became smaller when PhysX preprocessed it ("cooking").
 
     Raises:
-        InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's.
+        InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the joint of ``instance``.
     """
     warnings: list[str] = []
     where = instance.urdf
@@ -146,8 +146,8 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
     """Compare the bounding boxes of a collision shape and of the hull (N, 3) from which PhysX made the shape.
 
     Returns:
-        Two distances (m): the largest distance by which a side of the shape's box lies inside the hull's box, and the
-        largest distance by which a side of the shape's box lies outside the hull's box.
+        Two distances (m), each the largest over the six sides of the boxes. The first is how far the shape's box falls
+        short of the hull's box. The second is how far the shape's box extends beyond the hull's box.
     """
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])

@@ -112,7 +112,7 @@ class ArticulatedPart(ABC):
         """Return the pose of a link at this instant."""
 
     def measured_frame(self) -> Frame:
-        """Return the pose of the link with the measured keypoint."""
+        """Return the pose of the link with the object's last keypoint, whose position the success criteria measure."""
         return self.frame(measured_link(self.model))
 
     @abstractmethod
@@ -121,7 +121,9 @@ class ArticulatedPart(ABC):
 
     @property
     def openness(self) -> float:
-        """Openness (q - lower) / (upper - lower), which may slightly exceed 0..1."""
+        """Openness (q - lower) / (upper - lower), where q is the joint position and lower and upper are the joint
+        limits. The value may lie slightly outside 0..1.
+        """
         joint = self.model.joint
         return (float(self.qpos[0]) - joint.lower) / (joint.upper - joint.lower)
 

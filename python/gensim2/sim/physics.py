@@ -117,7 +117,8 @@ class Physics:
         profile: RobotProfile,
         classes: Collection[str] = (),
     ) -> None:
-        """Set the contact offsets and the finger drives of a built scene that has rigid objects.
+        """Set the contact offsets and the finger drives in a scene that has rigid objects. Call this method after all
+        bodies of the scene have been built.
 
         Args:
             system: PhysX system of the scene.
@@ -212,9 +213,9 @@ class CoulombFriction:
 
     Instead of PhysX's friction, a velocity drive brakes the joint. The target velocity of the drive is zero, and its
     force limit is the friction. Such a drive acts as Coulomb friction, except below ``CREEP_SPEED``, where its force
-    grows with the speed. We tested the same lid with a limit of 0.5 N m. Under gravity it creeps less than 0.0002 rad
-    in 5 s, and it stays at rest at a torque of 0.98 of the limit. At a torque of 1.1 of the limit, its speed after 0.1
-    s agrees with the excess torque to 1 %.
+    grows with the speed. We tested the same lid with a limit of 0.5 N m. Under gravity the lid moves less than 0.0002
+    rad in 5 s. With a torque of 0.98 times the limit, the lid stays at rest. With a torque of 1.1 times the limit, the
+    lid moves, and its speed after 0.1 s differs by at most 1 % from the speed that the excess torque should cause.
 
     The drive also provides the damping: the damping torque at the joint's current speed is added to the force limit. A
     drive can only brake, so damping never reverses the motion of a light link.
@@ -263,7 +264,7 @@ def _drive_fingers(robot: physx.PhysxArticulation, profile: RobotProfile, stiffn
 
 
 def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> None:
-    """Multiply masses, inertias and surface friction of built bodies."""
+    """Multiply the masses, inertias and surface friction of bodies in a scene by random factors."""
     if factors == AS_IT_IS:
         return
     for body in bodies:

@@ -16,7 +16,8 @@ Images = dict[str, npt.NDArray[Any]]
 
 
 class StatePictures:
-    """Renders images of the environment's cameras; the scene is rebuilt only if its objects change.
+    """Renders images of recorded states as seen by the environment's cameras. To save time, the scene is rebuilt only
+    if its objects change.
 
     Args:
         config: settings of the scenes.
@@ -43,8 +44,8 @@ class StatePictures:
             self._shown = dict(instances)
 
     def at(self, states: Mapping[str, Any], step: int) -> dict[str, Images]:
-        """Return images by camera and texture in ManiSkill's format: colour (H, W, 3) uint8, depth (H, W) int16 in mm,
-        segmentation (H, W) int16.
+        """Return the images of a recorded state: for each camera, a mapping from the texture name to the image. ``rgb``
+        is (H, W, 3) uint8, ``depth`` is (H, W) int16 in mm, and ``segmentation`` is (H, W) int16.
 
         Args:
             states: ManiSkill's ``env_states``.

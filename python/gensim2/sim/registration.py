@@ -96,7 +96,8 @@ def make_vec_env(
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Create several environments of a task as one vector environment.
 
-    This is ``gymnasium.make_vec`` for environments of ``make_env(..., numpy=True)``.
+    The function corresponds to ``gymnasium.make_vec``. Each single environment is created as by :func:`make_env` with
+    ``numpy=True``.
 
     Example:
         ```python
@@ -203,7 +204,7 @@ def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object])
 
 
 def recordable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of an environment as plain data, so that ManiSkill's recorder can write them to JSON."""
+    """Convert the arguments of an environment to plain data that ManiSkill's trajectory recorder can write to JSON."""
     from gensim2.perception import ObservationSpec
 
     plain = dict(kwargs)

@@ -31,8 +31,8 @@ WITHOUT_RENDERER = "obs_mode 'raycast' (point clouds, depth, segmentation) or 's
 
 
 def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
-    """Add lights to the scene that look like the light in a room: ambient light, and two lamps from above. The brighter
-    lamp, on the left, casts shadows if ``shadows`` is True.
+    """Light the scene as in a room, with ambient light and two directional lights from above. The brighter directional
+    light casts shadows if ``shadows`` is True.
     """
     scene.set_ambient_light([0.38, 0.38, 0.4])
     scene.add_directional_light(

@@ -61,7 +61,7 @@ def build_rigid(
 
 
 def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics: Physics = DEFAULT) -> None:
-    """Add the object's shapes and inertia to a builder, and its visual shapes if ``visual`` is true."""
+    """Add the object's collision shapes and inertia to a builder. If ``visual`` is true, also add its visual shapes."""
     material, density = physics.rigid_material(rigid), physics.rigid_density(rigid)
     weight = {} if density is None else {"density": density}
     for index in range(len(rigid.hulls[BODY])):
@@ -82,10 +82,10 @@ def resting_pose(rigid: RigidObject, x: float = 0.0, y: float = 0.0, yaw: float 
 
 
 def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
-    """Check that the physics engine accepted every hull unchanged.
+    """Check that the physics engine uses every collision hull of the object, without a change beyond a small tolerance.
 
     Raises:
-        InputError: the engine dropped or changed a hull.
+        InputError: the engine dropped a hull or changed it too much.
     """
     if len(shapes) != len(rigid.hulls[BODY]):
         lost = len(rigid.hulls[BODY]) - len(shapes)

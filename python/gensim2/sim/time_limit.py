@@ -1,5 +1,5 @@
-"""End episodes (``truncated``) after a number of control steps, and return ``truncated`` with the batch axis that
-ManiSkill's tools need.
+"""Limit the length of episodes. After the last allowed control step, ``truncated`` is True. It is a tensor with a batch
+axis, as ManiSkill's tools require.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]  # a property in gymnasium's wrappers
-        """Spec of the environment, with the limit of this wrapper."""
+        """Spec of the environment. Its ``max_episode_steps`` is the step limit of this wrapper."""
         spec = super().spec
         if spec is not None:
             spec.max_episode_steps = self._max_episode_steps

@@ -198,14 +198,14 @@ class _Distance(_Criterion):
 
     @abstractmethod
     def _excess(self, measured: Measurement) -> float:
-        """Return the distance (m) by which the horizontal distance exceeds the threshold; negative below the
-        threshold.
+        """Return the horizontal distance (m) that the criterion measures, minus the criterion's threshold. The value is
+        negative if the distance is below the threshold.
         """
 
     @abstractmethod
     def _height_excess(self, measured: Measurement) -> float:
-        """Return the height (m) by which the criterion's height condition is missed; 0 if the condition is met or the
-        shapes are unknown.
+        """Return the height (m) by which the object or the gripper violates the criterion's height condition. The value
+        is 0 if the condition is met or if the shapes are unknown.
         """
 
 
@@ -302,8 +302,8 @@ def all_hold_in_paper(criteria: tuple[Criterion, ...], measured: Measurement) ->
 
 
 def nearness(distance: float) -> float:
-    """Convert the distance (m) by which a limit is exceeded to a reward from 0 to 1. The reward is 1 if the distance is
-    zero or negative, so the limit is kept. The reward is 0.24 if the distance equals ``SCALE``, and nearly 0 if the
+    """Convert the distance (m) by which a limit is exceeded to a reward from 0 to 1. The reward is 1 if the limit is
+    not exceeded (the distance is zero or negative). It is 0.24 if the distance equals ``SCALE``, and nearly 0 if the
     distance is 1 m.
     """
     return _share(1.0 - math.tanh(max(distance, 0.0) / SCALE))
@@ -318,9 +318,9 @@ def _beyond_height(measured: Measurement, name: str, threshold: float) -> float:
     """Return the height (m) by which the gripper is too far above or below an object.
 
     Only those keypoints of the gripper count whose horizontal distance from the object's measured keypoint is less than
-    ``threshold`` (m). Each of these keypoints may be up to ``threshold`` above or below the object. The function
-    returns the smallest height by which one of these keypoints exceeds this limit. It returns 0 if a keypoint keeps the
-    limit, or if the object's shape is unknown.
+    ``threshold`` (m). A keypoint may be up to ``threshold`` above or below the object. If one keypoint is within this
+    limit, the result is 0. Otherwise the result is how far the best keypoint exceeds the limit. The result is also 0 if
+    no keypoint counts, or if the object's shape is unknown.
     """
     if name not in measured.bounds:
         return 0.0

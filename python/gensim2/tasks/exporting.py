@@ -49,7 +49,7 @@ def _files(task: TaskSpec, strategies: Mapping[str, StrategyData]) -> dict[str, 
 
 
 def write_task(folder: Path, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> None:
-    """Write the files of a task's folder, each atomically.
+    """Write all files of a task into its folder. Each file is written atomically.
 
     Raises:
         InputError: the folder cannot be written to.

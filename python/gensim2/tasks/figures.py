@@ -137,9 +137,9 @@ class Figure(_Value):
         strict_misses: number of episodes that are failures according to ``strict``, by the condition that was not met,
             most frequent condition first.
         objects: number of different objects by class.
-        instances: verdicts by object. The key is ``class/id``; keys of several objects are joined with ``" + "``. Empty
-            in rows from before this field existed.
-        source: commit, date and command of the measurement. None in rows from before this field existed.
+        instances: verdicts by object. The key is ``class/id``; keys of several objects are joined with ``" + "``. The
+            mapping is empty in rows that were written before this field existed.
+        source: commit, date and command of the measurement; None in rows that were written before this field existed.
     """
 
     task: str

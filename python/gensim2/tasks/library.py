@@ -70,8 +70,8 @@ def using_library(folder: str) -> Iterator[None]:
 
 
 def user_library() -> Path | None:
-    """Return the path of the user's task library. The path comes from :func:`using_library`, or else from the
-    environment variable ``GENSIM2_LIBRARY``, or else it is a folder in the user's data folder.
+    """Return the path of the user's task library. A path that was set with :func:`using_library` comes first, and the
+    environment variable ``GENSIM2_LIBRARY`` second. Without both, the path is a folder in the user's data folder.
 
     The path need not exist. The function returns None if the user has disabled the library with the value ``none``.
     """
@@ -98,7 +98,9 @@ def _user_shelf() -> Traversable | None:
 def _require_library(path: Path) -> None:
     if path.exists() and not path.is_dir() and path.suffix != ".zip":
         raise InputError(
-            "is not a folder or a .zip file", file=path, remedy="give a library that gensim2 tasks export has written"
+            "the task library must be a folder or a .zip file",
+            file=path,
+            remedy="give a library that gensim2 tasks export has written",
         )
 
 
@@ -196,14 +198,18 @@ def _read_task(folder: Traversable, name: str) -> TaskSpec:
     task = parse_task(_read(source), str(source))
     if task.name != name:
         raise InputError(
-            f"must be the name of the folder, {name!r}, but is {task.name!r}", file=str(source), field="name"
+            f"the task must have the same name as its folder, {name!r}, but its name is {task.name!r}",
+            file=str(source),
+            field="name",
         )
     return task
 
 
 @cache
 def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
-    """Return the names of the tasks in a folder of the package (cached, because packages do not change)."""
+    """Return the names of the tasks in a folder of the package. The result is cached, because installed packages do not
+    change.
+    """
     return names_in(shelf())
 
 
@@ -319,7 +325,7 @@ def _shared() -> tuple[Traversable, ...]:
 
 
 def _read(file: Traversable) -> dict[str, Any]:
-    """Read a YAML file of the package, a folder or an archive."""
+    """Read a YAML file from the package, from a folder or from a zip archive."""
     if isinstance(file, Path):
         return read_yaml(file)
     return parse_yaml(read_member(file, MAX_BYTES + 1), str(file))

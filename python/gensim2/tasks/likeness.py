@@ -111,11 +111,11 @@ def normal_words(sentence: str) -> tuple[str, ...]:
 
 
 def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
-    """Return the similarity of two instructions, 0 to 100. The order and the repetition of words do not matter.
+    """Return the similarity of two instructions, from 0 to 100. The order of words does not matter, and repeated words
+    count once.
 
-    The words of each instruction are sorted without repetitions, and joined to one string. If M is the length of the
-    longest common subsequence of the two strings, and T is the sum of the lengths of the strings, then the similarity
-    is 100 times 2 M / T.
+    First the different words of each instruction are sorted and joined to a string. Then M is the length of the longest
+    common subsequence of the two strings, and T is the sum of their lengths. The similarity is 200 M / T.
     """
     first, second = " ".join(sorted(set(one))), " ".join(sorted(set(other)))
     lengths = [0] * (len(second) + 1)
@@ -152,8 +152,9 @@ def _link(step: Step, called: dict[str, str]) -> tuple[Fact, ...]:
 
 
 def _fact(criterion: Criterion, called: dict[str, str]) -> Fact:
-    """Return the fields of a criterion that are texts; numbers are left out. Object names are replaced by the neutral
-    names in ``called``, so that criteria of different tasks can be compared.
+    """Return the text fields of a criterion, such as its type and its object names, as ``field=value``. Fields with
+    numbers are left out. Object names are replaced by the neutral names in ``called``, so that criteria of different
+    tasks can be compared.
     """
     fields = criterion.model_dump()
     words = [f"{name}={called.get(value, value)}" for name, value in sorted(fields.items()) if isinstance(value, str)]

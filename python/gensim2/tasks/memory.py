@@ -86,7 +86,9 @@ class Memory:
         if self._folder is None:
             raise InputError("the user library is disabled", field="library", remedy="give a folder instead of 'none'")
         if self._folder.is_file():
-            raise InputError("is an archive, which is read-only; give a folder", file=self._folder, field="library")
+            raise InputError(
+                "the library is an archive, which is read-only; give a folder", file=self._folder, field="library"
+            )
         return self._folder
 
     @property

@@ -48,8 +48,8 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
 
 
 def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[BaseModel] | None]:
-    """Return the parts of an error's location that are fields or indices in the file, and the pydantic class of the
-    last field.
+    """Convert the location of a pydantic error to the location in the user's file. pydantic also adds types to a
+    location, which are removed here. Return the new location, and the pydantic class that has its last field.
     """
     kind: Any = TaskSpec
     shown: list[int | str] = []
@@ -59,8 +59,8 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
         if len(kinds) > 1:
             models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
             if not models:
-                # If a field may have one of several plain types, pydantic appends the names of these types to the
-                # location.
+                # The rest of the location is left out: if a field allows several plain types, pydantic appends the name
+                # of a type, which is not a field in the file.
                 break
             # This part of the location is not a field. It is the value of the field ``type``, by which pydantic selects
             # the class.

@@ -88,8 +88,8 @@ MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-
 
 
 def paper_of(task: TaskSpec) -> tuple[float, float] | None:
-    """Return the mean and the deviation that the paper reports for a task's success rate. Return None for a task that
-    is not from the paper, even if the task has the name of a task in the paper.
+    """Return the success rate that the paper reports for a task, as mean and deviation. Return None for a task that is
+    not from the paper, even if the task has the name of a task in the paper.
     """
     return PAPER.get(task.name) if _is_published(task) else None
 

@@ -92,11 +92,11 @@ class Place(_Value):
 
 class Randomization(_Value):
     """Ranges from which the initial pose and the openness of an object are sampled. Lengths are in metres, angles in
-    radians. The table ends 0.65 m from the origin of the world frame.
+    radians. The edges of the table are 0.65 m from the origin of the world frame.
 
-    The size of the sampled yaw is random. The sign of the sampled yaw depends on the side to which the y offset shifts
-    the object: with a positive ``yaw`` the object turns towards the robot, and with a negative ``yaw`` it turns away
-    from the robot.
+    The object is rotated about the vertical axis by a random angle, at most the absolute value of ``yaw``. The
+    direction of the rotation depends on the side to which the y offset shifts the object. With a positive ``yaw`` the
+    object turns towards the robot, and with a negative ``yaw`` it turns away from the robot.
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
@@ -132,8 +132,8 @@ class ObjectSpec(_Value):
     randomization: Randomization = Randomization()
 
     def words(self, source: str) -> tuple[str, ...] | None:
-        """Return the allowed instances for a source (``"real"`` or ``"generated"``); None allows all instances of the
-        class.
+        """Return the allowed instances for a source of objects (``"real"`` or ``"generated"``). None means that all
+        instances of the class are allowed.
         """
         return self.instances.get(source) if isinstance(self.instances, dict) else self.instances  # type: ignore[call-overload]
 
@@ -258,7 +258,7 @@ class TaskSpec(_Value):
         before: list[str] = [TABLE]
         for name, spec in self.objects.items():
             if spec.place.on not in before:
-                raise ValueError(f"objects.{name}.place.on: {spec.place.on!r} is not an object listed before it")
+                raise ValueError(f"objects.{name}.place.on: no object before {name!r} has the name {spec.place.on!r}")
             before.append(name)
         if len({step.name for step in self.steps}) < len(self.steps):
             raise ValueError("two steps have the same name")
@@ -292,10 +292,12 @@ class TaskSpec(_Value):
 
     @property
     def transient(self) -> frozenset[str]:
-        """Names of the steps whose result a later step undoes. The goal cannot show whether such a step was done.
+        """Names of the steps whose result a later step undoes, so that the final state does not show whether these
+        steps were done.
 
-        For example, a step opens a drawer, and a later step closes the same drawer. The name of the first step is
-        omitted if a step between the two steps puts an object into the drawer or takes an object out of the drawer.
+        For example, a step opens a drawer, and a later step closes it. The first step is left out if a step between
+        them puts an object into the drawer or takes an object out of it, because the final place of this object shows
+        that the drawer was open.
         """
         return frozenset(
             step.name
@@ -316,8 +318,8 @@ class TaskSpec(_Value):
         return next((c for c in criteria if isinstance(c, JOINT) and c.object == step.object), None)
 
     def uses(self, step: Step, container: str) -> bool:
-        """Return whether a step puts a grasped object at ``container``, or grasps an object that stands on
-        ``container``.
+        """Return whether a step puts a grasped object into or onto ``container``, or grasps an object that is in or on
+        it at the start.
         """
         puts = step.object == container and step.tool != HAND and self.motion_of(step) is None
         return puts or (step.tool == HAND and self.objects[step.object].place.on == container)

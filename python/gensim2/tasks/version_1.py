@@ -35,7 +35,7 @@ def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
     given = dict(data)
     if given.pop("schema_version", 1) != 1:
         raise InputError(
-            "must be 1, because the task has the fields asset_class and success of version 1",
+            "must be 1 for a task with the fields asset_class and success",
             file=file,
             field="schema_version",
             remedy="leave schema_version out, or write the task with the fields objects and steps",

@@ -41,7 +41,11 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3 or not 0.0 < self.marker < self.square < 1.0:
-            raise InputError("is not a ChArUco board", field="board", remedy="for example 7x5:0.04:0.03")
+            raise InputError(
+                "must have at least 3 x 3 squares, and markers smaller than the squares",
+                field="board",
+                remedy="for example 7x5:0.04:0.03",
+            )
 
     @staticmethod
     def parse(text: str) -> Board:

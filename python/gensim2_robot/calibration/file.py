@@ -157,7 +157,7 @@ def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path
 
 
 def calibrated(cameras: Sequence[Camera], calibration: Calibration) -> tuple[Camera, ...]:
-    """Return the cameras with their calibrated poses, intrinsics and depth."""
+    """Return copies of the cameras with the poses, intrinsics and depth corrections of a calibration."""
     return tuple(
         replace(
             camera,

@@ -34,7 +34,9 @@ class Pose:
     bias: float = 0.0
 
     def moved(self, step: Array, center: Array) -> Pose:
-        """Return the pose after a step (8,): rotation about ``center`` (rad), translation (m), scale and bias."""
+        """Return a changed copy of the pose. The change ``step`` (8,) is a rotation vector about ``center`` (rad), a
+        translation (m), and the changes of depth scale and depth bias.
+        """
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
         T = self.T.copy()
         T[:3, :3] = turn @ T[:3, :3]
@@ -112,7 +114,9 @@ class Coarse:
         self._expected = 0.6 * depth / self._small.intrinsic[0, 0] + float(expected_error(np.array(depth)))
 
     def best(self) -> Pose:
-        """Register from several start poses, and return the pose at which the points are closest to the surfaces."""
+        """Match the measured points with the robot's surfaces, beginning at several start poses of the camera. Return
+        the camera pose at which the points are closest to the surfaces.
+        """
         found: list[tuple[float, Pose]] = []
         for start in self.start_poses():
             pose = self.register(start)
@@ -122,12 +126,12 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """Return the poses from which the registration starts: the initial guess, and the best of several changed
-        guesses.
+        """Return the camera poses from which the matching of points and surfaces starts. These are the initial guess,
+        and changed copies of the guess.
 
-        For each changed guess, the initial guess is rotated by ``TURN`` about one axis, or not rotated. Then the guess
-        is shifted so that the mean of the meshes matches the mean of the measured points of the robot. The changed
-        guesses with the lowest cost are the best.
+        Each copy is rotated by ``TURN`` about one axis, and one copy is not rotated. Then each copy is shifted so that
+        the mean of the measured points matches the mean of the meshes. Only the copies with the lowest cost are
+        returned.
         """
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
@@ -233,7 +237,8 @@ class Compared:
         sigma: (k,) expected standard deviations of the errors, m.
         measured: (k,) measured depth, m.
         links: (k,) indices of the links.
-        covered: number of pixels with a measurement on which the meshes appear.
+        covered: number of pixels that have a measured depth and show the robot's meshes, except at edges and grazing
+            angles.
         near: number of the ``covered`` pixels whose measured point is near the robot's surface.
     """
 
@@ -279,7 +284,9 @@ def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, re
 
 
 def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
-    """Return a mask of the robot's pixels that have no edge of the surface within two pixels."""
+    """Return a mask of the pixels that show the robot and are more than two pixels away from any edge of its surface in
+    the image.
+    """
     there = np.isfinite(seen.depth)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
@@ -413,8 +420,8 @@ def calibrate(
         )
     if not LEAST_VIEWS <= len(views) <= MAX_VIEWS or not held_out:
         raise InputError(
-            f"needs {LEAST_VIEWS} to {MAX_VIEWS} images for the fit and at least one for validation, but there are "
-            f"{len(views)} for the fit and {len(held_out)} for validation",
+            f"the calibration needs {LEAST_VIEWS} to {MAX_VIEWS} images for the fit and at least one for validation, "
+            f"but got {len(views)} for the fit and {len(held_out)} for validation",
             field="views",
         )
     check_views(camera, [*views, *held_out])

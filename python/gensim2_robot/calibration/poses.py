@@ -52,7 +52,9 @@ class Station:
     frames: Mapping[str, tuple[CameraFrame, ...]]
 
     def view(self, camera: Camera) -> ArmView:
-        """Return the median of a camera's depth images; 0 for pixels without a measurement in most images."""
+        """Return the median of a camera's depth images, pixel by pixel. A pixel is 0 if at most half of the images have
+        a measurement there.
+        """
         depths = np.stack([camera.metres(frame.depth) for frame in self.frames[camera.name]]).astype(np.float64)
         there = 2 * (depths > 0).sum(axis=0) > len(depths)
         depths[depths == 0] = np.nan
@@ -189,9 +191,9 @@ def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
             (len(taken), MAX_PICTURES, "pictures"),
         ):
             if count > most:
-                raise InputError(f"has more than {most} {what}", file=folder, remedy="make a shorter log")
+                raise InputError(f"the log has more than {most} {what}", file=folder, remedy="make a shorter log")
     if len({len(q) for q in joints}) > 1:
-        raise InputError("the number of joints changes within the log", file=folder, field="/arm")
+        raise InputError("the messages of the arm do not all have the same number of joints", file=folder, field="/arm")
     names, wanted = {each.camera for each in taken}, set[int]()
     found: list[tuple[Array, dict[str, list[_Taken]]]] = []
     size = 0

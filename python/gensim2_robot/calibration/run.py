@@ -127,7 +127,8 @@ def calibrate_log(
     chosen = [camera for camera in cameras if (camera.link is not None) == carried]
     if not chosen:
         raise InputError(
-            "the log has no suitable camera: --carried needs a camera on the arm, other calibrations need a fixed one",
+            "the log has no suitable camera (--carried needs a camera on the arm, other "
+            "calibrations need a fixed camera)",
             file=log,
             field="cameras",
         )
@@ -157,7 +158,7 @@ def _calibrate(
     cameras: dict[str, CameraCalibration] = {}
     report: dict[str, Any] = {}
     for guess in guesses:
-        # The fit estimates the depth correction, so the depth must not be corrected before.
+        # The fit estimates the depth correction, so it needs the uncorrected depth.
         bare = replace(guess, depth_scale=1.0, depth_bias=0.0)
         parts = [[each.view(bare) for each in part] for part in (fitted[:MAX_VIEWS], held)]
         found = calibrate(surface, bare, *parts, seed=seed)

@@ -1,4 +1,4 @@
-"""Render the robot's surface as seen by a camera: depth, normals and links, by ray casting."""
+"""Compute, by ray casting, the depth, the normals and the links of the robot's surface as seen by a camera."""
 
 from __future__ import annotations
 

@@ -68,10 +68,10 @@ def calibrate(
 ) -> dict[str, Any] | Ending:
     """Calibrate the poses of the cameras.
 
-    The command compares depth pictures with the robot's meshes. The pictures show the arm in several poses; some of the
-    poses are not used for the fit, but only to validate it. Pictures come from a log, or from a simulated arm in a
-    scene of TASK. With a simulated arm, the initial camera poses get errors of --degrees and --metres. If a camera does
-    not converge, the command writes nothing and exits with code 1.
+    The command fits the camera poses so that depth pictures of the arm match the robot's meshes. The pictures show the
+    arm in several poses, and some of these arm poses are used only to validate the fit. The pictures come from a log,
+    or from a simulated arm in a scene of TASK. With a simulated arm, the fit starts from camera poses with errors of
+    --degrees and --metres. If the fit of a camera does not converge, the command writes no file and exits with code 1.
 
     Args:
         log: Log of a run in which the arm was at rest in several poses.  [default: move a simulated arm]

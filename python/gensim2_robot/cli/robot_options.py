@@ -150,7 +150,7 @@ def moves(given: dict[str, Any], move: bool) -> bool:
     """
     from gensim2_robot.config import LineConfig
 
-    # Check the arguments before a person is asked.
+    # Creating a LineConfig checks the arguments, so wrong arguments are reported before the person confirms the motion.
     if LineConfig(arm=given["arm"], cameras=given["cameras"], policy=given["policy"]).is_simulated:
         return True
     if not move:
@@ -158,7 +158,9 @@ def moves(given: dict[str, Any], move: bool) -> bool:
         return False
     if not sys.stdin.isatty():
         raise InputError(
-            "must be confirmed by a person at a terminal", field="--move", remedy="leave it out for a dry run"
+            "a person must confirm the motion at a terminal",
+            field="--move",
+            remedy="leave the option out for a dry run",
         )
     click.echo(
         "This program stops the arm by software only, and this stop is not safety-rated. Is the emergency stop within "

@@ -63,7 +63,7 @@ class _FrankaHand(StreamedArm):
             DriverError: the motion has ended with an exception, and ``stopped`` is False.
         """
         if ended is not None and not stopped:
-            raise DriverError(f"the arm has ended the motion: {ended}") from ended
+            raise DriverError(f"the arm stopped the motion with an error: {ended}") from ended
         force = float(np.linalg.norm(finite(state.O_F_ext_hat_K, 3, "what presses on it")))
         q, v = finite(state.q, 7, "where it stands"), finite(state.dq, 7, "how it moves")
         return q, v, force, "reflex" if stopped else "ready"

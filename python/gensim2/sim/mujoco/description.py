@@ -27,8 +27,8 @@ class CollisionShape:
 
     Attributes:
         kind: ``"box"``, ``"sphere"``, ``"cylinder"``, ``"capsule"`` or ``"mesh"``.
-        size: dimensions, m: three half sides of a box; radius of a sphere; radius and half length of a cylinder or
-            capsule; empty for a mesh.
+        size: dimensions, m. A box has three half lengths, a sphere has a radius, a cylinder or capsule has a radius and
+            a half length. The tuple is empty for a mesh.
         vertices: (N, 3) vertices of a mesh, m.
         T: (4, 4) pose in the link frame.
     """

@@ -36,7 +36,7 @@ def write_scene(task: str | TaskSpec, file: Path, seed: int = 0, **scene: Unpack
 
     Args:
         task: name of a library task, or a spec.
-        file: file to write; it contains the meshes.
+        file: file to write. The meshes are written into this file, so no other file is needed.
         seed: seed that determines the scene.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 

@@ -142,7 +142,7 @@ class MujocoScene:
 
     @cached_property
     def _digest(self) -> str:
-        """Return a hash of the model and of the scene's first state."""
+        """Return a hash of the MuJoCo model and of the simulation state right after the scene was built."""
         model = self.simulation.model
         content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)

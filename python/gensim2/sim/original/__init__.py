@@ -19,8 +19,8 @@ from gensim2.core.yaml_files import parse_yaml
 class Constants:
     """Physics constants for all scenes and for single object classes.
 
-    The solver settings of the original GenSim2 can hold a grasped object only with "soft" finger drives, which are
-    weaker than the default drives.
+    With the solver settings of the original GenSim2, a grasped object slips unless the finger drives are "soft", that
+    is, weaker than the default drives.
 
     Attributes:
         scene: PhysX settings, named as in ManiSkill's ``SceneConfig``.
@@ -29,8 +29,8 @@ class Constants:
         fingers: stiffness (N/m) and damping (N s/m) of the original GenSim2's finger drives.
         fingers_for: mapping from an object class to stiffness and damping. In scenes with a rigid object of this class,
             the original GenSim2 used these values instead of ``fingers``.
-        finger_damping: damping (N s/m) of the soft drives in scenes without rigid objects. The stiffness of the soft
-            drives is then that of the robot profile.
+        finger_damping: damping (N s/m) of the soft drives in scenes without rigid objects. In these scenes the soft
+            drives have the stiffness of the robot profile.
         picking_fingers: stiffness (N/m) and damping (N s/m) of the soft drives in scenes with rigid objects.
     """
 
@@ -49,7 +49,9 @@ class Constants:
         return _first_match(self._densities, asset_class)
 
     def joint_friction(self, asset_class: str) -> float:
-        """Return PhysX's articulation friction coefficient for objects of a class."""
+        """Return the joint friction coefficient of an object class. PhysX multiplies the coefficient by the load on the
+        joint.
+        """
         return _first_match(self._joint_frictions, asset_class)
 
 
