@@ -36,18 +36,19 @@ INTRODUCTION = """This page reports how often the success criteria of a task are
 evaluated the criteria in mutated worlds. A mutated world is a successful end state in which one thing was changed so
 that the task is not done ([kinds of worlds](../reference/tasks.md#mutated-worlds))."""
 
-RECOGNIZED = """We also evaluated the criteria in the successful end states, where they must be true. Criteria that are
-never true would pass the test in mutated worlds, although they are useless. There is no end state for scenes in which
-the object does not fit into its container."""
+RECOGNIZED = """\
+We also evaluated the criteria in the successful end states, where they must be true. This second test is needed,
+because criteria that are never true are useless, although they make no errors in mutated worlds. If the object of a
+scene does not fit into its container, the scene has no successful end state."""
 
-BY_CRITERION = """The table lists for each type of criterion in how many mutated worlds it was tested, and in how many
-of these worlds the result was wrong. A world counts for a criterion if the criterion is about the object that was
-changed in this world. The result is wrong if all criteria of the goal (or of the step) are true, because in a mutated
-world the task is not done."""
+BY_CRITERION = """\
+The table lists for each type of criterion in how many mutated worlds it was tested, and in how many of these worlds the
+result was wrong. A world counts for a criterion if the criterion is about the object that was changed in this world.
+The task is not done in a mutated world, so the result is wrong if all criteria of the goal (or the step) are true."""
 
-BY_TASK = """The table lists for each task how often the criteria were wrongly true, and the number of mutated worlds.
-The last
-column is empty for tasks with only one step, because the criteria of this step are the goal."""
+BY_TASK = """\
+The table lists for each task the number of mutated worlds, and the number of these worlds in which the criteria were
+wrongly true. If a task has only one step, the last column is empty, because the criteria of the step are the goal."""
 
 
 def measure(name: str, worlds: int, seed: int, assets: str) -> dict[str, Any]:

@@ -219,7 +219,7 @@ def spec(**changed: Any) -> dict[str, Any]:
         ({"action_size": -1}, "invalid welcome message: action_size: input should be greater"),
         ({"robot": "fetch"}, "serves the robot fetch, but this robot is panda"),
         ({"more": 1}, "invalid welcome message: more: unknown field"),
-        ({"kind": "ready"}, "sent 'ready', expected welcome or refused"),
+        ({"kind": "ready"}, "sent the message 'ready' instead of welcome or refused"),
         ({"kind": [[[[1]]]]}, "without a kind"),
         ({"protocol": [1]}, r"uses version \[1\]"),
     ],
@@ -235,8 +235,8 @@ def test_a_welcome_is_checked_by_its_schema(hostile: Callable[..., str], welcome
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        (READY, "sent 'ready', expected action or error"),
-        (WELCOME, "sent 'welcome', expected action or error"),
+        (READY, "sent the message 'ready' instead of action or error"),
+        (WELCOME, "sent the message 'welcome' instead of action or error"),
         (
             {**ACTION, "action": np.full(8, np.nan, np.float32)},
             "action: must contain only finite numbers, but contains NaN or infinity",
@@ -251,7 +251,7 @@ def test_a_welcome_is_checked_by_its_schema(hostile: Callable[..., str], welcome
         ({"kind": "action", "number": 1, "observation": SPEC}, "action: field required"),
         ({**ACTION, "observation": spec(modalities=5)}, "modalities must be a list of names, got 5"),
         (b"\xdd\x00\x00\xf0\x00" + b"\x80" * 60_000, "damaged message"),
-        ("text", "a text message, expected a binary message"),
+        ("text", "a text message, but must send a binary message"),
     ],
 )
 def test_an_answer_is_checked_by_the_schema_of_its_request(hostile: Callable[..., str], answer: Any, said: str) -> None:

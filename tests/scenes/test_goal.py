@@ -39,7 +39,7 @@ def sampler(*goal: dict[str, Any], **objects: dict[str, Any]) -> SceneSampler:
         ),
         (
             [{"type": "rigidbody_moved", "rigid": "ball", "direction": "away", "distance": 0.9}],
-            r"requires a position of ball that is 0\.\d\d m outside the robot's reach of 0.75 m",
+            r"requires ball to be at a position 0\.\d\d m beyond the robot's reach of 0.75 m",
         ),
     ],
 )

@@ -155,7 +155,7 @@ def test_an_option_may_name_a_generated_object_that_is_not_listed() -> None:
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ({"openness": 0.5}, "openness: must be a mapping from an object to its value"),
+        ({"openness": 0.5}, "openness: must be a mapping from the name of each object to its value"),
         ({"openness": {"drower": 0.5}}, "openness: there is no object 'drower' "),
         ({"openness": {"drawer": 1.5}}, "openness.drawer: must lie in 0..1"),
         ({"openness": {"ball": 0.5}}, "openness: golf_ball has no joint"),

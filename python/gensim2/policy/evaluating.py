@@ -91,7 +91,7 @@ class PolicyResult:
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the results as plain data; ``controls`` has the rows of each control experiment."""
+        """Return the results as plain data; ``controls`` maps each control experiment to its results for each task."""
         controls = {name: list(self.rows(name).values()) for name in self.controls}
         told = {**self.policy.to_dict(), "schema_version": SCHEMA_VERSION}
         return {**told, "controls": controls, "cpu_s": round(self.cpu_s, 3)}

@@ -128,7 +128,8 @@ def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, to
     c, s = torch.cos(half)[:, None], torch.sin(half)[:, None]
     w, x, y, z = pose[..., 3:].unbind(-1)
     turned = torch.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], -1)
-    turned = torch.where(turned[..., :1] < 0, -turned, turned)  # quaternions in observations have qw >= 0
+    # Of the two quaternions q and -q of a rotation, observations contain the one with qw >= 0.
+    turned = torch.where(turned[..., :1] < 0, -turned, turned)
     found[TOOL_POSE] = torch.cat([torch.einsum("bij,btj->bti", R, pose[..., :3]), turned], -1)
     return found
 

@@ -43,7 +43,7 @@ class Stopwatch:
         return len(self._passes)
 
     def begin(self) -> None:
-        """Start a pass, and discard the previous pass if it is unfinished."""
+        """Start measuring a run of the computation, and discard the previous run if it is unfinished."""
         self._marks = []
         self.mark()
 
@@ -52,7 +52,7 @@ class Stopwatch:
         self._marks.append((time.perf_counter(), time.process_time()))
 
     def keep(self) -> None:
-        """Record a finished pass."""
+        """Store the times of a finished run of the computation."""
         marks = np.array(self._marks)
         self._passes.append(np.vstack([np.diff(marks, axis=0), marks[-1:] - marks[:1]]))
 
@@ -62,7 +62,8 @@ class Stopwatch:
         Args:
             warm_up: number of passes at the beginning that are left out.
         """
-        times = np.array(self._passes[warm_up:])  # array with the axes: pass, stage, and (wall time, CPU time)
+        # The axes of the array are the run, the stage, and the clock (wall time or CPU time).
+        times = np.array(self._passes[warm_up:])
 
         def by_stage(share: float, clock: int) -> dict[str, float]:
             found = 1e3 * np.percentile(times[..., clock], share, axis=0)
@@ -73,10 +74,11 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class Latency:
-    """Latency of policies with the same network settings, for each stage of an action. All times are in ms.
+    """Time that a policy with certain network settings needs for an action, by stage. All times are in ms.
 
-    The stages are ``observation`` (simulate the cameras, compute the point cloud, and read the robot's state),
-    ``inputs`` (transform the observation into the policy's frame), ``network``, and ``total``.
+    In the stage ``observation`` the cameras are simulated, the point cloud is computed, and the robot's state is read.
+    In the stage ``inputs`` the observation is transformed into the policy's frame. In the stage ``network`` the network
+    computes its output. The stage ``total`` is the sum of these stages.
 
     Attributes:
         encoder, head, points, device: settings of the measured network, which has random weights.

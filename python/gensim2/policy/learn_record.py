@@ -114,8 +114,8 @@ class LearnRecord(RunSettings):
 class LearnFolder(ResumableFolder[LearnRecord]):
     """Folder of a ``gensim2 learn`` run.
 
-    The run trains its policies in the same folder, and training uses the folder's usual lock file. Therefore the run
-    has a lock file of its own.
+    The run also trains its policies in this folder, and training locks the folder with the usual lock file. Therefore
+    the run locks the folder with another lock file.
 
     Raises:
         InputError: the folder contains a run with other arguments or a policy from another command. The error is also

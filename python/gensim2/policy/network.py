@@ -130,10 +130,10 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
-        """Select P of the points of each cloud, and return their indices.
+        """Select P points of each cloud, and return their indices.
 
-        The indices of the points are divided into P ranges of equal size, and one index is selected from each range.
-        With a generator the selection is random; otherwise the middle of each range is selected.
+        The sequence of points is divided into P ranges of equal size, and one point is selected from each range. With a
+        generator this point is random. Otherwise it is the point in the middle of the range.
         """
         count = points.shape[1]
         looked_at = min(self.config.seen_points, count)

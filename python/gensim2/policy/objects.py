@@ -13,7 +13,8 @@ from gensim2.rollout.inputs import TaskInput, has_instances, read_all_task_input
 def unseen_instances(given: Sequence[TaskInput]) -> str:
     """Return the name of a set of objects that training on the given tasks did not use.
 
-    The function tries the set ``test`` (``test-N`` if training used ``train-N``), then the set ``new``.
+    The function first tries the set ``test``, or the set ``test-N`` if training used the set ``train-N``. If this set
+    does not have objects of all classes, the function tries the set ``new``.
 
     Raises:
         InputError: neither set has objects of all classes.

@@ -1,15 +1,15 @@
 r"""Predict the hand's poses at its next keyframes, and pass each prediction to the trunk as a token.
 
-Max-pooling over a point cloud keeps features of points, but not where the points are. Therefore this module predicts
+If the features of a point cloud are max-pooled, the positions of the points are lost. Therefore this module predicts
 the hand's poses from the points themselves, in two stages.
 
 The first stage predicts a place for each keyframe from a subset of the points. At each point :math:`x_i` it predicts a
 weight :math:`w_i` (a heatmap over the points) and an offset :math:`o_i`. The predicted place is the weighted mean
 :math:`p = \sum_i w_i (x_i + o_i)`.
 
-The second stage refines the positions of all keyframes and predicts the hand's rotations. Its inputs are the points of
-the full cloud that are close to the predicted place of one keyframe, and Fourier features of their coordinates. The
-constant ``LOOKED_AT`` selects this keyframe.
+The second stage refines the positions of all keyframes and predicts the hand's rotations. It uses the points of the
+full cloud that are close to the predicted place of one keyframe, the keyframe with the index ``LOOKED_AT``. Its inputs
+are the coordinates of these points and Fourier features of the coordinates.
 
 All coordinates are in the tool frame. In this frame, the position of a keyframe is the motion that the hand still has
 to make.
@@ -112,7 +112,7 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
             summary: (B, 3 D) the tokens of the robot's state, the cloud and the instruction, concatenated.
             cloud: (B, N, 3) points for the second stage in the tool's frame, m.
             generator: random generator for training, None otherwise. In training the centre of the second stage's
-                region gets random noise, because the first stage will not be exact either.
+                region gets random noise, because the first stage predicts this centre only approximately.
         """
         inner = nn.functional.gelu(self.of_point(features) + self.of_summary(summary)[:, None])
         logits, offsets = self.heat(inner).unflatten(-1, (self.keyframes, 4)).split((1, 3), -1)

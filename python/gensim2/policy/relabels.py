@@ -129,7 +129,10 @@ def _label(
     observation: Observation,
     horizon: int,
 ) -> npt.NDArray[np.float32] | None:
-    """Return a new plan's actions (H, m + 2); None if its contact pose differs from that of the first plan."""
+    """Plan again from the current state, and return the actions (H, m + 2) of the new plan. Return None if the new plan
+    is incomplete, if it makes contact too early, or if its contact pose differs from the contact pose of the first
+    plan.
+    """
     scene = env.scene_state()
     planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
     if planned.rank > 0 or not same_pose(began, planned):
@@ -147,8 +150,8 @@ def _label(
 def _from_fingers_on(
     actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
 ) -> npt.NDArray[np.float32]:
-    """Return the actions of a plan. If the fingers have already reached their commanded position, omit the actions at
-    the start that only wait for the fingers.
+    """Return the actions of a plan. At the start of a plan, the arm waits until the fingers have reached their
+    commanded position. If the fingers are already there, omit these waiting actions.
     """
     arm = profile.arm_size
     fingers = observation.joint_velocities[list(profile.gripper_columns)]
@@ -169,8 +172,8 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
 
 
 def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Return whether the hand has reached or passed the approach pose. From there a new plan would first move away from
-    the object.
+    """Return whether the hand has reached or passed the approach pose. A plan that starts there would first move the
+    hand away from the object.
     """
     actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:

@@ -29,9 +29,10 @@ PATIENCE_S = 10.0
 class Replicas:
     """Replicas of a network in separate processes.
 
-    In each step the replicas get the network's weights and compute gradients. The mean of their gradients is stored in
-    the network, where the optimizer finds it. Weights and gradients pass through the host's shared memory, which takes
-    milliseconds for a few million weights. Each replica has its own copy of the data, and keeps no state between steps.
+    In each step the replicas get the network's weights and compute gradients. The mean of their gradients is then
+    stored in the network's parameters, for the optimizer. Weights and gradients are exchanged through the host's shared
+    memory, which takes milliseconds for a few million weights. Each replica has its own copy of the training data, and
+    stores nothing from one step to the next.
 
     Args:
         source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.
@@ -176,7 +177,7 @@ def _replica(
         take = GradientStep(network, source, config, training, table.to(device), share, number)
         taught = _taught(network)
         pipe.send((0.0, 0.0))
-        with contextlib.suppress(EOFError):  # The pipe ends if the trainer was killed.
+        with contextlib.suppress(EOFError):  # If the trainer is killed, the pipe closes and ``recv`` raises EOFError.
             while (step := pipe.recv()) is not None:
                 begin, values = time.process_time(), _values(network)
                 for value, part in zip(values, _parts(weights, values), strict=True):

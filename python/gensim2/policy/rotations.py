@@ -34,7 +34,7 @@ def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
 def angle_between(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     """Return the angle (rad) between corresponding rotation matrices, as an array (...) for inputs (..., 3, 3).
 
-    Small angles are accurate, because the function does not use the arccosine.
+    The function does not use the arccosine, so the result is accurate for small angles, too.
     """
     chord = torch.linalg.matrix_norm(a - b) / (2 * 2**0.5)
     return 2 * torch.asin(chord.clamp(max=1.0))

@@ -118,7 +118,7 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
         return
     if not sentences and (text is not None or model is not None):
         raise InputError(
-            "applies to multi-task policies only", field="text", remedy="name several TASKS, with --multi-task"
+            "applies to multi-task policies only", field="text", remedy="name several TASKS and give --multi-task"
         )
     if model is not None and text in (None, "small", "none"):
         raise InputError(

@@ -1,6 +1,6 @@
 """Create the demonstrations of a policy and train the policy, as a part of a ``gensim2 learn`` run.
 
-The run limits the total CPU time of both tasks.
+The run limits the CPU time of demonstrations and training together.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ OVERHEAD = 1.15
 def seconds_a_step(
     source: Source, policy: PolicyConfig, training: TrainConfig, devices: Sequence[torch.device] = (CPU,)
 ) -> float:
-    """Return how long a gradient step takes (s): the median over steps of a temporary network, times ``OVERHEAD``.
+    """Measure how long a gradient step takes (s). The result is the median time of steps with a temporary network,
+    multiplied by ``OVERHEAD``.
 
     The first steps are not counted, because they take up to four times as long as later steps.
 
@@ -178,10 +179,11 @@ def teach_by_episodes(
     config, training, spec, device = how
     collected = None
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
-        # The record has the CPU time and the number of episodes of earlier iterations and runs.
+        # The record has the CPU time and the number of episodes of earlier iterations of this loop and of interrupted
+        # runs.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        # If the folder already has a data set, copied or from an interrupted run, the number of episodes must not
-        # become smaller than in the data set.
+        # The folder may already have a data set, which was copied or comes from an interrupted run. The number of
+        # episodes must not become smaller than the number in this data set.
         record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)

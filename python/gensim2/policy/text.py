@@ -105,10 +105,10 @@ def pieces(sentence: str) -> torch.Tensor:
 class SmallText(nn.Module):  # type: ignore[misc]
     """Text encoder with learned embeddings of words and trigrams, trained with the policy.
 
-    The embeddings of a word and its trigrams are averaged. An MLP gets the mean and the maximum over all words of the
-    instruction. The embedding of a word that does not occur in the training instructions is meaningless, but the word
-    can share trigrams with the words of the training instructions. With tokens of size 192, the encoder has about
-    200,000 parameters.
+    For each word, the embeddings of the word and of its trigrams are averaged. The input of an MLP is the mean and the
+    maximum of these averages over the words of the instruction. A word that does not occur in the training instructions
+    has a meaningless embedding, but it can share trigrams with words of the training instructions. With tokens of size
+    192, the encoder has about 200,000 parameters.
 
     Args:
         width: size of the token.

@@ -147,7 +147,8 @@ def train_policy(
         KeyboardInterrupt: a signal has arrived; the state is written first.
     """
     with FolderLock(out):
-        # Other subfolders belong to other commands, such as the data and the evaluation of gensim2 learn.
+        # Other subfolders may be in use by other commands. For example, gensim2 learn stores data and evaluations
+        # there.
         remove_temporaries(out, subfolders=False)
         remove_temporaries(out / TRAINING)
         return _train(source, config, training, out, start, resume, device, progress)
@@ -192,8 +193,8 @@ def _train(
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
         drawn, moved = rng(training.seed, "policy/fit"), None
-        # The network computes the scale of the actions from this batch. If training adds noise to the positions of the
-        # arm, it also makes the motions longer. The batch therefore gets the same noise.
+        # The network computes the scale of the actions from this batch. If training adds noise to the arm's positions,
+        # the actions become larger. Therefore the noise is added to this batch, too.
         if training.arm_noise > 0:
             moved = torch.Generator(table.device).manual_seed(training.seed)
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))

@@ -56,8 +56,8 @@ class Identity:
     """Settings and data that determine the result of a training run.
 
     Attributes:
-        parts: plain data by name. The parts ``"policy"`` and ``"training"`` are stored setting by setting; every other
-            part is stored as its SHA-256.
+        parts: plain data by name. Of the parts ``"policy"`` and ``"training"``, every setting is stored. Of every other
+            part, only the SHA-256 is stored.
     """
 
     parts: Mapping[str, Any]

@@ -72,7 +72,7 @@ def train(
             remedy="use `gensim2 learn --policy keypose`",
         )
     if assets is not None and not dagger:
-        raise InputError("applies to --dagger only", field="assets", remedy="leave it out")
+        raise InputError("can be given only together with --dagger", field="assets", remedy="leave it out")
     folders = [Path(each) for each in ((data,) if isinstance(data, str | Path) else data)]
     source = Demonstrations.open(folders, policy, tasks, progress=progress)
     if dagger:

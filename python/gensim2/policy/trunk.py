@@ -1,8 +1,8 @@
 """Define the policy's transformer, which normalizes inside each residual branch (pre-LN).
 
-Its input is a sequence of tokens. One is a learned readout token: its output represents the whole observation. Another
-    token encodes the instruction. The remaining tokens encode the point cloud and the robot's state at each observed
-    time step.
+Its input is a sequence of tokens: a learned readout token, a token that encodes the instruction, and tokens that encode
+the point cloud and the robot's state at each observed time step. The output that belongs to the readout token
+represents the whole observation.
 """
 
 from __future__ import annotations

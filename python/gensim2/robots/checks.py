@@ -78,7 +78,9 @@ def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
         raise refuse("gripper.widest", "the largest pad distance must be above 0 m")
     for name, mimic in gripper.mimics.items():
         if mimic.joint not in gripper.driven or mimic.multiplier == 0.0:
-            raise refuse("gripper.mimics", f"{name!r} must follow a driven joint by a multiplier that is not 0")
+            raise refuse(
+                "gripper.mimics", f"the joint {name!r} must follow a driven joint with a multiplier other than 0"
+            )
 
 
 def _check_cameras(profile: RobotProfile, refuse: Refuse) -> None:
@@ -116,8 +118,8 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
             "arm_joints",
             f"the profile lists the joints {', '.join(expected)}, but the moving joints of the URDF "
             f"are {', '.join(model.joint_names)}",
-            "list all moving joints in the order of the URDF, in which the joints of the arm must come first, and make "
-            "unused joints fixed joints in the URDF",
+            "list all moving joints in the order of the URDF; the joints of the arm must come first; unused joints "
+            "must be fixed joints in the URDF",
         )
     for field, link in (("hand_link", profile.hand_link), ("tool_link", profile.tool_link)):
         if link not in model.link_names:
@@ -149,7 +151,7 @@ def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
         if followed[name] != {"joint": mimic.joint, "multiplier": mimic.multiplier, "offset": mimic.offset}:
             raise refuse(
                 "gripper.mimics",
-                f"the <mimic> element of {name!r} in the URDF differs from the profile, which has {mimic}",
+                f"the profile has {mimic} for the joint {name!r}, but its <mimic> element in the URDF differs",
                 remedy,
             )
     for name in profile.gripper.passive:

@@ -92,7 +92,8 @@ def mounted(
 
 
 def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
-    """Return an SRDF that disables collisions between links connected by a joint and between the links of ``pairs``.
+    """Return an SRDF that disables collision checks for links that a joint connects, and for the pairs of links in
+    ``pairs``.
 
     Example:
         ```python

@@ -23,8 +23,8 @@ def fetch_files() -> RobotFiles:
     """Return ManiSkill's description of the Fetch robot, changed to a robot with a fixed base. The files are written to
     the user's cache folder.
 
-    Head and torso are fixed, and a new link represents the hand frame. The three continuous joints are limited to half
-    a turn in either direction, because simulators count the full turns of continuous joints differently. With these
+    Head and torso are fixed, and a new link represents the hand frame. Simulators count the full turns of a continuous
+    joint differently. Therefore the three continuous joints are limited to half a turn in either direction. With these
     limits the hand still reaches every orientation.
 
     Raises:

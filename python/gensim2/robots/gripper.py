@@ -88,10 +88,10 @@ class Gripper(Protocol):
         """
 
     def grip(self, opening: float, force: float, stiffness: float) -> float:
-        """Return the command at which each pad presses with ``force`` (N) on an object of width ``opening`` (m).
+        """Return the command with which each pad presses with ``force`` (N) on an object between the pads.
 
         Args:
-            opening: distance of the pads, m.
+            opening: distance of the pads, which is the width of the object, m.
             force: force of each pad, N.
             stiffness: stiffness of the drives of ``fingers``, N/m or N m/rad.
         """
@@ -108,7 +108,7 @@ class Gripper(Protocol):
     def planned(self, opening: float) -> float:
         """Return the value of the driven joints at which the distance of the pads is ``opening``, m.
 
-        The planner passes this joint value to the solver as the option ``finger_width``.
+        The planner gives the returned value to the solver as the option ``finger_width``.
         """
 
     def travel(self, command: float, other: float) -> float:
@@ -152,7 +152,7 @@ class SlidingGripper:
 
     @cached_property
     def _targets(self) -> tuple[np.float32, np.float32]:
-        """Return a driven joint's target at command 0, and the change of the target from command 0 to command 1."""
+        """Return a driven joint's target at command 0, and the difference between the targets at 1 and 0."""
         low, high, half = *map(np.float32, self.range), np.float32(0.5)
         return half * (high + low), half * (high - low)
 

@@ -43,8 +43,8 @@ def panda_long_files() -> RobotFiles:
 
 
 def _lengthen(link: ET.Element, side: float) -> None:
-    """Replace a finger's shapes by one box. ``side`` is the sign of the y direction in which the finger opens: 1 or
-    -1.
+    """Replace a finger's shapes by one box. ``side`` is 1 if the finger opens in the positive y direction, and -1 if it
+    opens in the negative y direction.
     """
     for kind in ("visual", "collision", "inertial"):
         for element in link.findall(kind):

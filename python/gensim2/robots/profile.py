@@ -62,8 +62,8 @@ class Footprint:
     Attributes:
         base_half: half the side length of the square that the base occupies.
         hand_half: half the side length of the square below the hand.
-        hand_drop: distance from the tool, in its rest pose, down to the bottom of the space that the hand occupies.
-            Objects in the square below the hand must be lower than this bottom.
+        hand_drop: how far the space that the hand occupies extends below the rest pose of the tool. Objects in the
+            square below the hand must be lower than this space.
     """
 
     base_half: float
@@ -73,8 +73,9 @@ class Footprint:
 
 @dataclass(frozen=True)
 class JointDrive:
-    """PD drive of a joint, with stiffness, damping and force limit.  Units: N m/rad, N m s/rad and N m for a revolute
-    joint; N/m, N s/m and N for a prismatic joint.
+    """PD drive of a joint, with stiffness, damping and force limit.
+
+    The units are N m/rad, N m s/rad and N m for a revolute joint, and N/m, N s/m and N for a prismatic joint.
     """
 
     stiffness: float
@@ -83,7 +84,7 @@ class JointDrive:
 
     @property
     def lag(self) -> float:
-        """Steady-state delay (s) of the joint behind a target that moves at constant velocity: damping / stiffness."""
+        """Time (s) by which the joint lags behind a target that moves at constant velocity: damping / stiffness."""
         return self.damping / self.stiffness
 
 
@@ -292,9 +293,10 @@ class RobotProfile:
         return tuple(names.index(name) for name in self.gripper.joints)
 
     def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
-        """Return the limits of the arm's joints, which the solver options contain.
+        """Return the limits of the arm's joints from the solver options.
 
-        The URDF provides missing velocity limits, and the arguments provide missing acceleration and jerk limits.
+        If the solver options have no velocity limits, the function returns the velocity limits of the URDF. If they
+        have no acceleration or jerk limits, the function returns the limits in its arguments.
 
         Args:
             acceleration, jerk: limits to use if the solver options contain none, as arrays (m,) or as one number for
@@ -353,8 +355,8 @@ class RobotProfile:
 
         Args:
             positions: (N, m) desired arm joints at the end of each control step.
-            ends: (N,) integers. Each control step is part of a motion, and the number is the index of the last step of
-                this motion. No target is taken from a step after the end of the motion.
+            ends: (N,) integers. Each control step is part of a motion. Its number in ``ends`` is the index of the last
+                control step of this motion, and its target is not taken from a later step.
 
         Returns:
             (N, m) joint targets, one row for each control step.

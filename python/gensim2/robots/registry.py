@@ -105,8 +105,8 @@ class RobotPlace(str):
     __slots__ = ()
 
     def __reduce__(self) -> tuple[Callable[[str], RobotPlace], tuple[str]]:
-        """Permit the process that unpickles the object to load the robot. That process loads the robot on its first
-        use.
+        """Tell pickle how to restore this object. The process that restores it gets the permission to load the robot,
+        and loads the robot on its first use.
         """
         return _granted, (str(self),)
 

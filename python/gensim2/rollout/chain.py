@@ -97,7 +97,7 @@ class ChainController:
         }
 
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
-        """Start an episode. ``seed`` is ignored, because the seed of the solver is set in the solver options."""
+        """Start an episode. The controller ignores ``seed``: the seed of the solver is one of the solver options."""
         self._planner = StepPlanner(self._profile, self._options)
         self._turns: list[ChainTurn] = []
         self._rounds: dict[str, int] = {}
@@ -209,7 +209,8 @@ class ChainController:
         positions, velocities = run.planned.schedule.reference[run.ran]
         action = run.next_action()
         force = np.nan if self._held is None or self._held.force is None else self._held.force
-        # While the fingers press on an object, the measured, not the commanded, distance between the pads is recorded.
+        # While the fingers press on an object, record the measured distance between the pads instead of the commanded
+        # distance.
         width = observation.measurement.finger_opening if np.isfinite(force) else self._profile_width(float(action[-1]))
         self._reference = Reference(positions, velocities, np.array([width, force], dtype=np.float32))
         return self._pressing(action, observation, run.scene.finger_stiffness)
@@ -397,7 +398,8 @@ class ChainController:
                 self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
 
     def _is_there_already(self, measured: Measurement) -> bool:
-        """If a lost object already lies where the goal requires, skip to the step after its placement.
+        """Return whether a lost object already lies where the goal requires. If it does, continue with the step after
+        its placement.
 
         For example, a cup that was dropped already lies in the box. The hand may be unable to reach the cup there, and
         does not need to reach it.
@@ -426,7 +428,7 @@ class ChainController:
         return [name for name in step.strategies if self._strategies[name].makes_room is None]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
-        """Return a plan of the current step with the strategy ``name`` that was made in advance, or None.
+        """Return the plan that was made in advance for the current step and the strategy ``name``, or None.
 
         When the planner chooses a grasp, it also plans the later step that uses the grasped object. That plan is
         available while the hand still holds the object.

@@ -136,8 +136,9 @@ class ChainTurn:
         step: executed step.
         plans: plans made in this execution, oldest first.
         tries: number of complete executions of each strategy.
-        acted: measurement right after the fingers last closed on an object, or right before they last released it. At
-            this moment the gripper was in the state that the criteria of the step require. None before this moment.
+        acted: measurement at the last grasp or release: right after the fingers closed on an object, or right before
+            they released it. At this moment the gripper was in the state that the criteria of the step require. None
+            before the first grasp or release.
     """
 
     step: Step

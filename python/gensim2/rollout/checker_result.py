@@ -53,16 +53,18 @@ DONE = "done"
 
 @dataclass(frozen=True)
 class WorldCount:
-    """Count of mutated worlds of one kind, and of those in which the success criteria wrongly hold.
+    """Number of mutated worlds of one kind, and number of these worlds in which the success criteria are wrongly true.
+
+    A mutated world is a successful end state in which one thing was changed so that the task is not done.
 
     Attributes:
         step: name of the step whose criteria ``done`` are evaluated; None if the criteria of the task's goal are
             evaluated.
         mutation: value of a :class:`Mutation`, or ``DONE`` for worlds in which the task is done.
-        subject: name of the object that the mutation changed; empty for worlds in which the arm did nothing.
+        subject: name of the object that was changed; empty for worlds in which the arm did nothing.
         criteria: types of the criteria about this object.
         worlds: number of worlds.
-        fooled: number of these worlds in which all criteria hold.
+        fooled: number of these worlds in which all criteria are true.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -89,7 +91,7 @@ class CheckerResult:
 
     @staticmethod
     def of(scenes: Sequence[Sequence[WorldCount]]) -> CheckerResult:
-        """Add up the worlds of several scenes."""
+        """Return the result of several scenes, with the counts of each kind of mutated world added up."""
         worlds: Counter[tuple[str | None, str, str, tuple[str, ...]]] = Counter()
         fooled: Counter[tuple[str | None, str, str, tuple[str, ...]]] = Counter()
         for each in (count for scene in scenes for count in scene):
@@ -128,8 +130,8 @@ class CheckerResult:
 
     @property
     def reason(self) -> str:
-        """Sentence about the kinds of worlds in which the goal's criteria wrongly hold, most frequent kind first; empty
-        if the criteria are always right.
+        """Sentence that names the kinds of mutated worlds in which the criteria of the goal are wrongly true, the most
+        frequent kind first. It is empty if the criteria are right in all mutated worlds.
         """
         wrong = sorted((each for each in self.of_goal if each.fooled), key=lambda each: -each.fooled)
         if not wrong:

@@ -134,8 +134,8 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
     """Return the specification of the controller that plans and executes the steps of a task.
 
     Args:
-        task: the task. It becomes an argument of a controller that estimates the scene. Any other controller gets the
-            task when it is created.
+        task: the task. The specification of a controller that estimates the scene contains the task. Any other
+            controller gets the task when it is created.
         strategies: strategies by name, as plain data.
         rollout: options of the episode. They select the scene that the planner gets: the true scene or an estimate.
         robot_name: name of the robot.

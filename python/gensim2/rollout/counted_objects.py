@@ -1,4 +1,4 @@
-"""Use any number of generated objects of each class, in addition to the objects that a library lists."""
+"""Select any number of generated objects of each class for a task, instead of the objects that its library lists."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def number_of_objects(given: TaskInput) -> int:
 
 
 def is_counted(instances: str) -> bool:
-    """Return whether :func:`with_objects` has made an object selection ``instances`` of a task."""
+    """Return whether a task's object selection ``instances`` was made by :func:`with_objects`."""
     return _COUNTED in instances
 
 

@@ -1,7 +1,7 @@
 """Find out why an episode failed, and describe the cause with measured values.
 
-The steps of the task are checked in order. The first step that was not done has failed. Its cause is the first entry of
-this list that applies:
+The steps of the task are checked in order, up to the first step that was not done. Its cause of failure is the first
+entry of this list that exists:
 
 1. the last deviation from the plan that the controller reported in this step;
 2. a fault of the step's last plan;
@@ -158,8 +158,8 @@ class _Facts:
         return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
 
     def _given_up(self, step: Step) -> Fault | None:
-        """Return the last deviation in the step as a fault. Return None if there was no deviation, or if the controller
-        corrected it and the hand then reached an actuation pose.
+        """Return the last deviation in the step as a fault. Return None if the step had no deviation. Also return None
+        if the hand reached an actuation pose after the last deviation, because then the controller has corrected it.
         """
         last = next((event for event in reversed(self.events) if event.step == step.name), None)
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))

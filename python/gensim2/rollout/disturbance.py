@@ -51,7 +51,7 @@ class Disturbed(WrappedController):
         seed: seed of the episode, which determines the time and the direction of the disturbance.
     """
 
-    privileged = True  # ``privileged`` is true, because this controller reads the object's pose from the simulator.
+    privileged = True  # This controller reads the object's pose from the simulator.
 
     def __init__(self, controller: Controller, world: Pushable, task: TaskSpec, kind: Disturbance, seed: int) -> None:
         self._controller, self._world, self._task, self._kind = controller, world, task, kind
@@ -103,7 +103,9 @@ class Disturbed(WrappedController):
         return np.append(action[:-1], np.float32(1.0)).astype(np.float32)
 
     def _touched(self) -> Event | None:
-        """Return the controller's event for the hand's first arrival at the grasp pose; None before the arrival."""
+        """Return the event with which the controller reports that the hand has first reached the grasp pose; None
+        before this event.
+        """
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
 

@@ -1,4 +1,4 @@
-"""Log finished episodes, identified by their index, in any order.
+"""Log finished episodes. Episodes may finish in any order; each episode is identified by its index.
 
 Each finished episode is appended as one JSON line. A last line without a line feed is incomplete: the line is dropped,
 and its episode is run again. Any other unreadable line is an error.
@@ -105,8 +105,8 @@ def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY)
 
     Args:
         path: path of the log.
-        remedy: instruction to the user in the error message if a line is invalid.
-        unreadable: instruction to the user in the error message if the file cannot be opened or read.
+        remedy: advice to the user in the error message about an invalid line.
+        unreadable: advice to the user in the error message about a file that cannot be opened or read.
 
     Raises:
         InputError: the file or a line cannot be read.

@@ -71,8 +71,8 @@ def digest(value: Any) -> str:
 
 
 def listing(library: Library, classes: Iterable[str]) -> str:
-    """Return a hash of the ids of all objects that a library has in some classes. A resumed run compares the hash with
-    the stored hash of the run, because other objects would give other episodes.
+    """Return a hash of the ids of all objects that a library has in the given classes. A resumed run compares the hash
+    with the hash that the run has stored: if the library has changed, the episodes would be different.
     """
     return digest({name: list(library.instances(name)) for name in classes})
 
@@ -83,8 +83,8 @@ def listings(given: Sequence[TaskInput]) -> dict[str, str]:
 
 
 def identity(given: Sequence[TaskInput]) -> dict[str, str]:
-    """Return hashes of the inputs of a run with several tasks: one hash each for the tasks, their strategies and the
-    ids of the library's objects.
+    """Return hashes of the inputs of a run with several tasks. One hash is for the tasks, one for their strategies, and
+    one for the ids of the objects in the library.
     """
     return {
         "tasks": digest([one.spec.model_dump(mode="json") for one in given]),

@@ -167,8 +167,8 @@ def _of_joint(
 
 
 def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -> float:
-    """Return how far (m) the hand slipped: the distance that the hand moved on, in the direction in which it had moved
-    the object, after the object had stopped.
+    """Return how far (m) the hand slipped on the object. This is the distance that the hand moved after the object had
+    stopped, in the direction in which it had moved the object.
     """
     stopped = next(i for i, travelled in enumerate(course) if travelled > max(course) - 0.1 * LEAST_TRAVEL)
     began = next(i for i, travelled in enumerate(course) if travelled > 0.5 * course[stopped])
@@ -193,7 +193,7 @@ def _to_surface(measured: Sequence[Measurement], hulls: Sequence[Array]) -> floa
     import trimesh
     from scipy.spatial import ConvexHull
 
-    # Neighbouring samples of a slow hand are nearly equal, so a few hundred suffice.
+    # A few hundred positions of the hand are enough, because the hand moves little between two measurements.
     hands = np.stack([_hand(instant) for instant in measured[:: 1 + len(measured) // 400]])
     nearest = math.inf
     for hull in hulls:

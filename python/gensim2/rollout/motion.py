@@ -105,7 +105,8 @@ LASTING_SECONDS = 1.0
 
 
 def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] = float) -> bool:
-    """Return whether the last command was kept long enough to evaluate the episode.
+    """Return whether the episode may be evaluated: the last command was kept for the minimum time and the scene is at
+    rest, or the last command was kept for the maximum time.
 
     Args:
         held: time for which the last command has been kept, in seconds or in control steps.
@@ -117,7 +118,8 @@ def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] 
 
 
 def settle(step: Callable[[], Measurement], before: Measurement, profile: RobotProfile) -> bool:
-    """Keep the last command until the episode may be evaluated; return whether the scene is at rest.
+    """Keep the last command until the scene is at rest or the time limit is reached; return whether the scene is at
+    rest.
 
     Args:
         step: function that executes a control step with the last command and returns a measurement.

@@ -221,7 +221,7 @@ class _Worlds:
         return (step.object, on[0].support) if on and not self._is_grasp(step) else None
 
     def _is_grasp(self, step: Step) -> bool:
-        """Return whether a later step uses the object of this step as a tool."""
+        """Return whether a step grasps an object that a later step uses as its tool."""
         later = self._task.steps[self._task.steps.index(step) + 1 :]
         return step.tool == HAND and any(each.tool == step.object for each in later)
 
@@ -260,10 +260,10 @@ class _Worlds:
         return list(final.values())
 
     def _without(self, name: str, states: Sequence[_State]) -> list[Measurement] | None:
-        """Return the measurements of an episode in which the step ``name`` is left out and all other steps succeed.
+        """Return the measurements of an episode in which all steps except ``name`` succeed, and ``name`` is left out.
 
-        The result is None if the step moves no joint, if the joint was already near its target, or if the states cannot
-        be built.
+        The result is None if the step moves no joint, if the joint was already near its target, or if the states of
+        such an episode cannot be built.
         """
         steps = self._task.steps
         step = next(step for step in steps if step.name == name)
@@ -417,9 +417,9 @@ class _Worlds:
         return self._with_start(self._env.measure(), mutant.state.hand)
 
     def _with_start(self, found: Measurement, hand: Array | None) -> Measurement:
-        """Return a copy of the measurement ``found`` with the start positions of the objects and the position of the
-        hand, which the success criteria need. The start positions are those in the initial state of the scene. The hand
-        is at ``hand``, or in its start position if ``hand`` is None.
+        """Return a copy of the measurement ``found`` with two values that the success criteria need. The start
+        positions of the objects are set to their positions in the initial state of the scene. The position of the hand
+        is set to ``hand``, or to the hand's start position if ``hand`` is None.
         """
         starts = {name: self._first.objects[name].position for name in found.start_positions}
         gripper = self._env.profile.gripper_with(self._start.start)

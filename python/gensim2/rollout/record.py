@@ -21,7 +21,7 @@ START = "start"
 
 
 class Cause(StrEnum):
-    """Reason why an episode does not pass the success verdict ``held``: the first fault that was not corrected."""
+    """Reason why an episode is not a success by the verdict ``held``: the first fault that was not corrected."""
 
     INVALID_PROBLEM = "invalid problem"
     NO_ACTUATION_POSE = "no actuation pose"
@@ -55,7 +55,7 @@ _RENAMED = {"happens with a still arm": "happens in the no-op baseline"}
 
 
 class StrictMiss(StrEnum):
-    """Reason why an episode does not pass the ``strict`` verdict."""
+    """Reason why an episode is not a success by the verdict ``strict``."""
 
     NOT_HELD = "not held"
     NOT_LET_GO = "the hand has not let go"
@@ -166,8 +166,7 @@ class AttemptRecord:
 
     Attributes:
         seed: seed of the solver.
-        first: steps that started with another strategy than the default. It maps the name of the step to the name of
-            the strategy.
+        first: strategies that were tried first in place of the default strategy, by name of the step.
         paper, held, strict, cause: as in :class:`Episode`.
     """
 

@@ -59,8 +59,8 @@ class Recording:
 
     @property
     def meant(self) -> npt.NDArray[np.float32]:
-        """Return the actions (T, m + 1) that the planner intended, without added noise. A step without an intended
-        action repeats the previous intended action.
+        """Return the actions (T, m + 1) as the planner intended them, without added noise. If a step has no intended
+        action, the last intended action before the step is repeated.
         """
         if "action" not in self.reference:
             return self.actions

@@ -351,9 +351,10 @@ class Attempt:
 def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attempts: int) -> EpisodeResult:
     """Make attempts until one succeeds, and return the result that counts for the episode.
 
-    The result is the first attempt that passes the ``held`` verdict. If no attempt passes it, the result is the first
-    attempt that passes the ``paper`` verdict, or else the first attempt. All fields of the episode come from this one
-    attempt. If the goal is reached in the no-op baseline, no other attempt is made.
+    The first attempt that is a success by the verdict ``held`` counts. If there is no such attempt, the first attempt
+    that is a success by the verdict ``paper`` counts, and otherwise the first attempt. Apart from the list of all
+    attempts, the fields of the episode describe only the attempt that counts. If the goal is reached in the no-op
+    baseline, no other attempt is made.
 
     Args:
         task: the task.

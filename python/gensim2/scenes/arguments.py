@@ -99,9 +99,9 @@ def _words(words: object) -> Sequence[str]:
         raise InputError(f"must be text or a list of texts, but is {words!r}", field="instances")
     if "random" in words:
         raise InputError(
-            "'random' is available only for runs, because the object is selected by the seed of the run",
+            "'random' is available only for runs, because the seed of a run selects the object",
             field="instances",
-            remedy="use 'all', with which each reset selects an object at random",
+            remedy="use 'all': each reset then selects an object at random",
         )
     return words
 

@@ -88,8 +88,8 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
             away = _beyond_reach(criterion, state.objects[criterion.rigid], robot)
             if away > 0.0:
                 raise GoalError(
-                    f"the goal is unreachable: {criterion.type} requires a position of {criterion.rigid} that is "
-                    f"{away:.2f} m outside the robot's reach of {robot.reach:g} m",
+                    f"the goal is unreachable: {criterion.type} requires {criterion.rigid} to be at a position "
+                    f"{away:.2f} m beyond the robot's reach of {robot.reach:g} m",
                     field=field,
                     remedy="lower the criterion's values, or place the object elsewhere",
                 )

@@ -58,7 +58,9 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
             _check(option, value, option)
             found[names[0]][option] = value
         else:
-            raise InputError("must be a mapping from an object to its value", field=option, remedy=_list(names))
+            raise InputError(
+                "must be a mapping from the name of each object to its value", field=option, remedy=_list(names)
+            )
     for given in found.values():
         if "offset" in given and "pose" in given:
             raise InputError("must not be given together with pose", field="offset")
@@ -74,7 +76,7 @@ def _check_maniskill(option: str, value: Any) -> None:
         raise InputError("must be 0, because a reset resets a single environment", field="env_idx")
     has_states = value is None or (isinstance(value, Mapping) and "env_states" in value)
     if option == "reset_to_env_states" and not has_states:
-        raise InputError("must be a mapping with env_states", field="reset_to_env_states")
+        raise InputError("must be a mapping with the key env_states", field="reset_to_env_states")
 
 
 def _check(option: str, given: Any, field: str) -> None:

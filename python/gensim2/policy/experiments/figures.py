@@ -101,8 +101,8 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
     """Return success rates averaged over tasks, and the difference between the rates on seen and unseen objects.
 
     All tasks have equal weight. For some tasks the policy is also evaluated with the opposite instruction, such as
-    "close" instead of "open". ``said_mean`` is the success rate on these tasks with the correct instruction, for
-    comparison.
+    "close" instead of "open". For comparison, ``said_mean`` is the success rate on the same tasks with the correct
+    instruction.
     """
     totals = {kind: Rate.total([each.rate(kind) for each in tasks]) for kind in KINDS}
     told: dict[str, Any] = {}

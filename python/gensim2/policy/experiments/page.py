@@ -103,6 +103,6 @@ def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _up(share: float) -> float:
-    """Return the vertical pixel position of a rate from 0 to 1; pixel rows count downwards."""
+    """Return the vertical pixel position of a success rate from 0 to 1; pixel rows are counted from the top."""
     top = 10.0
     return top + (1.0 - share) * (HEIGHT - BOTTOM - top)

@@ -94,7 +94,7 @@ class ExperimentRecord(RunSettings):
 
 
 class _Progressed(BaseModel):
-    """Number of training runs still to be done, as read from a result file."""
+    """Content of an experiment's result file, reduced to the number of training runs that are still to be done."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -290,7 +290,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
     """Return whether at least one task that the policy has to learn can use generated objects.
 
-    Tasks that the starting policy of this policy already knows do not count.
+    If training starts from another policy, the tasks that the other policy already knows do not count.
     """
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
@@ -445,15 +445,15 @@ class _Measurement:
 def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_Measurement]:
     config, assets = record.config, _assets(arm, record)
     train, unseen = config.words(arm, number)
-    # Seen objects are evaluated only if the policy trains on a split of objects into training and test objects.
+    # Evaluate the policy on seen objects only if its objects are split into training and test objects.
     if arm.is_split:
         yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, train)
     there, _ = _transferred(arm, record)
     if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
-    # Pass the name of the weights to the controller. Without a name it loads only the default weights of a text
-    # encoder.
+    # Pass the name of the text encoder's weights to the controller. Without this name, the controller loads only the
+    # default weights of the encoder.
     if config.text_model is not None:
         embedded["text_model"] = config.text_model
     if config.untaught:

@@ -43,7 +43,7 @@ class ActionScale(nn.Module):  # type: ignore[misc]
         self.register_buffer("scale", torch.ones(horizon, arm + EXTRA))
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set mean and scale from a large batch of chunks."""
+        """Compute the mean and the standard deviation of each joint target from a large batch of chunks."""
         chunks = batch[ACTION][..., : self.arm].double()
         self.mean[:, : self.arm] = chunks.mean(0).float()
         self.scale[:, : self.arm] = chunks.std(0, correction=0).clamp(min=SMALLEST).float()

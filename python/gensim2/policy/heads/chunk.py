@@ -35,7 +35,9 @@ class TransformerHead(DecodingHead):
 
 
 class ChunkHead(ActionHead):
-    """MLP that predicts all actions of a chunk at once from the readout token; arguments as for ``ActionHead``."""
+    """MLP that predicts all actions of a chunk at once from the readout token; its arguments are the same as for
+    ``ActionHead``.
+    """
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
         super().__init__(config, arm, features)

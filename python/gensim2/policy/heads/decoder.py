@@ -52,9 +52,8 @@ class ActionDecoder(nn.Module):  # type: ignore[misc]
 
 
 def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
-    """Encode noise levels (B,) from 0 to 1 as sine and cosine features (B, width). The periods of the waves range from
-    2 pi / 1000 to 20 pi in units of the noise level, so that both small and large differences are visible to the
-    network.
+    """Encode noise levels (B,) from 0 to 1 as features (B, width), which are sines and cosines of the noise level.
+    Their periods range from 2 pi / 1000 to 20 pi, so that the network can distinguish both small and large differences.
     """
     half = width // 2
     rates = torch.exp(torch.linspace(math.log(1000.0), math.log(0.1), half, device=level.device))

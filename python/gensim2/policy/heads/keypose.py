@@ -107,17 +107,17 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         self.center: torch.Tensor
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Compute the mean actuation position from a batch of targets."""
+        """Compute the mean actuation position from a batch of targets; network inputs are relative to this position."""
         live = batch[WAY] < self.ways - 1
         if live.any():
             self.center.copy_(batch[POSITIONS][live, ACTUATION].mean(0))
 
     def grown(self, theirs: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-        """Return the weights of this head after copying the weights of a trained head with fewer classes into them.
+        """Return the weights of this head, with the weights of a trained head with fewer classes copied into them.
 
-        This adds classes to the trained head, whose weights are ``theirs``. The classes of the trained head keep their
-        indices, except its last class "done", which becomes the last class of this head. The added classes keep the
-        weights that this head has now.
+        The effect is that classes are added to the trained head, whose weights are ``theirs``. The classes of the
+        trained head keep their indices. Only its last class, "done", moves: it becomes the last class of this head. The
+        added classes keep the weights that this head has now.
         """
         mine = {name: value.clone() for name, value in self.state_dict().items()}
         for name, value in theirs.items():
@@ -234,10 +234,10 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
 
 
 def _turned(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
-    """Return the mean squared error (B,) of predicted rotations (B, K, 3, 3). Swapping the two fingers gives an
-    equivalent grasp, so the smaller of the errors with and without the swap counts.
+    """Return the mean squared error (B,) of predicted rotations (B, K, 3, 3). If the two fingers swap places, the grasp
+    stays the same. The error is therefore computed with and without the swap, and the smaller error counts.
 
-    A rotation of the hand by 180 degrees about its z axis swaps the fingers. In a program, either all poses are swapped
+    A rotation of the hand by 180 degrees about its z axis swaps the fingers. Either all poses of a program are swapped
     or none.
     """
     one = (found - true).square().sum((-2, -1)).mean(-1)

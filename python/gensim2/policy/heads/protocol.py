@@ -24,8 +24,8 @@ class Context:
             the cloud.
         features: (B, P, G) features of ``points``; None if the head needs no features.
         sentence: (B, D) encoding of the instruction; None if the policy ignores it.
-        pointed: hand poses that the network has predicted for the next keyframes (:mod:`gensim2.policy.pointer`); None
-            if the policy does not predict keyframes.
+        pointed: predicted hand poses at the next keyframes, frames in which the hand nearly stands still
+            (:mod:`gensim2.policy.pointer`); None if the policy does not predict keyframes.
     """
 
     tokens: torch.Tensor

@@ -47,8 +47,8 @@ def is_packaged(start: Path) -> bool:
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
-    """Return the tasks of a policy whose training objects are in the object library that ``scene`` selects. Each
-    returned task includes its training objects.
+    """Return the tasks that a policy was trained on, each with its training objects. A task is left out if its training
+    objects are not in the object library that ``scene`` selects.
 
     Args:
         start: folder of the policy, as written by ``gensim2 learn``.

@@ -112,9 +112,9 @@ class KeyposeController:
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
         self._rows: deque[npt.NDArray[np.float32]] = deque()
-        #: Number of events of each kind in the episode. The kinds are: predictions, programs that the arm cannot
-        #: execute at all, programs that it executes only partly, lost objects, and free motions to the object or to the
-        #: rest pose. Free motions that avoid different obstacles are different kinds.
+        #: Number of events of each kind in the episode. An event is a prediction, a program that the arm cannot execute
+        #: or executes only partly, a lost object, or a collision-free motion to the object or to the rest pose. Motions
+        #: that avoid different obstacles are counted as different kinds.
         self.told: Counter[str] = Counter()
 
     @property
@@ -223,14 +223,16 @@ class KeyposeController:
         return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
 
     def _weight(self, answer: Answer) -> float:
-        """Return the probability of a predicted strategy, times ``UNEXPECTED`` if its step is not expected next."""
+        """Return the probability of a predicted strategy. If the task step of the strategy is not expected next, the
+        probability is multiplied by ``UNEXPECTED``.
+        """
         return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
 
     def _turn(self, answer: Answer) -> tuple[int, float]:
         """Return the key by which predicted strategies are sorted; the controller tries the largest key first.
 
-        Every ``MAX_TRIES`` tries of a strategy lower its key. Between strategies with the same number of tries, the
-        weighted probability decides.
+        The first number of the key decreases by 1 after every ``MAX_TRIES`` tries of the strategy. If two strategies
+        have the same first number, the second number decides, which is the weighted probability.
         """
         return -(self._tried[answer.way] // MAX_TRIES), self._weight(answer)
 

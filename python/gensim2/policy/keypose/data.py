@@ -48,14 +48,14 @@ class PlannedRecord(RunSettings):
         task: name of the task.
         language: instruction of the task.
         robot: name of the robot profile.
-        steps, ways: names of the steps, and of the strategies of each step.
+        steps, ways: names of the task steps, and for each step the names of its strategies.
         scene: settings of the scenes.
         observation: observation spec.
         seed: seed of the run.
         identity: digest of task, strategies and objects.
         verified: whether plans were executed in simulation, and scenes with failed plans were left out.
-        engines: ``"both"`` if plans were executed in both physics engines.
-        to_end: indices of the steps that move a joint to an end of its range.
+        engines: ``"both"`` if plans were executed in both physics engines, ``"one"`` otherwise.
+        to_end: indices of the steps that open or close a joint completely.
     """
 
     schema_version: Literal[1] = 1
@@ -252,7 +252,7 @@ def record_of(
 
 
 def _is_to_end(step: Step) -> bool:
-    """Return whether all success criteria of a step require a joint at an end of its range (open or closed)."""
+    """Return whether every success criterion of a step requires a completely open or completely closed joint."""
     return bool(step.done) and all(isinstance(each, ArticulatedOpen | ArticulatedClosed) for each in step.done)
 
 

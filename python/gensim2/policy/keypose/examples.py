@@ -126,8 +126,8 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
     ways = {step: {f"{step}/{name}": strategy.to_dict()} for step, (name, strategy) in taken.items()}
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(task, ways), chosen, robot(scene.robot), one_plan=True)
-    # This value replaces the no-op baseline, a simulation without the robot. The simulation is not needed here, because
-    # the plans do not depend on its result.
+    # Use a fixed result in place of the no-op baseline, which is a simulation without the robot. The plans do not
+    # depend on the result of this simulation.
     still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
     options = other_openness(scene, seed)
     episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode

@@ -43,7 +43,7 @@ class Execution:
 
     Attributes:
         actions: (N, m + 1) targets of the m arm joints and the gripper command, for N control steps.
-        free: obstacles that the free motion to the first pose of the program avoids.
+        free: obstacles that the motion to the first pose of the program avoids.
         reached: number of the program's poses that the actions reach; ``KEYPOSES`` for the complete program.
         gripped: index of the first action after the fingers have opened or closed at the actuation pose.
     """
@@ -172,7 +172,8 @@ class Executor:
             yield "table only", self.around.bare
 
     def _segments(self, program: KeyposeProgram, path: JointPath) -> list[tuple[int, int, int]]:
-        """Return, for each segment between two stops, the indices of the first waypoint, last waypoint and final pose.
+        """Return three indices for each segment between two stops of the arm: the index of the segment's first
+        waypoint, of its last waypoint, and of the program's pose at its end.
 
         The arm stops at the actuation pose, at poses where the fingers move, before the retreat, and at the end.
         """

@@ -89,10 +89,10 @@ def joint_path(
 
 
 def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[JointPath]:
-    """Yield a joint path for each arm posture at the actuation pose; ``depth`` is not yet computed."""
+    """Yield a joint path for each arm posture at the actuation pose. The caller computes the path's ``depth``."""
     poses = program.poses
     turned = poses.copy()
-    turned[:, :3, :2] *= -1.0  # half a turn about the approach axis
+    turned[:, :3, :2] *= -1.0  # Half a turn about the approach axis swaps the two fingers.
     starts = [
         (float(np.abs(found - q).max()), number, each, found)
         for number, each in enumerate((poses, turned))

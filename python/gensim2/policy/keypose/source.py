@@ -42,8 +42,8 @@ class Ways:
     """Classes of the keypose head: every strategy of every step of every task, and "done" last.
 
     Attributes:
-        tasks: (instruction, step, strategy) of each class except the last.
-        to_end: (instruction, step) of each step that moves a joint to an end of its range.
+        tasks: instruction of the task, index of the step and name of the strategy for each class except the last.
+        to_end: instruction of the task and index of the step for each step that opens or closes a joint completely.
     """
 
     tasks: tuple[tuple[str, int, str], ...]

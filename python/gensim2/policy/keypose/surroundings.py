@@ -50,7 +50,7 @@ class Surroundings:
     """Builds collision scenes of one robot from point clouds.
 
     Attributes:
-        bare: collision scene with only the robot and the table.
+        bare: collision scene with only the robot and the table, without points of a cloud.
     """
 
     def __init__(self, profile: RobotProfile) -> None:

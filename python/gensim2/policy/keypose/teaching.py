@@ -26,10 +26,10 @@ works; trying all grasps takes as long as planning sixty scenes.
 
 
 def pulls_last(given: TaskInput) -> TaskInput:
-    """Return the task with the strategies of each step reordered: strategies that search for a grasp come last.
+    """Return the task with the strategies of each step reordered: pulls, which search for a grasp, come last.
 
-    In two similar scenes a search can find very different grasps, for example at a knob and at an edge. A network
-    trained on such examples predicts a useless average of the grasps.
+    In two similar scenes, the grasp search can find very different grasps, for example at a knob and at an edge. A
+    network trained on such examples predicts a useless average of the grasps.
     """
     known = parsed(given.strategies)
 

@@ -183,12 +183,12 @@ class RemoteController:
         if self._connection is None:
             self._connect()
             if message["kind"] != "reset":
-                raise RemoteError(f"{self._url} was unreachable, so the episode must start again")
+                raise RemoteError(f"the connection to {self._url} was interrupted, so the episode must start again")
         self._number += 1
         until = time.monotonic() + deadline
         data = encode({**message, "number": self._number})
         if len(data) > MAX_BYTES:
-            raise RemoteError(f"an observation has {len(data)} bytes, the limit is {MAX_BYTES}")
+            raise RemoteError(f"an observation has {len(data)} bytes, but the limit is {MAX_BYTES}")
         try:
             self._connection.send(data)
             answer = self._answer(expected, until)

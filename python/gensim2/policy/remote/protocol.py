@@ -86,9 +86,9 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
         RemoteError: the data are not a valid message, or have too many bytes or values.
     """
     if not isinstance(data, bytes):
-        raise RemoteError(f"{sender} sent a text message, expected a binary message")
+        raise RemoteError(f"{sender} sent a text message, but must send a binary message")
     if len(data) > max_bytes:
-        raise RemoteError(f"{sender} sent a message of {len(data)} bytes, the limit is {max_bytes}")
+        raise RemoteError(f"{sender} sent a message of {len(data)} bytes, but the limit is {max_bytes}")
     library, counter = msgpack(), _Counter()
     try:
         found = library.unpackb(
@@ -113,7 +113,7 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
 class _Counter:
     """Counts the values of a message while the message is decoded, and raises an error if there are too many.
 
-    This limits the memory, because one byte of a message can become 70 bytes of Python objects.
+    The limit protects the memory: Python objects can need 70 bytes of memory for one byte of a message.
     """
 
     def __init__(self) -> None:
@@ -280,7 +280,7 @@ class Action(WireMessage):
 
 
 class Failure(WireMessage):
-    """Answer to a failed request; the number is None if the server could not read the request."""
+    """Answer to a failed request, with the number of the request; None if the server could not read the request."""
 
     kind: Literal["error"]
     number: Number | None
@@ -305,7 +305,7 @@ def read_message(message: Mapping[str, Any], one: type[One], other: type[Other],
     kinds = {get_args(each.model_fields["kind"].annotation)[0]: each for each in (one, other)}
     kind = message["kind"]
     if kind not in kinds:
-        raise RemoteError(f"{sender} sent {reprlib.repr(kind)}, expected {' or '.join(kinds)}")
+        raise RemoteError(f"{sender} sent the message {reprlib.repr(kind)} instead of {' or '.join(kinds)}")
     try:
         return kinds[kind].model_validate(message)
     except ValidationError as error:

@@ -168,7 +168,7 @@ class PolicyServer:
             self._trust()
 
     def _trust(self) -> None:
-        """Stop counting this thread's client as a stranger, because its token is verified."""
+        """Stop counting this thread's client among the clients whose token is not verified."""
         if not self._peer.is_known:
             self._peer.is_known = True
             self._strangers.release()
@@ -202,7 +202,7 @@ class PolicyServer:
             for data in connection:
                 connection.send(encode(self._answer(data, who)))
         except ConnectionClosed as error:
-            # A client whose process ends sends no close frame. This is a normal end.
+            # If the client's process ends, the client sends no close frame. This is normal, so it is not reported.
             if error.rcvd is not None or error.sent is not None:
                 self._said(f"{who}: {one_line(str(error))}")
         finally:
@@ -254,7 +254,8 @@ class PolicyServer:
                 if isinstance(request, Reset):
                     self._controller.reset(observation, request.seed)
                     if not self._is_warm:
-                        # A network's first action takes longest, so it is computed here, where no deadline applies.
+                        # The first action of a network takes longest. Compute it during the reset, where no deadline
+                        # applies.
                         self._controller.act(observation)
                         self._is_warm = True
                         self._controller.reset(observation, request.seed)
