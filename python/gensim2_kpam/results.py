@@ -120,8 +120,8 @@ class Touch(TypedDict):
 
 
 class Guess(TypedDict):
-    """A segment of a motion in which the movement of the object's joint is only estimated. Because the exact movement
-    is unknown, the planner tolerates some overlap of bodies.
+    """A segment of a motion for which the planner can only estimate how far the object's joint moves. Because of this
+    uncertainty, the planner tolerates some overlap of bodies in the segment.
     """
 
     toward: str
@@ -166,7 +166,7 @@ class CheckedPair(TypedDict):
 
 
 class ActuationPose(TypedDict):
-    """Solution of a problem's constraints: joint values and their cost."""
+    """Joint values with which the arm meets the constraints of a problem, and the cost of these values."""
 
     q: Array
     """Joint values (n,), rad or m."""
@@ -176,7 +176,7 @@ class ActuationPose(TypedDict):
 class Clearances(TypedDict):
     """Minimum signed distances (m) of the robot along a motion. The field ``self`` is the distance between links of the
     robot, and ``table`` and ``object`` are the robot's distances to the table and to the object. A value is None if the
-    distance is never below 1 m.
+    distance is at least 1 m during the whole motion.
     """
 
     self: float | None
@@ -200,7 +200,7 @@ class GraspQuality(TypedDict):
 
 
 class Refined(TypedDict):
-    """Waypoint path that ``refine`` has shortened."""
+    """Result of the function ``refine``, which shortens the path of a plan."""
 
     waypoints: Array
     """Joint values (N, n) at the waypoints, rad or m."""

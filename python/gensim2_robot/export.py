@@ -105,8 +105,8 @@ class _Film:
         self._cameras: tuple[CameraRecord, ...] = ()
         self._seen: set[str] = set()
         self._final = ""  # state of the watchdog at the end of the log
-        # name of the camera whose images determine the times of video frames: the last camera from which an image
-        # arrives
+        # Name of the camera whose first image arrives last. The video frames are made at the times of this camera's
+        # images.
         self._last = ""
 
     def look(self, message: AnyMessage) -> None:

@@ -123,7 +123,8 @@ def _marked(
 ) -> npt.NDArray[np.int16]:
     """Return segmentation ids of the pixels whose depth agrees with the meshes at the pixel or at a neighbour.
 
-    Neighbouring pixels count, because stereo cameras widen objects at their edges.
+    The neighbours are compared, too, because objects look wider in the depth images of stereo cameras: a pixel just
+    beside the robot can have the depth of the robot.
     """
     found = np.where((ids > 0) & (np.abs(depth - meshes) < near), ids, np.int16(0))
     for here, there in (
@@ -210,7 +211,10 @@ class Eyes:
                     f"there is no camera {name!r}", field="cameras", remedy=f"choose from {', '.join(there)}"
                 )
         if not set(spec.modalities) <= {"pointcloud", "depth"}:
-            raise InputError("the cameras provide only point clouds and depth", field="modalities")
+            raise InputError(
+                "the policy uses other data, but the cameras provide only point clouds and depth images",
+                field="modalities",
+            )
         used = [there[name] for name in spec.cameras] if spec.modalities else []
         # If the policy uses depth images, the images keep their full resolution.
         whole = "depth" in spec.modalities

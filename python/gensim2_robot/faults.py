@@ -72,8 +72,8 @@ class Fault:
 
 
 class FullDisk:
-    """A simulated disk that can become full. When the disk becomes full, the next write fails. After this failure the
-    log frees the space that it has reserved, so this much space is available for further writes.
+    """A simulated disk that can become full. When the disk becomes full, the next write fails. The log then frees its
+    reserved space, so later writes succeed until this space is used up.
 
     Attributes:
         full: whether the disk is full.

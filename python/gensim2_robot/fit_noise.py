@@ -210,13 +210,14 @@ class _Part:
         depths = self._depths[:, self.edges]
         room = np.minimum(0.2 * (far - near), 0.02)
         between = (depths > near + room) & (depths < far - room)
-        # A mixed depth is detected only if it is farther than ``room`` from the depths on both sides of the edge. If
-        # mixed depths are uniformly distributed between these depths, the fraction ``shows`` of them is detected.
+        # A mixed depth is detected only if it differs by more than ``room`` from the depth on each side of the edge. If
+        # mixed depths are distributed uniformly between the two sides, the fraction ``shows`` of them is detected.
+        # Dividing by ``shows`` corrects for the others.
         shows = (far - near - 2.0 * room) / (far - near)
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 
     def shadowed(self) -> tuple[float, int]:
-        """Return how many pixels in stereo shadows have no measured depth, as a fraction, and the number of pixels
+        """Return the fraction of the pixels in stereo shadows that have no measured depth, and the number of pixels
         used.
 
         A stereo shadow is the area beside the edge of an object that one camera of the stereo pair cannot see.

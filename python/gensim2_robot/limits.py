@@ -4,9 +4,9 @@ For every requested command, a complete stop from this command is computed. The 
 accelerations and jerks of the stop, the speed and the workspace of the tool, the distances between the robot's links,
 and their distances to the table.
 
-If the check passes, the command is sent. If the check fails, commands between the request and the last checked stop are
-tried. If none of these commands passes the check, the next command of the last checked stop is sent. A request can
-therefore never make the arm exceed a limit.
+If the check passes, the command is sent. If the check fails, commands between the requested command and the last
+checked stop are checked, and one that passes is sent. If none of these commands passes the check, the arm continues the
+last checked stop. A request can therefore never make the arm exceed a limit.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
     zero. The other profile is a trapezoid that ends at zero and brakes the arm.
 
     Returns:
-        One tuple for each shape of the trapezoid: the linear profile (count, 1), the trapezoid (count, 1), the sum of
-        the linear profile, and the sum of the trapezoid.
+        One tuple for each shape of the trapezoid: the values (count, 1) of the linear profile, the values (count, 1) of
+        the trapezoid, the sum of the linear profile's values, and the sum of the trapezoid's values.
     """
     cycle = np.arange(1, count + 1, dtype=np.float64)
     away = (count - cycle) / count
@@ -156,7 +156,9 @@ def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
     for number, (value, low, high) in enumerate(zip(here, limits.lower, limits.upper, strict=True)):
         if not low <= value <= high:
             name = limits.profile.arm_joints[number]
-            raise RefusedError(f"{name} is at {value:.3f}, outside {low:.3f} to {high:.3f}: move it by hand first")
+            raise RefusedError(
+                f"{name} is at {value:.3f}, outside its range from {low:.3f} to {high:.3f}: move the arm by hand first"
+            )
     tool = limits.tool(here[None])[0]
     if not ((tool >= limits.low) & (tool <= limits.high)).all():
         raise RefusedError(f"the tool is at {np.round(tool, 3).tolist()}, outside the workspace")
@@ -192,7 +194,9 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
     beyond = np.maximum(limits.range_lower - arm, arm - limits.range_upper)
     worst = int(beyond.argmax())
     if beyond[worst] > limits.jump:
-        raise RefusedError(f"{limits.profile.arm_joints[worst]} cannot reach the position {arm[worst]:.3f}")
+        raise RefusedError(
+            f"{limits.profile.arm_joints[worst]} cannot reach its target {arm[worst]:.3f}, outside the joint's range"
+        )
     if here is not None:
         off = np.abs(arm - here)
         worst = int(off.argmax())

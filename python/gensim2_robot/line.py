@@ -2,9 +2,9 @@
 respect the limits.
 
 The loop runs in cycles of 10 ms. Ten cycles form a period. In each period the loop requests the actions of the next
-period from the controller, which is a policy or the planner. The loop can make a period one cycle shorter or longer. In
-this way the loop shifts its requests until each request follows soon after new images, so that the controller gets
-fresh images.
+period from the controller, which is a policy or the planner. The loop can make a period one cycle shorter or longer.
+Shorter or longer periods shift the requests. The loop shifts the requests until each request follows soon after new
+images, so that the controller gets fresh images.
 """
 
 from __future__ import annotations
@@ -104,8 +104,9 @@ class LoopFigures:
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return the number of cycles (-1, 0 or 1) by which the current period should become longer.
 
-    Changed periods shift the requests until they follow soon after new images. The function lengthens or shortens
-    periods, whichever needs fewer changed periods. It always shortens periods if images would otherwise be too old.
+    Longer or shorter periods shift the requests until each request follows soon after new images. The function
+    lengthens periods or shortens periods, depending on which direction needs fewer changed periods. If images would
+    otherwise be too old, it always shortens periods.
 
     Args:
         waited: number of cycles from the arrival of the newest complete set of images to a request.
@@ -231,8 +232,8 @@ class Line:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Request actions again after :meth:`pause`. The control steps during the pause are counted as executed, so
-        that the controller drops the actions that it had planned for these steps.
+        """Request actions again after :meth:`pause`. The control steps during the pause count as executed, so that the
+        controller skips the actions that it had planned for the time of the pause.
         """
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
@@ -380,7 +381,9 @@ class Line:
         self.figures.acting_ms.append(answer.acting_ms)
 
     def _drive(self, due: float, now: float) -> None:
-        """Send the command of this cycle, as the watchdog's state demands."""
+        """Send the command of this cycle. The state of the watchdog determines whether the command follows the
+        controller's actions or brakes the arm.
+        """
         sent = self.arm.sent
         if sent is None:
             self._note_standing(now)
@@ -417,9 +420,9 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Return the next command that brakes the held arm along the planned path. If the last command is not on the
-        planned path, or if braking along this path takes too long, return the next command of the stop that was checked
-        against the limits.
+        """Return the next command that brakes the held arm. The arm brakes along the planned path if possible. If the
+        last command is not on the planned path, or if braking along this path takes too long, the arm instead executes
+        the stop that was checked against the limits.
         """
         if not self._braking:
             self._braking = True

@@ -57,8 +57,8 @@ class LivePage:
         port: port of the page; if the port is in use, the next free port is used.
 
     Attributes:
-        trouble: always None. A log reports its failure in this attribute, and the watchdog then holds the arm. A
-            failure of the page must not hold the arm.
+        trouble: always None. Logs have this attribute, too: if a log reports a failure in it, the watchdog holds the
+            arm. A failure of the page must not hold the arm, so the page never reports one.
 
     Raises:
         InputError: a file of the robot cannot be used.
@@ -80,7 +80,8 @@ class LivePage:
             for number, name in enumerate(self._tree.names)
             if (surface := surfaces[name]) is not None
         ]
-        nowhere, black = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)  # three.js takes no empty cloud
+        # three.js cannot draw an empty point cloud, so the clouds start with one hidden point
+        nowhere, black = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)
         self._cloud, self._next = (
             server.scene.add_point_cloud(name, nowhere, black, point_size=size, visible=False)
             for name, size in (("/cloud", CLOUD_POINT), ("/next", NEXT_POINT))
@@ -169,8 +170,8 @@ class LivePage:
             _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
 
     def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Return the tool positions (k, 3), m, to which actions (k, m + 1) lead; joints that the actions do not command
-        keep their positions in ``q`` (n,).
+        """Return the tool positions (k, 3), m, after the actions (k, m + 1) have been executed. Joints that the actions
+        do not command keep their positions in ``q`` (n,).
         """
         found = []
         for action in actions[np.isfinite(actions).all(axis=1)] if actions.ndim == 2 else ():

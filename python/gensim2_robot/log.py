@@ -4,8 +4,8 @@ A file that reaches a given size is closed, and a new file is started. If the fo
 files are removed.
 
 Files stay readable after a failure. The log reserves disk space for closing a file, so a full disk ends the log without
-damage. The reserved space is a file without a name. The operating system removes this file when the run ends, even if
-the run is killed.
+damage. The reserved space is a file without a name, because the operating system removes such a file when the run ends,
+even if the run is killed.
 """
 
 from __future__ import annotations
@@ -145,7 +145,8 @@ class _Whole:
             self._file.seek(self._length)
             self._put(block)
         self._length += len(block)
-        # If the file has no name left, it was deleted while it was open, and its content is lost when it is closed.
+        # If a log file has no name left, the file was deleted while it was open. Its content will be lost, so writing
+        # fails here.
         if os.fstat(self._file.fileno()).st_nlink == 0:
             raise FileNotFoundError(errno.ENOENT, "the log file was removed")
         return len(block)

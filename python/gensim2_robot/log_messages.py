@@ -53,8 +53,8 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
-                # A message can state a shape that is larger than its data. NumPy raises a ValueError for such a shape,
-                # which is handled below. For a huge count, NumPy would raise an OverflowError instead, so the count is
+                # A damaged message can state a shape that is larger than its data. NumPy then raises a ValueError,
+                # which is handled below. For a huge count, however, NumPy would raise an OverflowError, so the count is
                 # limited.
                 count = min(count * size, len(data) + 1)
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
@@ -113,8 +113,8 @@ class About(LogMessage):
     Attributes:
         robot: name of the robot.
         language: instruction that was given to the policy.
-        pixels: minimum number of pixels of the images from which observations are computed. Larger images are reduced,
-            but not below this number. None: images are not reduced, as in version 0.1.
+        pixels: Before observations are computed, images are reduced to a lower resolution, but each image keeps at
+            least this number of pixels. None: images are not reduced, as in version 0.1.
         observation: observation spec of the policy, as returned by :meth:`ObservationSpec.to_dict`.
         cameras: cameras with images in the log. The pose of a camera that is mounted on a link is given in the link's
             frame.
@@ -169,7 +169,7 @@ class ArmMessage(LogMessage):
 
 
 class PictureMessage(LogMessage):
-    """An image; messages of version 0.1 have no serial number."""
+    """An image of a camera, with the serial number of the camera. Logs of version 0.1 have no serial numbers."""
 
     camera: str
     number: int
@@ -270,7 +270,7 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
     """
     schema = PictureMessage if topic.startswith(_CAMERA) else _SCHEMAS.get(topic)
     if schema is None:
-        raise InputError("is not a topic of a log", field=topic)
+        raise InputError("logs have no topic with this name", field=topic)
     fields: dict[str, Any] = {}
     for name, values in arrays.items():
         group, slash, key = name.partition("/")

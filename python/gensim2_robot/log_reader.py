@@ -78,7 +78,10 @@ def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
                 raise InputError(error.message, file=path, field=error.field, remedy=_REMEDY) from error
             if is_first != isinstance(message, About):
                 raise InputError(
-                    "must be the first message of a file, and occur once", file=path, field="/about", remedy=_REMEDY
+                    "this message must be the first message of the file, and must occur only once",
+                    file=path,
+                    field="/about",
+                    remedy=_REMEDY,
                 )
             if isinstance(message, About):
                 if about is not None and message != about:
@@ -373,7 +376,8 @@ class _Replayed:
         shown = tuple(self._frames[name][number] for name, number in names)
         sight = SensorSnapshot(question.step, question.q, question.v, question.gripper, shown, question.posed)
         found: dict[str, npt.NDArray[Any]] = {}
-        for eyes in self._eyes:  # compute point clouds only if the log contains one for this request
+        # the second Eyes object computes a point cloud; use it only if the logged arrays of this request need it
+        for eyes in self._eyes:
             if not found.keys() >= seen.keys():
                 found = inputs(eyes.observe(sight))
         self._questions += 1

@@ -111,8 +111,8 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return the observation spec of the data that are displayed and logged. If the controller uses cameras, this is
-    the spec of the controller. Otherwise the spec contains all cameras.
+    """Return the observation spec that determines which data are displayed and logged. If the controller uses cameras,
+    the result is the controller's spec. Otherwise the result is a spec with all cameras.
     """
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 

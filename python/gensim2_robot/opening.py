@@ -116,7 +116,8 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     made = controller.make(given.spec, profile)
     seen, privileged = spec_of(made), is_privileged(made)
     if isinstance(made, RemoteController):
-        made.close()  # This connection was only a check; the controller's process opens its own.
+        # This connection to the policy server served only to check the policy; the controller's process opens its own.
+        made.close()
     if privileged and not config.is_simulated:
         raise InputError("needs the true state of the scene, which only a simulation has", field=controller.target)
     if seen.is_privileged:
@@ -140,11 +141,14 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
                 raise InputError(f"{fault.name} needs at least two cameras", field="fault")
             if source.kind == SOFTWARE:
                 raise InputError(
-                    "cannot be injected into software devices", field="fault", remedy=f"--cameras {SIMULATED}"
+                    "this fault cannot be injected into software devices",
+                    field="fault",
+                    remedy=f"give --cameras {SIMULATED}",
                 )
     calibration = None
     if config.calibration is not None:
-        # Real cameras report their image sizes only when they are opened, and are checked against the calibration then.
+        # A real camera reports its image size only when it is opened, so its size is compared with the calibration
+        # then.
         asked = cameras if source.is_rendered else ()
         calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
     elif not source.is_rendered and not config.dry:

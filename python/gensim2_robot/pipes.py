@@ -40,9 +40,9 @@ class DeviceGoneError(GenSim2Error):
 class MessagePipe:
     """One end of a pipe between two processes. The methods of this class never block.
 
-    The class replaces a ``multiprocessing`` ``Connection``, whose methods wait forever if the other process is
-    suspended: ``send`` waits while the kernel's buffer is full, and ``recv`` waits in the middle of a message. The
-    other end of the pipe may still be a ``Connection``.
+    The class replaces ``multiprocessing``'s class ``Connection``. If the other process is suspended, the methods of a
+    ``Connection`` can wait forever: ``send`` waits while the kernel's buffer is full, and ``recv`` waits for the rest
+    of a message. The other end of the pipe may still be a ``Connection``.
 
     Args:
         connection: connection of this end.
@@ -57,7 +57,7 @@ class MessagePipe:
         self._is_over = self._is_stuck = False
 
     def tell(self, message: Any) -> None:
-        """Send a message; a failure is raised by the next :meth:`drain`."""
+        """Send a message. If sending fails, the next call of :meth:`drain` raises an error."""
         if self._is_over or self._is_stuck:
             return
         if len(self._going) >= MAX_WAITING:
@@ -168,11 +168,11 @@ class PictureSlots:
     """Gives a process access to images in shared memory. The memory is divided into slots, each for one image.
 
     A slot belongs to one process at a time, the writer or the reader. The writer fills a slot and sends a message about
-    it. From then on the slot belongs to the reader, until the reader returns it to the writer.
+    the slot. The slot then belongs to the reader, until the reader returns the slot to the writer.
 
     The process that creates the memory sends the memory's name to the other process. The other process opens the memory
-    and then deletes the name. The operating system frees memory without a name when the last process that uses the
-    memory ends, even if the process is killed.
+    and then deletes the name. The name is deleted so that the operating system frees the memory when the last process
+    that uses the memory ends, even if this process is killed.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:

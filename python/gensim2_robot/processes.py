@@ -60,7 +60,7 @@ class DeviceProcess:
     """
 
     def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:
-        # A preload list set after the start of the first process has no effect.
+        # Set the preload list before the first process starts. A list that is set later has no effect.
         _CONTEXT.set_forkserver_preload(list(PRELOAD))
         ours, theirs = Pipe()
         self.pipe = MessagePipe(ours, what)
@@ -101,8 +101,9 @@ class DeviceProcess:
     def close(self) -> list[Any]:
         """End the process within four seconds, by force if necessary, and return the messages that were not read yet.
 
-        An unread message can describe shared memory that the caller has not opened yet. The caller must open this
-        memory, because opening deletes the memory's name, and the operating system frees only memory without a name.
+        An unread message can describe shared memory that the caller has not opened yet. The caller must still open this
+        memory: opening deletes the name of the memory, and the operating system frees memory only after its name has
+        been deleted.
         """
         self.tell(None)
         self._process.join(timeout=ENDING)
@@ -121,7 +122,7 @@ def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> No
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
         os.environ[name] = "1"
-    gc.freeze()  # garbage collection of all imported objects takes 0.1 s
+    gc.freeze()  # exclude the imported objects from garbage collection, which would take 0.1 s
     try:
         target(pipe, *arguments)
     except GenSim2Error as error:

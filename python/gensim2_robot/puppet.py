@@ -64,7 +64,7 @@ class GivenActions:
         return (answer,)
 
     def fail(self, fault: str) -> None:
-        """Raise an error, because faults cannot be injected into given actions."""
+        """Raise an error, because faults cannot be injected into actions that another program gives."""
         raise InputError(
             "faults cannot be injected, because the actions come from another program and not from a policy",
             field="fault",

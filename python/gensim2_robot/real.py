@@ -163,8 +163,8 @@ def open_cameras(
 
     Args:
         source: source with devices or files.
-        there: cameras by name, with image sizes and initial guesses of the poses.
-        rate: frame rate, Hz; recordings have their recorded rate.
+        there: available cameras with their names, image sizes and initial guesses of their poses.
+        rate: frame rate of real cameras, Hz. Recordings are played at their recorded rate.
         interrupted: list of received stop signals; the first signal ends the opening.
 
     Raises:

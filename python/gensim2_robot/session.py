@@ -74,8 +74,8 @@ class Devices:
     Attributes:
         arm, cameras, mind, clock: arm, cameras, controller and clock of the loop.
         stage: arranges the scene of each episode.
-        failing: functions that inject faults into devices, by the first word of the fault's name. The mapping is empty
-            for real devices.
+        failing: function that injects a fault into a device, for each kind of device. The kind is the first word of a
+            fault's name, such as ``camera``. The mapping is empty for real devices.
     """
 
     arm: ArmDriver
@@ -266,8 +266,8 @@ class Session:
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
-        # After the goal is reached, the scene needs time to settle. The time limit of the episode includes the time for
-        # settling, as in a simulated rollout, so the limit for reaching the goal is shorter.
+        # After the goal is reached, the scene needs time to settle. As in a simulated rollout, the time limit of the
+        # episode includes this time. The robot must therefore reach the goal before a shorter limit.
         most = self._episode_limit - (MAX_SETTLE_SECONDS if goal_ends else 0.0)
         while True:
             self._cycle()
@@ -313,8 +313,8 @@ class Session:
         """Keep the arm in place until the scene has settled.
 
         Returns:
-            Total time (s) for which the watchdog held the arm while the scene settled; None if the person did not
-            resume after a hold.
+            Total time (s) for which the watchdog held the arm while the scene settled. The result is None if the
+            watchdog held or stopped the arm and no person resumed.
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
@@ -392,8 +392,8 @@ class Session:
         return held
 
     def _resumed(self) -> bool:
-        """Wait until a person resumes or stops the held arm, and return whether the arm was resumed; False without a
-        person.
+        """Wait until a person resumes or stops the held arm, and return whether the arm was resumed. If no person is at
+        the keyboard, return False at once.
         """
         line = self._line
         if line.watch.state is not State.HOLDING or self._keys is None or not self._keys.is_there:
@@ -436,7 +436,8 @@ class Session:
 def result(
     about: About, log: Path | None, watch: Watch, figures: LoopFigures, interrupted: Sequence[int]
 ) -> dict[str, Any]:
-    """Return the part of a run's result that does not depend on episodes or commands, as plain data.
+    """Return the result of a run as plain data. Fields about episodes and commands have the values of a run without
+    episodes, and the caller may replace these values.
 
     Args:
         about: description of the loop.

@@ -46,8 +46,8 @@ class Rows:
     Attributes:
         time: time of the state, s.
         episode: number of times that the world was reset before this state.
-        states: state of the scene in the format of ManiSkill's ``env_states``. Each array has one row, for the one
-            instant.
+        states: state of the scene in the format of ManiSkill's ``env_states``. The first axis of each array has the
+            length 1, because the state describes one instant.
         models: object models by the name of the object in the task.
         q: (n,) all active joints.
     """
@@ -148,8 +148,8 @@ class SimulatedWorld:
         return self._env.scene_state()
 
     def look(self) -> tuple[bool, bool]:
-        """Return two values: whether the goal is reached while the simulation is stable, and whether the scene is at
-        rest.
+        """Return two values. The first value is whether the goal is reached and the simulation is stable. The second
+        value is whether the scene is at rest.
 
         The scene is at rest if no object has moved since the last call. Call this method every ``GOAL_EVERY`` cycles.
         """

@@ -46,10 +46,10 @@ class WatchRules:
         thinking: time limit for an answer of the controller while the arm stands still.
         late_answers: the arm is held after this number of consecutive answers in which all actions are too late.
         state_age: maximum age of the newest state received from the arm.
-        behind: maximum distance (rad or m) of the arm's joints from the nearest recent command. The watchdog does not
-            check this distance while the contact force is at least ``pressed``.
-        pressed: contact force (N) that shows that an obstacle may block the arm. From this force on, the arm may stay
-            away from its commands until the contact force reaches its limit.
+        behind: maximum distance (rad or m) of the arm's joints from the nearest recent command. The watchdog checks
+            this distance only while the contact force is below ``pressed``.
+        pressed: contact force (N) from which an obstacle may be blocking the arm. A blocked arm cannot follow its
+            commands, so the watchdog does not hold it until the contact force reaches its limit.
         window: maximum age of the recent commands with which the arm's joints are compared.
         overrun: maximum tolerated delay of the start of a period.
         overruns: the arm is stopped after this number of consecutive delays that are larger than ``overrun``.
@@ -224,8 +224,8 @@ class Watch:
         """Record that actions have arrived.
 
         Args:
-            late: whether all actions of an answer came too late. One late answer is normal when a motion starts. After
-                several late answers in a row the watchdog holds the arm.
+            late: whether all actions of the controller's answer arrived too late to be executed. One such answer is
+                normal when a motion starts. After several such answers in a row, the watchdog holds the arm.
             now: current time, s.
         """
         self._late_answers = self._late_answers + 1 if late else 0
@@ -278,8 +278,8 @@ class Watch:
         """Hold the arm if the controller has not answered in time."""
         if self._asked is None or self.state is not State.RUNNING:
             return
-        # The time limit is shorter if the arm has moved at any time since the request, even if the arm stands still
-        # now. An arm without further actions stops before the answer arrives.
+        # The shorter time limit applies if the arm has moved at any time since the request, even if the arm stands
+        # still now. The arm may stand still only because it has executed all its actions and waits for the answer.
         self._moved_since |= moves
         waited = now - self._asked
         if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):
@@ -287,7 +287,7 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Return the number of image rows with at least ``TOLD_APART`` measurements. Because of the noise in these
-    measurements, two different images practically never contain the same row by chance.
+    """Return the number of image rows with at least ``TOLD_APART`` measurements. Every measurement contains noise, so
+    two different images practically never contain the same such row by chance.
     """
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

@@ -237,7 +237,7 @@ def test_records_that_are_pipes_are_refused(dataset: DataSet) -> None:
         ("a soft link", "actions is a link"),
         ("another file's numbers", "actions stores its data in another file"),
         ("1e12 rows", "more than 128 MiB"),
-        ("text", "holds text or objects, not numbers"),
+        ("text", "contains text or objects, but must contain numbers"),
     ],
 )
 def test_hdf5_points_nowhere_and_claims_no_more_than_fits(dataset: DataSet, what: str, said: str) -> None:

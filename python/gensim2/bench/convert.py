@@ -36,9 +36,9 @@ def keypoint_problem(
         problem: recorded problem, with its keyframe times and keypoints.
         scene: scene with the obstacles of the problem.
         robot: model of the arm with hand and fingers.
-        frames: frame in which the config gives the motions of the hand after the actuation keyframe. With
-            ``"original"``, this is the frame of the original GenSim2 solver, which is rotated by the object's yaw. With
-            ``"object"``, it is the frame of the hand.
+        frames: frame in which the config gives the motions of the hand after the actuation keyframe. ``"object"`` means
+            the frame of the hand. ``"original"`` means the frame of the original GenSim2 solver, which is rotated by
+            the object's yaw.
         options: solver options that replace the default options for recorded problems.
 
     Raises:

@@ -141,9 +141,9 @@ def solve_motions(
     - ``cpu_ms``: CPU time of the planning call in ms, including the time to build the scene.
     - ``duration``: duration of the motion, s.
     - ``length``: length of the path in joint space, rad.
-    - ``nearer``: pairs of bodies whose distance at the start or at the goal is already smaller than ``margin``. Each
-      entry has the names of the two bodies and their distance in m. Along the motion, the planner requires only this
-      distance between the two bodies, not ``margin``.
+    - ``nearer``: pairs of bodies that are closer than ``margin`` already at the start or at the goal. Each entry has
+      the names of the two bodies and their distance in m. During the motion, these two bodies must keep only this
+      distance instead of ``margin``.
     - ``checks``: number of collision checks.
     - ``samples``: joint positions every 5 ms, rad.
 

@@ -23,7 +23,8 @@ from gensim2.core.validation import input_error
 
 Array = npt.NDArray[np.float64]
 
-#: Maximum deviation of a stored rotation matrix from orthonormality, because the data have single precision.
+#: Maximum deviation of a stored rotation matrix from orthonormality. The data have single precision, so rounding errors
+#: must be tolerated.
 ROTATION_TOLERANCE = 1e-4
 
 
@@ -43,9 +44,9 @@ def _is_pose(rows: list[list[float]]) -> list[list[float]]:
         or np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE
         or np.linalg.det(rotation) < 0.0
     ):
-        raise ValueError("the upper left 3x3 block is not a rotation")
+        raise ValueError("the upper left 3x3 block of the pose is not a rotation matrix")
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
-        raise ValueError("the last row is not 0 0 0 1")
+        raise ValueError("the last row of the pose must be 0 0 0 1")
     return rows
 
 
@@ -185,11 +186,13 @@ class PlanProblem(_Record):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):
                 raise ValueError(
-                    f"{kind}_actuation_times: must have one time for each entry of config.{kind}_actuation_motions"
+                    f"{kind}_actuation_times: there must be one time for each motion in config.{kind}_actuation_motions"
                 )
         clock = [self.start_time, *self.keyframe_times()]
         if any(later <= earlier for earlier, later in pairwise(clock)):
-            raise ValueError("actuation_time: start, pre-actuation, actuation and post-actuation times must increase")
+            raise ValueError(
+                "actuation_time: every keyframe must be later than start_time and than the keyframe before"
+            )
 
 
 def _no_constant(name: str) -> NoReturn:
@@ -220,7 +223,9 @@ def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
     except (ValueError, RecursionError) as error:
         raise InputError(str(error), file=file, field=where, remedy="write finite numbers only") from error
     if not isinstance(data, dict):
-        raise InputError("not a JSON object", file=file, field=where, remedy="write one JSON object on each line")
+        raise InputError(
+            "the line is not a JSON object", file=file, field=where, remedy="write one JSON object on each line"
+        )
     try:
         problem = PlanProblem.model_validate(data)
     except ValidationError as error:

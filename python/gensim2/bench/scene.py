@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
-#: Smallest thickness of a part (m, at its final scale), because convex hulls need a volume.
+#: Smallest thickness of a part (m, at its final scale). Flat parts get this thickness, because a convex hull needs a
+#: volume.
 MINIMUM_THICKNESS = 5e-4
 SAME_PLACE = 1e-9  # vertices closer than this are merged (units of the file)
 
@@ -101,8 +102,8 @@ class SceneObstacle:
     Attributes:
         name: unique name in the scene.
         role: role of the body in the problem. ``"table"`` is the table. ``"object_body"`` is the fixed part of an
-            articulated object, and ``"moving_link"`` is its movable part. ``"target"`` is a rigid object to which the
-            constraints of the motion refer. ``"attached"`` is a grasped object. ``"rigid"`` is any other rigid object.
+            articulated object, and ``"moving_link"`` is its movable part. ``"target"`` is a rigid object that the
+            constraints of the motion name. ``"attached"`` is a grasped object. ``"rigid"`` is any other rigid object.
         hulls: vertices (N, 3) of each hull in the body frame, m.
         pose: (4, 4) pose of the body in the robot base frame, or in the hand frame if ``role`` is ``"attached"``.
     """
@@ -286,7 +287,7 @@ def check_assets(folder: Path) -> Path:
     """Return ``folder``; raise InputError if the folder does not contain ``articulated_objs``."""
     if not (folder / "articulated_objs").is_dir():
         raise InputError(
-            "has no subfolder articulated_objs",
+            "the folder has no subfolder articulated_objs",
             file=folder,
             field="--assets",
             remedy="give the folder of GenSim2's released objects",

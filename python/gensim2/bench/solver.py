@@ -120,12 +120,12 @@ def bench_solver(
     Args:
         problems: JSON Lines file of planning problems, see ``gensim2.bench.problems``.
         out: file to write.
-        assets: folder with the objects of the problems, which become obstacles. If it is None, the table is the only
-            obstacle.
+        assets: folder with the objects of the problems. Every object becomes an obstacle. If ``assets`` is None, the
+            table is the only obstacle.
         frames: how motion frames are interpreted (see :func:`~gensim2.bench.convert.keypoint_problem`).
         threads: number of solver threads, which does not affect results.
-        sample_dt: time step of the joint positions in the results, s. If it is None, the results contain no joint
-            positions.
+        sample_dt: time step of the joint positions in the results, s. If ``sample_dt`` is None, the results contain no
+            joint positions.
 
     Returns:
         Summary of all problems: the number of problems with each status, median CPU times and the peak memory.
@@ -172,7 +172,8 @@ def solve_problems(
 
     Args:
         problems: JSON Lines, see ``gensim2.bench.problems``.
-        assets: folder of real objects, which are obstacles; None: the table is the only obstacle.
+        assets: folder with the objects of the problems. Every object becomes an obstacle. If ``assets`` is None, the
+            table is the only obstacle.
         frames: how motion frames are interpreted (see :func:`~gensim2.bench.convert.keypoint_problem`).
         threads: number of solver threads, which does not affect results.
         sample_dt: time step of the joint positions in the records, s; None: no joint positions.

@@ -76,7 +76,7 @@ def _numbers(values: list[float]) -> str:
 def list_assets(*, assets: str | None, kind: Literal["articulated", "rigid"] | None = None) -> dict[str, Any]:
     """List the classes of an object library with their instances.
 
-    A rigid object is the only instance of its class.
+    A class of rigid objects always has exactly one instance.
 
     Args:
         kind: List only articulated or only rigid objects.  [default: both]

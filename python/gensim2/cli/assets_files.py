@@ -153,8 +153,8 @@ def import_(
         name: Id of the new object.
         joint: Joint that stays movable.  [default: the only joint that has the class's joint type]
         scale: Length in metres of one unit of the model.
-        up: Axis of the model that points up. With up axis z, the model's front must face -x. With up axis y, the front
-            must face z. A USD file states its own up axis.
+        up: Axis of the model that points up. If the axis is z, the front of the model must face -x. If the axis is y,
+            the front must face z. A USD file itself states which axis points up.
         keypoints: Position of a keypoint such as head or tail in the frame of the moving link, in units of the model;
             can be repeated. FILE is a YAML file with the name and position of each keypoint.  [default: proposed from
             the geometry]
@@ -197,8 +197,8 @@ def import_(
 
 
 def _positions(given: tuple[str, ...]) -> dict[str, list[float]]:
-    """Read the values of ``--keypoint``, each a position or a file with several positions. Return the positions, keyed
-    by the name of the keypoint.
+    """Read the values of ``--keypoint``, and return the positions by the name of the keypoint. A value is a single
+    position, or a file with several positions.
 
     Raises:
         InputError: a value is neither NAME=X,Y,Z nor a file of names and numbers.

@@ -52,8 +52,8 @@ def validate(
     """Check the geometry and the physics of objects.
 
     The checks test that objects are complete, stay at rest, move as their joint allows and can be reached by the robot.
-    WHICH selects objects of the class: an id, train, test, new, all or random. The command prints one line for each
-    object. The exit code is 1 if an object fails a check.
+    WHICH selects objects of the class CLASS: give an id, train, test, new, all or random. The command prints one line
+    for each object. The exit code is 1 if an object fails a check.
 
     Args:
         every: Check all objects of the library. This is the default if no CLASS is given.

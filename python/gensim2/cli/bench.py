@@ -154,9 +154,9 @@ def policy(
     """Measure the latency of policies from observation to action.
 
     Without --checkpoint, the command measures each type of policy with random weights and batch size 1 in a simulated
-    scene. The latency includes the ray casting that makes the observation. It does not include the planner that moves
-    the hand to the predicted poses. With --checkpoint, the command measures a trained policy, and the latency includes
-    this planner.
+    scene. The latency then includes the ray casting that makes the observation, but not the motion planner, which moves
+    the hand to the poses that a keypose policy predicts. With --checkpoint, the command measures a trained keypose
+    policy. The latency then includes the motion planner.
 
     Args:
         checkpoint: Trained keypose policy (a policy that predicts hand poses) to measure in episodes of its tasks.

@@ -57,8 +57,8 @@ def collect(
         episodes: Number of episodes of each task.
         out: Folder of the data set.
         keep_failures: Also keep the states of failed episodes.
-        noise: Standard deviation of the random angles that are occasionally added to the commands of the arm's joints.
-            The data set also contains the commands without this noise, and training uses those commands.
+        noise: Standard deviation of the noise that is added from time to time to the commands of the arm's joints. The
+            data set also contains the commands without noise, and policies are trained on the commands without noise.
         strategy: Name of a strategy. A step that has a strategy of this name uses no other strategy. Can be repeated.
         objects: Number of new generated objects of each class to use instead of --instances.  [default: the objects of
             --instances]

@@ -88,9 +88,9 @@ def evaluate(
         arguments: Keyword arguments of the controller.
         data: Rendered data set on which the controller was trained. A controller with other observation settings is
             refused.
-        stop: With goal, an episode ends when the goal has been true for half a second and is still true after the scene
-            has come to rest, or at the time limit. With controller, an episode ends when the controller returns None,
-            and an episode that reaches the time limit is truncated.
+        stop: Event that ends an episode before its time limit. With goal, the goal must have been true for half a
+            second and must still be true after the scene has come to rest. With controller, the controller must return
+            None; otherwise the episode is truncated (cut off) at the time limit.
         runs: Number of repetitions.
         episodes: Number of episodes of each task in each run.
         videos: Number of episodes of each task to record as video.

@@ -35,9 +35,9 @@ class Learning:
             take ten times as long.
         start: Multi-task keypose policy to start from: a policy of learn, or builtin. The new policy learns TASKS in
             addition to the tasks of this policy, and all tasks are evaluated.
-        demonstrations: Earlier run of learn for another policy type with the same TASKS, objects and seed. The new run
-            reuses the demonstrations of this run. A part of --minutes is reserved for demonstrations. If
-            some of this time is left, the new run makes more demonstrations.
+        demonstrations: Folder of an earlier run of learn with another policy type, but with the same TASKS, objects and
+            seed. The new run reuses the demonstrations of the earlier run. The new run also reserves a part of
+            --minutes for demonstrations, and makes more demonstrations if some of this time is left.
         text: Text encoder of a multi-task policy: small is trained with the policy, clip is the text encoder of CLIP,
             and sentence is a sentence encoder.  [default: the encoder of --from, else small]
         text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP on the Hugging Face
@@ -105,7 +105,8 @@ def learn(
     The policy observes point clouds, the robot's state and an instruction. First the command generates scenes of TASKS
     and plans the motions in the scenes. For action-chunk policies, it also simulates the plans and renders the
     episodes. Then it trains the policy. Finally it evaluates the policy and the baselines with objects and seeds that
-    were not used in training. --out becomes a checkpoint, or a folder with one checkpoint for each task.
+    were not used in training. The folder --out becomes the checkpoint of the policy. If the command trains a policy for
+    each task, --out contains one checkpoint for each task.
 
     Args:
         instances: Objects to train on; replaces --objects.

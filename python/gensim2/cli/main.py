@@ -100,8 +100,8 @@ def _start(*, robots: Annotated[tuple[str, ...], Option("--load-robot", "FILE.py
     again), and 130 an interruption by Ctrl-C (143 by SIGTERM, 129 by SIGHUP).
 
     Args:
-        robots: Python file that registers your own robot; can be repeated. Checkpoints, logs and data sets can name
-            this robot but never load its code, so commands that read them need this option.
+        robots: Python file that registers your own robot; can be repeated. Checkpoints, logs and data sets contain only
+            the name of this robot, not its code. Commands that read such files therefore need this option, too.
     """
     for place in robots:
         from gensim2.robots import load_robot
@@ -171,7 +171,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
-        # Click replaces a KeyboardInterrupt by Abort, so the notes are on the cause of Abort.
+        # Click replaces a KeyboardInterrupt by Abort. The notes that belong to the message below are attached to the
+        # KeyboardInterrupt, which is the cause of Abort.
         notes = getattr(error.__cause__ or error, "__notes__", ())
         return _fail("; ".join(("gensim2: interrupted; what was finished is kept", *notes)), exit_code(error))
     except SystemExit as error:  # Click raises no SystemExit here, so a library or the user's code has raised it.

@@ -47,7 +47,8 @@ class _Robot(click.ParamType[str]):
 
 
 Robot = Annotated[str, _Robot(), Option(metavar="NAME|FILE.py")]
-#: Not a path type, because ``builtin`` is a name while ``./builtin`` is a folder.
+#: The option has the type str instead of a path type, because ``builtin`` is the name of the packaged policy, while
+#: ``./builtin`` is a folder.
 Checkpoint = Annotated[str, Option(metavar="DIR|builtin")]
 
 
@@ -72,7 +73,7 @@ class Shared:
             scenes. A task is kept only if enough episodes succeed in both engines, and a demonstration only if it
             succeeds in both.
         instances: Objects to use. train is 90 % of the listed objects, and test is the remaining 10 %. train-K and
-            test-K, with K from 1 to 9, divide the listed objects in the same proportion but in another way. new stands
+            test-K, with K from 1 to 9, are nine other divisions of the listed objects into 90 % and 10 %. new stands
             for generated objects that are not listed. random is one random listed object.
         jobs_per_worker: Number of jobs after which a simulator process is replaced.
         library: Folder of your own tasks, used in addition to the tasks of the package.  [default: $GENSIM2_LIBRARY,
@@ -143,7 +144,8 @@ _SHARED = options_of_class(Shared)
 #: Options that determine scenes and episodes.
 SCENE = ("assets", "instances", "engine", "physics", "redraw", "randomization", "robot")
 EPISODES = ("seed", *SCENE, "open_loop")
-#: Options that determine whether the planner gets the true scene or an estimate, and the noise of the estimate's input.
+#: Options of the planner's input. They determine whether the planner gets the true scene or an estimate, and which
+#: noise the depth images have from which the scene is estimated.
 PLANNER = ("scene_source", "depth_noise")
 #: Options of simulator processes.
 PROCESSES = ("workers", "time_limit", "jobs_per_worker")
@@ -255,7 +257,8 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
         UsageError: ``--resume`` is given without ``--out``. Without ``--out`` the command would use a new folder, which
             contains no run to resume.
     """
-    # The command `design` has an argument `folder`, and the default of its --out is a subfolder of this folder.
+    # The command `design` can resume a run without --out: its default run folder is a subfolder of its argument
+    # `folder`.
     if given.get("resume") and given.get("out", "") is None and "folder" not in given:
         raise click.UsageError("--resume continues the run in the folder given with --out; add --out")
     if given.get("ray") is not None and not is_given(context, "workers"):

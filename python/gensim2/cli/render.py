@@ -18,7 +18,7 @@ Words = Annotated[str, Option(metavar="LIST")]
 def _words(text: str, option: str) -> tuple[str, ...]:
     words = tuple(word.strip() for word in text.split(","))
     if not all(words):
-        raise InputError("must be names separated by commas", field=option)
+        raise InputError("the value must be a list of names separated by commas", field=option)
     return words
 
 

@@ -20,7 +20,8 @@ Several = Annotated[int | None, click.IntRange(0, 1000)]
 
 
 def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None, long: int | None) -> None:
-    """Reject a requested number of single-step or long tasks that a language model never proposes in this mode.
+    """Reject the option ``--single`` or ``--long`` if a language model proposes no tasks of this kind in the requested
+    mode.
 
     This check runs before the first request to the model, because requests cost money.
 
@@ -110,7 +111,8 @@ def run_pipeline(
         target_task: Redesign this library task without using its stored solution. A language model also accepts a new
             name, and then describes the task itself.
         target_object: Class of objects that the tasks must use.
-        stored_tasks: Library task to verify and demonstrate in addition, with its stored strategies; can be repeated.
+        stored_tasks: Library task that the run also verifies and demonstrates, with the stored strategies of the task;
+            can be repeated.
         designer: Designer of tasks and strategies. offline is a search without a language model, and MODEL is the name
             of a language model.  [default: offline]
     """

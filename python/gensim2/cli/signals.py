@@ -15,8 +15,8 @@ _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 #: Packages that catch BaseException, for example around imports. They would treat Ctrl-C as a missing module.
 SWALLOWING = ("networkx", "trimesh")
 
-#: Delay in seconds before a signal is handled again. A signal is handled again if a package of ``SWALLOWING`` was
-#: running when the signal arrived, because this package would catch the exception.
+#: Delay in seconds after which a postponed signal is handled. A signal is postponed while a package of ``SWALLOWING``
+#: is running, because this package would catch the exception.
 AGAIN = 0.05
 
 
@@ -32,9 +32,9 @@ def stopping_signals() -> Iterator[None]:
     """Raise :class:`Stopped` on the first SIGTERM or SIGHUP in the block, and KeyboardInterrupt on Ctrl-C.
 
     After SIGTERM or SIGHUP, later signals are ignored, so that they do not interrupt the cleanup. If the parent process
-    ignores a signal (as ``nohup`` does), the signal stays ignored. The packages in ``SWALLOWING`` catch all exceptions.
-    If a signal arrives while one of these packages is running, the exception is raised only after the package has
-    returned.
+    has made the program ignore a signal (as ``nohup`` does), the signal stays ignored. If a signal arrives while a
+    package of ``SWALLOWING`` is running, the exception is raised only after the package has returned, because these
+    packages catch all exceptions.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -74,10 +74,10 @@ def solve(
     The command plans the steps of TASK in one random scene, in the same way as an episode does. The plan of a step
     starts from the predicted result of the previous steps.
 
-    If a step has no complete motion, the plan contains the longest possible part of the motion and has the status
-    partial, because an episode would execute this part. The command then prints why the motion is incomplete. A picture
-    of the step shows the scene, the keypoints, the targets, the keyframes and the remaining errors of the constraints.
-    The exit code is 1 if a step has no motion at all.
+    If the command finds no complete motion for a step, the plan contains the longest possible part of the motion, which
+    an episode would execute. The plan then has the status partial, and the command prints why the motion is incomplete.
+    A picture of the step shows the scene, the keypoints, the targets, the keyframes and the remaining errors of the
+    constraints. The exit code is 1 if a step has no motion at all.
 
     Args:
         out: Folder to write the plan and its picture to.  [default: none; the picture of a step without a complete

@@ -188,8 +188,9 @@ def add(
     """Add the kept tasks of a run, or your own task, to your library.
 
     FOLDER is a run folder of run-pipeline, or a folder with task.yaml and strategies/ that you wrote. From a run
-    folder, the command adds the designed tasks that the run kept. It verifies your own task before it adds the task: at
-    least 60 % of the new episodes must succeed. If a task is not added, the command prints the reason.
+    folder, the command adds the designed tasks that the run kept. A task that you wrote is first verified in new
+    episodes, and is added only if at least 60 % of the episodes succeed. If a task is not added, the command prints the
+    reason.
 
     Args:
         episodes: Number of episodes that verify your own task.
@@ -243,10 +244,10 @@ def export(
 ) -> dict[str, Any]:
     """Write tasks to a folder or a .zip.
 
-    The command writes the tasks NAMES, or all tasks of --origin. With --to library, the output is a task library: every
-    command accepts the folder OUT as --library, and the subfolder OUT/<Task> as a task. With --to mjcf, the command
-    writes one scene of each task, including the robot, to the file OUT/<Task>.xml. python -m mujoco.viewer can show
-    this file.
+    The command writes the tasks NAMES, or all tasks of --origin. With --to library, the output is a task library. You
+    can give the folder OUT as --library to every command, and a subfolder OUT/<Task> wherever a command expects a task.
+    With --to mjcf, the command writes one scene of each task, including the robot, to the file OUT/<Task>.xml. python
+    -m mujoco.viewer can show this file.
 
     Args:
         origin: Export all tasks proposed by NAME; replaces NAMES.

@@ -71,9 +71,9 @@ def train(
         config: YAML file with settings.
         start: Continue training from the weights of this policy.
         out: Folder of the checkpoint.
-        dagger: Number of DAgger rounds. Each round runs the policy, labels every visited state with the action that the
-            planner would choose, and continues training with these labels, too. For the labels, the planner uses the
-            strategy and the target pose that it chose at the start of the episode.
+        dagger: Number of DAgger rounds. Each round runs the policy, and labels every visited state with the action that
+            the planner would choose. Training then continues with the demonstrations and the new labels. In an episode,
+            the planner keeps the strategy and the target pose that it chose at the start.
         dagger_episodes: Number of episodes of each task in each DAgger round.
     """
     from gensim2.policy.training import train as function

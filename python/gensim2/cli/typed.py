@@ -77,7 +77,8 @@ def parameters(function: Callable[..., Any], shared: Mapping[str, click.Paramete
     Args:
         function: the command's function; its parameter ``progress`` is not a command-line parameter.
         shared: shared options by name. A keyword-only parameter that the docstring does not describe becomes the shared
-            option of its name. If the parameter has a default, this default replaces the shared option's default.
+            option with the same name. If the parameter has a default, the option gets this default instead of its usual
+            default.
     """
     hints, texts = get_type_hints(function, include_extras=True), _texts(function)
     found: list[click.Parameter] = []

@@ -47,7 +47,9 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
         return Path(os.environ.get(variable) or default())
     except RuntimeError as error:
         remedy = f"set {variable} to a folder, or HOME"
-        raise InputError("this account has no home folder", field=variable, remedy=remedy) from error
+        raise InputError(
+            "this account has no home folder, and the variable is not set", field=variable, remedy=remedy
+        ) from error
 
 
 @contextlib.contextmanager
@@ -113,8 +115,8 @@ def new_folder(path: Path) -> Iterator[Path]:
             # better message.
             with contextlib.suppress(FileExistsError):
                 path.parent.mkdir(parents=True, exist_ok=True)
-            # Other processes remove temporary folders that are not locked. Therefore the parent folder stays locked
-            # until the new folder has its own lock.
+            # Other processes remove temporary folders that are not locked. Therefore this process locks the parent
+            # folder until the new temporary folder has its own lock.
             with _locked(path.parent) as alone:
                 if alone:
                     _remove_left(path)
@@ -144,7 +146,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
     """Try to lock a folder during a block, and yield whether the lock was acquired. No lock file is needed, because the
-    folder itself is locked. ``how`` has the flags for ``fcntl.flock``.
+    folder itself is locked. The flags ``how`` are passed to ``fcntl.flock``.
     """
     handle = _folder_handle(folder)
     try:

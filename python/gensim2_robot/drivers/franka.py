@@ -31,10 +31,11 @@ GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
 
 
 class _FrankaHand(StreamedArm):
-    """Base class of Franka arms; both libraries have the same interface for the hand.
+    """Base class of the Franka drivers, which controls the hand. The libraries ``franky`` and ``panda-python`` have the
+    same interface for the hand.
 
     Attributes:
-        hand: gripper object of the library, or None.
+        hand: gripper object of the library; None without a hand.
         width: maximum distance between the fingers, m.
     """
 
@@ -177,8 +178,8 @@ class PandaPyArm(_FrankaHand):
         except RuntimeError as error:  # any libfranka error
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
-        # Between motions the library reads the state in a thread of its own. The lock ensures that this class does not
-        # read the state during a stop.
+        # Between motions, a thread of the library reads the arm's state. The lock keeps ``_read`` from reading the
+        # state while ``_halt`` stops the controller.
         self._reading = threading.Lock()
         self.start()
 
@@ -189,7 +190,8 @@ class PandaPyArm(_FrankaHand):
                 self._panda.raise_error()  # raise_error raises the error of a failed motion only once.
             except RuntimeError as error:
                 ended = error
-                self._panda.stop_controller()  # While a controller runs, get_state repeats the last state.
+                # While a controller runs, get_state only repeats the last state, so the controller is stopped first.
+                self._panda.stop_controller()
             # The state is read after the controller was stopped. The state then shows whether the arm's safety function
             # (reflex) has stopped the arm.
             state = self._panda.get_state()
@@ -199,10 +201,11 @@ class PandaPyArm(_FrankaHand):
     def _write(self, q: Array, v: Array) -> None:
         if self._controller is None:
             if self._panda.get_state().robot_mode in self._stopped:
-                # The library would recover the arm automatically, but a person has to recover it.
+                # Refuse the command: otherwise the library would recover the arm automatically, but only a person may
+                # recover it.
                 raise DriverError("the arm's own safety function has stopped the arm; a person must recover the arm")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
-            self._panda.start_controller(controller)  # starts at the current position
+            self._panda.start_controller(controller)  # the controller starts from the arm's current position
             self._controller = controller
         self._controller.set_control(q, v)
 

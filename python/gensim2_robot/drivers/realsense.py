@@ -217,10 +217,11 @@ class _Film:
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
-        # The offset converts the times of images to the control loop's monotonic clock. A real device reports system
-        # times, so its offset is known. A recording has times in the past, so each image gives an estimate of its
-        # offset. The smallest estimate is used, because the smallest estimate belongs to the image with the smallest
-        # delay. One image is not enough, because the first images are late on a busy machine.
+        # The offset converts the time stamps of images to the control loop's monotonic clock. The offset of a real
+        # device is known, because the device reports system times. The time stamps of a recording lie in the past, so
+        # the offset is estimated: every image gives an estimate, which is too large by the delay of the image. The
+        # smallest estimate is used, because it belongs to the image with the smallest delay. Several images are needed,
+        # because the first images are late on a busy machine.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         with contextlib.ExitStack() as failed:
             for sensor, profiles in self._sensors:
@@ -277,7 +278,8 @@ LOOK = 5e-4
 
 
 class SoftwareDevice:
-    """A software device of the RealSense library. This program supplies its images.
+    """A software device of the RealSense library, which replaces a real camera. It delivers the images that gensim2
+    gives to it.
 
     Args:
         camera: camera with the image size and intrinsics of the device. The intrinsics are converted, because this

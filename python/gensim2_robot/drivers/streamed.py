@@ -45,11 +45,11 @@ class DriverError(GenSim2Error):
 class StreamedArm(ABC):
     """Base class of arms that accept a stream of joint positions at their own rate.
 
-    Targets arrive 100 times per second. The stream interpolates linearly between targets with a delay of one to three
-    cycles, so targets that are slightly late or arrive in a burst cause no stop and no jerk. If no next target arrives,
-    the arm slows down towards the last target without overshooting it, and is stopped soon afterwards. The gripper has
-    its own thread, because the gripper's library may block. The gripper's library gets a command only when the command
-    changes.
+    The control loop sends 100 targets per second, one in each cycle. A thread interpolates linearly between the
+    targets. The arm follows the targets with a delay of one to three cycles, so targets that are slightly late or
+    arrive in a burst cause no stop and no jerk. If no further target arrives, the arm slows down towards the last
+    target without overshooting it, and is stopped soon afterwards. Gripper commands are sent by a separate thread,
+    because the gripper's library may block, and only when the command changes.
 
     Args:
         rate: number of positions that the arm accepts per second.
@@ -64,7 +64,7 @@ class StreamedArm(ABC):
         self._share = self._told = self._played = 0.0
         self._stood: Array | None = None
         self._gripper = OPEN
-        self._told_grip: float | None = None  # unknown at the start
+        self._told_grip: float | None = None  # None: no gripper command was sent yet
         self._grips: queue.SimpleQueue[float | None] = queue.SimpleQueue()
         self._standing, self._over = True, False
         self._trouble: str | None = None
@@ -239,8 +239,9 @@ def _pace(left: float) -> float:
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return how far the stream advances during ``cycles`` cycles of the clock. The result counts targets, which are
-    one cycle apart. The result is always less than ``left``, the number of targets that remain.
+    """Return the number of targets (in general not a whole number) by which the stream advances during ``cycles``
+    cycles of the clock. Targets are one cycle apart. The result is always less than ``left``, the number of targets
+    that remain.
     """
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))

@@ -42,8 +42,8 @@ class PlacementRange(BaseModel):
             base.
         x, y: ranges (m) of the offset from the centre: x to the front, y to the left. A single number r stands for the
             range from -r to r.
-        yaw: maximum rotation, degrees. The object is rotated towards the robot, so the sign of the rotation depends on
-            whether the object stands to the left or to the right of the centre.
+        yaw: maximum rotation about the vertical axis, degrees. An object is rotated towards the robot: objects to the
+            left of the centre and objects to the right are rotated in opposite directions.
         openness: range of the openness (0 to 1) of the object's joint; None without a joint.
     """
 
@@ -58,7 +58,7 @@ class PlacementRange(BaseModel):
     @model_validator(mode="after")
     def _opens_in_order(self) -> PlacementRange:
         if self.openness is not None and self.openness[0] > self.openness[1]:
-            raise ValueError("the first number of openness must not exceed the second")
+            raise ValueError("the first number of the range 'openness' must not exceed the second")
         return self
 
 

@@ -44,7 +44,9 @@ class Person(Protocol):
         ...
 
     def judge(self, question: str, offered: bool | None) -> bool:
-        """Ask the person a yes-or-no question, and return the answer; ``offered`` is the simulator's answer."""
+        """Ask the person a yes-or-no question, and return the answer. ``offered`` is the simulator's answer, or None
+        without a simulator.
+        """
         ...
 
     def cause(self, causes: Sequence[str]) -> str:
@@ -148,8 +150,8 @@ def trial(
         verdict: who judges success: ``"person"`` or ``"simulator"``.
         person: person who lays out objects and judges; None if a simulator does both.
         resume: whether to continue the trials in the folder.
-        logged: whether to write a log. A log ends when the devices are closed, so devices that are opened again get a
-            new log.
+        logged: whether to write logs. Whenever the devices are opened again, a new log begins, because a log ends when
+            its devices are closed.
         name: name of the subfolder of ``out``; None: the task's name.
         keys: keyboard with which the person resumes or stops the arm.
         watching: additional receivers of the log's data, such as a web page.

@@ -45,18 +45,18 @@ def open_archive(path: Path) -> zipfile.Path:
         if os.fstat(stream.fileno()).st_size > MAX_ARCHIVE:
             raise NotRegularError(f"the archive is larger than {MAX_ARCHIVE // 2**20} MiB")
         archive = open_zip(stream, MAX_ENTRIES)
-        archive.filename = str(path)  # the stream has no name, only a file descriptor
+        archive.filename = str(path)  # error messages show this name; the stream itself has no name
         return zipfile.Path(archive)
     except DAMAGED as error:
         raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
 
 
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
-    """Open a zip file that has at most ``max_members`` entries, each stored or compressed by deflate.
+    """Open a zip file with at most ``max_members`` entries. Every entry must be uncompressed or compressed by deflate.
 
-    Both limits keep an archive from filling the memory. ``zipfile`` creates an object for every entry, so this function
-    counts the entries before it calls ``zipfile``. Other compression methods are refused, because ``zipfile`` cannot
-    limit the size of the data that it unpacks from a block of bzip2 or LZMA.
+    These two rules keep an archive from filling the memory. ``zipfile`` creates an object for every entry, so this
+    function counts the entries before it calls ``zipfile``. Other compression methods are refused, because ``zipfile``
+    cannot limit the size of the data that it unpacks from a block of bzip2 or LZMA.
 
     Raises:
         BadZipFile: the file has too many entries, or an entry uses another compression.

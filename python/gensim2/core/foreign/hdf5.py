@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 MAX_ARRAY = 2**30  # maximum size of one array in memory, bytes
-MAX_MEMBERS = 10_000  # maximum number of members of a group, except in ManiSkill's trajectories
+MAX_MEMBERS = 10_000  # maximum number of members of a group; only ManiSkill's trajectory files may have more
 
 #: Allowed filters: deflate, shuffle, fletcher32 and lzf. These are the filters that h5py can write. For any other
 #: filter, HDF5 would load a plug-in, which is foreign code.
@@ -75,12 +75,16 @@ def dataset_in(
         raise ForeignHdf5Error(f"{path} is not an array")
     found, size = item.dtype, item.shape
     if size is None or (found.kind not in "biuf" if dtype is None else found != np.dtype(dtype)):
-        raise ForeignHdf5Error(f"{path} holds {_shown(found)}, not {'numbers' if dtype is None else np.dtype(dtype)}")
+        raise ForeignHdf5Error(
+            f"{path} contains {_shown(found)}, but must contain {'numbers' if dtype is None else np.dtype(dtype)}"
+        )
     if shape is not None and not fits(size, shape):
         raise ForeignHdf5Error(f"{path} has the shape {size}, not {shown_shape(shape)}")
     chunk = item.chunks or ()
     if any(_bytes(each, found) > max_bytes for each in (size, chunk)):
-        raise ForeignHdf5Error(f"{path} has the shape {size} and takes more than {max_bytes // 2**20} MiB")
+        raise ForeignHdf5Error(
+            f"{path} has the shape {size}, and the array or one of its chunks takes more than {max_bytes // 2**20} MiB"
+        )
     if item.external is not None or item.is_virtual:
         raise ForeignHdf5Error(f"{path} stores its data in another file")
     plist = item.id.get_create_plist()

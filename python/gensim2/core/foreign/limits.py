@@ -13,11 +13,11 @@ MAX_OBJECT_FILES = 20_000  # maximum number of files in the folder
 MAX_OBJECT = 512 * MIB  # maximum total size of an object's files, bytes
 MAX_OBJECT_JSON = MIB  # maximum size of a JSON file of an object, bytes
 MAX_OBJ, MAX_MATERIALS = 32 * MIB, 4 * MIB  # maximum size of an OBJ file and of a file of materials, bytes
-MAX_LOOKS = 2_000  # maximum number of materials in a mesh file, because each material adds a separate mesh
+MAX_LOOKS = 2_000  # maximum number of materials in a mesh file; the reader makes a separate mesh for each material
 MAX_TRIANGLES = 2_000_000  # maximum number of triangles in all elements of an object
 FARTHEST_VERTEX = 1e6  # maximum absolute coordinate of a vertex, in units of the file
-# maximum absolute value of a coordinate or joint limit, in units of the file or rad; squares of larger values lose
-# precision
+# Maximum absolute value of a coordinate (in units of the file) or of a joint limit (in units of the file or rad). With
+# larger values, computed squares would lose precision.
 LARGEST_VALUE = 1e6
 MAX_MIMICS = 64  # maximum length of a chain of mimic joints
 LONGEST_LINK_NAME = 100
@@ -30,12 +30,12 @@ MAX_HEAD = MIB  # maximum size of a message's header, bytes
 # maximum size of a chunk, bytes, before and after decompression: a message of maximum size plus a margin
 MAX_CHUNK = MAX_MESSAGE + 2 * MIB
 MAX_CHANNELS = 100
-# maximum total number of pixels of all cameras in a log, because the program stores one ray for each pixel; the rays of
-# this number of pixels take 500 MB of memory
+# Maximum total number of pixels of all cameras in a log. The program stores one ray for each pixel, and the rays of
+# this many pixels take 500 MB of memory.
 MAX_CAMERA_PIXELS = 8 * MIB
 MAX_JOINTS = 100
-# A calibration reads at most this number of arm states and at most this number of images from a log. At 100 Hz, so many
-# arm states cover 87 minutes.
+# Maximum number of arm states, and maximum number of images, that a calibration reads from a log. With 100 arm states
+# per second, this number of states covers 87 minutes.
 MAX_STATES = MAX_PICTURES = 2**19
 MAX_POSES = 200  # maximum number of arm poses read from a log for a calibration
 MAX_POSE_BYTES = 1024 * MIB  # maximum total size of the images at the arm poses of a calibration, bytes

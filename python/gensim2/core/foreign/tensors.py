@@ -73,10 +73,10 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
     """Within the block, allow the current thread to create only PyTorch weights whose type and shape are in ``shapes``.
-    If a shape occurs n times in ``shapes``, the thread may create n weights of this shape.
+    Each entry of ``shapes`` allows one weight.
 
-    A configuration may describe a larger model than its weights file contains. With this check, building the model
-    stops at the first weight that the file does not contain, before the model fills the memory.
+    A configuration may describe a larger model than its weights file contains. In this case an error is raised at the
+    first weight that the file does not contain, before the model fills the memory.
 
     Raises:
         InputError: the module creates a weight that ``shapes`` does not list.

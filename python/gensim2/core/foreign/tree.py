@@ -90,7 +90,7 @@ def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
 
 
 def why(error: OSError) -> str:
-    """Return the reason why :func:`read_regular` failed. An error message consists of the file name and this reason."""
+    """Return the reason why :func:`read_regular` failed, as text that follows the file name in an error message."""
     if isinstance(error, NotRegularError | TooLargeError):
         return str(error)
     return f"cannot be read: {error.strerror or error}"
