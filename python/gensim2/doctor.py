@@ -193,7 +193,7 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
     for each in packages:
         try:
             importlib.import_module(each)
-        except (ImportError, OSError) as error:  # OSError: a system library is missing
+        except (ImportError, OSError) as error:  # Python raises OSError if a system library of the package is missing.
             return Check(name, "limited", f"{each} does not load: {error}", remedy)
     return Check(name, "ok", _versions(packages))
 

@@ -416,10 +416,10 @@ def test_the_command_draws_the_keypoints_that_were_given(
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ("head=1,2", "keypoint 'head': \\[1.0, 2.0\\] are not three numbers"),
-        ("head=1,2,nan", "keypoint 'head': .* are not three numbers"),
+        ("head=1,2", "keypoint 'head': \\[1.0, 2.0\\] is not a list of three numbers"),
+        ("head=1,2,nan", "keypoint 'head': .* is not a list of three numbers"),
         ("head=1,2,x", "does not contain three numbers"),
-        ("../head=1,2,3", "is not a valid name of a keypoint"),
+        ("../head=1,2,3", "this is not a valid name of a keypoint"),
         ("nowhere.yaml", "nowhere.yaml"),
     ],
 )

@@ -424,7 +424,7 @@ def test_references_that_double_reach_a_limit(written: Path, monkeypatch: pytest
 
 
 def test_the_up_axis_comes_from_the_file(written: Path) -> None:
-    with pytest.raises(InputError, match="up: does not apply to a USD file"):
+    with pytest.raises(InputError, match="up: this option does not apply to a USD file"):
         import_object(written, written.parent / "library", "cabinet", "a", up="y")
 
 

@@ -107,8 +107,8 @@ PLY = b"ply\nformat ascii 1.0\nelement vertex 9999999999\nproperty float x\nend_
     ("entry", "collision", "message"),
     [
         (3, None, r"info_pick_v0\.json: box: holds no fields"),
-        ({**ENTRY, "scales": ["a"]}, None, r"box\.scales: not a positive number"),
-        ({**ENTRY, "density": -1}, None, r"box\.density: not a positive number"),
+        ({**ENTRY, "scales": ["a"]}, None, r"box\.scales: the value is not a positive number"),
+        ({**ENTRY, "density": -1}, None, r"box\.density: the value is not a positive number"),
         ({**ENTRY, "bbox": [1]}, None, r"box\.bbox: no corners"),
         ({**ENTRY, "bbox": {"min": [0, 0], "max": 1}}, None, r"box\.bbox\.min: not three finite numbers"),
         (ENTRY, b"not ply", r"collision\.ply: cannot be read: the file is not a valid PLY file"),

@@ -50,11 +50,11 @@ FAMILIES: list[Family] = [
 
 
 def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
-    """Yield new long tasks that are composed of known tasks. The kinds of long tasks take turns, and every proposal has
-    a new name.
+    """Yield new long tasks that are composed of known tasks. The generator alternates between the kinds of long tasks,
+    and every task has a new name.
 
     The known tasks include those that the run has kept since the previous proposal. The generator yields None if no new
-    task can be composed at present.
+    task can be composed of the tasks known so far.
     """
     proposed: set[str] = set()
     while True:
@@ -147,7 +147,9 @@ class OfflineDesigner:
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Return combinations and variations of the best candidates, and new alignments chosen by earlier results."""
+        """Return new candidates: combinations and variations of the best candidates, and alignments that were not tried
+        yet. Alignments that resemble successful ones are more likely to be sampled.
+        """
         if round >= REFINE_ROUNDS:
             return []
         seen = {str(result.candidate.steps) for result in results}
@@ -226,7 +228,9 @@ def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
 
 
 def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
-    """Return a candidate with the strategies of all candidates in ``group``; the planner uses a feasible strategy."""
+    """Return one candidate that contains the strategies of all candidates in ``group``. In each scene, the planner uses
+    the first of these strategies for which it finds a plan.
+    """
     ways: Strategies = {}
     for number, result in enumerate(group, 1):
         ((name, data),) = result.candidate.strategies.items()

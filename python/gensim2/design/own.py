@@ -1,5 +1,5 @@
-"""``gensim2 design``: search for strategies of the user's task and verify them, as ``run_pipeline`` does for proposed
-tasks.
+"""Implement ``gensim2 design``, which searches for strategies that solve a user's task and verifies these strategies.
+``run_pipeline`` does the same for tasks that a designer proposes.
 """
 
 from __future__ import annotations

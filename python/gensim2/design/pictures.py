@@ -11,8 +11,9 @@ class LazyPicture:
     """A PNG image that is rendered on first use.
 
     Attributes:
-        of: description of the content; pictures with equal descriptions are equal. A replay of recorded answers
-            compares only descriptions, so that it works on a machine that cannot render.
+        of: text that identifies the picture. Two pictures with the same text show the same content. A replay of
+            recorded answers compares these texts instead of the images, so the replay also works on a machine that
+            cannot render.
         make: function that renders the picture; the first call takes seconds. Raises GenSim2Error if this machine
             cannot render.
     """

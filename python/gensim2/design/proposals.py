@@ -29,10 +29,12 @@ OPENNESS_SPREAD = 0.15
 #: objects that start open use ``OPEN_AT``.
 SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 
-#: Height in metres by which an object must rise for success. The default grasp lifts it twice as high.
+#: Height in metres by which an object must rise for a lifting task to succeed. The default grasp strategy lifts the
+#: object twice as high, which leaves a margin.
 LIFT = 0.06
 
-#: Maximum number of tasks that differ only in the rigid object, and the usefulness of these tasks.
+#: ``RIGID`` is the maximum number of proposed tasks that differ only in the rigid object. ``RIGID_USEFUL`` is the
+#: usefulness of these tasks, which is a number from 0 to 1 that determines the order of the proposals.
 RIGID, RIGID_USEFUL = 3, 0.8
 
 Direction = Literal["left", "right", "away"]
@@ -100,7 +102,7 @@ def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
 
 
 def criterion_of(role: str, goal: Goal) -> Criterion:
-    """Return the success criterion that the joint of the object named ``role`` reaches ``goal``."""
+    """Return the success criterion that is met when the joint of the object named ``role`` has reached ``goal``."""
     if goal == "articulated_open":
         return ArticulatedOpen(object=role)
     return ArticulatedClosed(object=role) if goal == "articulated_closed" else ArticulatedBetween(object=role)
@@ -218,8 +220,8 @@ def propose(
 def redesigned(task: TaskSpec, name: str | None = None) -> TaskSpec:
     """Return the task without its solution, so that a designer can solve it again.
 
-    Each step keeps one strategy name, for which the designer writes a strategy. Of the provenance, only the origin
-    remains.
+    Each step keeps the name of one strategy; the designer will write a new strategy with this name. The task's
+    provenance keeps only the field ``origin``.
 
     Args:
         task: the task.

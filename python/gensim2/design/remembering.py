@@ -61,9 +61,9 @@ def add_task(
 
     Raises:
         InputError: the folder or an argument cannot be used, or no task library exists.
-        KnownTaskError: the library has the task already; raised before any episode.
-        UnverifiedTaskError: the success criteria hold in worlds in which the task is not done, or too few episodes
-            succeeded; the message gives the numbers and the causes.
+        KnownTaskError: the library already contains the task. This error is raised before any episode runs.
+        UnverifiedTaskError: the success criteria are also met in scenes in which the task is not done, or too few
+            episodes succeeded. The message gives the numbers and the causes.
         NotRunError: some episodes could not be run.
     """
     check_counts(episodes=episodes)
@@ -78,9 +78,9 @@ def add_task(
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
     seeds = scene_seeds(seed, task.name, "verify", episodes)
-    # It is unknown which objects the author of the task used. Therefore choose the objects as for a designed task. If a
-    # class is generated, use new objects. Otherwise use the test split, or all objects if the class is too small for a
-    # test split.
+    # It is unknown with which objects the author designed the task. The verification therefore uses the same objects as
+    # the verification of a designed task: new objects of a generated class, and the test split of a class of real
+    # objects, or the whole class if it is too small for a test split.
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"
@@ -101,7 +101,7 @@ def add_task(
             tally, where = verification.second.tally, f" in {verification.second.engine}"
         causes = ", ".join(f"{count} {cause}" for cause, count in tally.causes.items())
         raise UnverifiedTaskError(
-            f"{task.name}: {tally.held} of {episodes} fresh episodes succeeded{where}; causes of failure: {causes}",
+            f"{task.name}: {tally.held} of {episodes} fresh episodes succeeded{where}; failures by cause: {causes}",
             file=folder,
             remedy=f"the success rate must be at least {LEAST_SHARE:g}",
         )

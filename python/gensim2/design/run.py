@@ -72,7 +72,8 @@ def run_pipeline(
     Args:
         num_tasks: number of tasks to keep. If the library does not support as many tasks, the run keeps fewer tasks and
             adds a note. Ignored if ``single`` or ``long`` is given.
-        single, long: number of single-step and of long tasks to keep; with both 0, only ``stored_tasks`` are run.
+        single, long: number of single-step tasks and number of long tasks to keep. If both numbers are 0, the run
+            designs no task and runs only ``stored_tasks``.
         verify: number of fresh episodes that decide whether a task is kept.
         from_empty: hide the stored tasks from the designer. By default the designer knows all stored tasks and proposes
             none of them again. With this option the designer may propose a task of the paper's suite again, but such a
@@ -80,13 +81,13 @@ def run_pipeline(
         episodes: number of demonstrations to keep for each task.
         seed: seed of all random choices.
         out: run folder; default ``runs/<date>-<time>``.
-        target_task: design this task without its stored strategies: the name of a library task, or the path of a folder
-            with a task.yaml.
-        stored_tasks: further tasks of the library, to verify and demonstrate with their stored strategies.
+        target_task: task to design again without its stored strategies. The value is the name of a library task, or the
+            path of a folder with a task.yaml.
+        stored_tasks: names of library tasks that the run also verifies and demonstrates, with their stored strategies.
         resume: continue the run in ``out``.
         designer: ``"offline"``, or a :class:`~gensim2.design.base.Designer`.
-        videos: number of videos for each task: of demonstrations, or of failed episodes if the task is not kept. 0 also
-            omits the picture of a plan.
+        videos: number of videos for each task. The videos show demonstrations, or failed episodes if the task is not
+            kept. If the number is 0, the report also contains no picture of the best candidate's plan.
         engines: ``"both"`` repeats each verification in the other physics engine and keeps a task only if enough
             episodes succeed in both engines. Demonstrations must succeed in both engines, too.
         budget: limits of episodes and rounds in the search for each task; None: the default limits.

@@ -1,18 +1,19 @@
 """Search for strategies that work: plan all candidates, simulate the promising candidates, and refine the best.
 
-1. Planning is cheap, so every candidate is planned on a few scenes first.
-2. Candidates with a plan are simulated for a few episodes each. The better half is then simulated for more episodes,
-   and so on (successive halving).
-3. If the best candidate succeeds nearly always, only this candidate is simulated further. The search ends once this
-   candidate has succeeded in enough episodes. Otherwise all candidates whose success rates do not differ significantly
-   from the best rate are simulated further. This comparison stops when one candidate leads, or when the candidates
-   have their maximum number of episodes and count as equally good.
-4. The designer varies the best candidates, and the variants are compared in the same way. These refinements are
-   repeated until a candidate succeeds often enough, all success rates remain too low, the designer has no more
-   variants, or the budget is spent.
+1. The search first plans every candidate on a few scenes, because planning is cheap.
+2. It simulates each candidate with a plan for a few episodes. It then simulates the better half of the candidates for
+   more episodes, and so on (successive halving).
+3. If the best candidate has failed in very few episodes, the search simulates only this candidate further, and ends
+   once the candidate has succeeded in enough episodes. Otherwise the search simulates all candidates whose success
+   rates do not differ significantly from the best rate. This comparison stops when only one such candidate is left, or
+   when the candidates have reached their maximum number of episodes. In the second case the candidates count as equally
+   good.
+4. If no candidate succeeds often enough, the designer makes variants of the best candidates, and the search compares
+   the variants in the same way. The search repeats this refinement until a candidate succeeds often enough, all success
+   rates stay too low, the designer has no more variants, or the budget is spent.
 
 Candidates are ranked by success rate. If the rates of the leading candidates do not differ significantly, the `strict`
-success rate decides, which also requires that the hand has retreated.
+success rate decides. A strict success also requires that the hand has retreated at the end.
 """
 
 from __future__ import annotations
@@ -68,11 +69,13 @@ class Budget:
         comparison: size of each round in which the leading candidates are compared, as in ``rounds``.
         max_episodes: maximum number of episodes for a candidate. Leading candidates whose success rates do not differ
             significantly after this number of episodes count as equal.
-        enough, enough_strict: success rate and strict success rate that end the search, measured over at least
-            ``enough_episodes`` episodes. A low strict rate alone causes at most one refinement.
-        enough_episodes: minimum number of episodes for a candidate that ends or wins the search.
-        hopeless: success rate that a candidate must exceed to be worth another refinement. The designer's ``patience``
-            is the number of refinements that take place even if no candidate exceeds this rate.
+        enough, enough_strict: the search ends when a candidate reaches this success rate and this strict success rate
+            in at least ``enough_episodes`` episodes. If only the strict rate is too low, the search makes at most one
+            refinement.
+        enough_episodes: minimum number of episodes of a candidate that ends the search or is chosen as the best
+            candidate.
+        hopeless: if no candidate exceeds this success rate, the search makes no more refinements than the designer's
+            ``patience``.
         max_physics_episodes: total number of simulated episodes after which the search stops comparing and refining.
     """
 

@@ -80,8 +80,8 @@ _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
 
 
 def joint_ways(thing: Affordance, way: Way, openness: float | None = None) -> Strategies:
-    """Return the library's strategies that move a joint to one limit or, if ``openness`` is given, only to this
-    openness.
+    """Return the library's strategies that open or close a joint. If ``openness`` is given, the strategies stop at this
+    openness instead of the joint limit.
     """
     found = {name: shared_strategy(name) for name in _JOINTS[thing.joint_type or "revolute", way]}
     if openness is None:
@@ -125,8 +125,8 @@ def places_in(container: Affordance, thing: Affordance) -> Strategies:
 
 
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
-    """Return strategies that release the grasped object above or in a rigid object. Each strategy releases the object
-    at a different height, beginning with the lowest.
+    """Return strategies that put the grasped object onto a rigid object, or into it if it is hollow and large enough.
+    Each strategy releases the grasped object at a different height. The strategy with the lowest height comes first.
     """
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)

@@ -3,13 +3,13 @@
 An alignment works if it meets three conditions: the arm reaches the actuation pose (``reach``), the arm can follow the
 joint from there (``follow``), and the motion moves the part (``effect``).
 
-The diagnosis of a failure shows which condition failed, and which parts of the alignment are to blame. Suppose that the
-arm cannot reach the pose. The approach direction and the keypoint are then to blame, and other alignments with a
-similar direction and keypoint become less likely to be sampled. If a finger also hit the object, the offset of the
-contact is to blame, too, so that only alignments with a similar contact become less likely.
+After a failure, the diagnosis shows which condition failed and which parts of the alignment caused the failure. For
+example, if the arm cannot reach the pose, the approach direction and the keypoint caused the failure. Other alignments
+with a similar direction and keypoint are then sampled less often. If a finger also hit the object, the offset of the
+contact is a third cause. Then only alignments that also have a similar offset are sampled less often.
 
-The probability of each condition is estimated from the trials of all alignments that are similar in the parts to blame.
-Alignments that are likely to meet all three conditions are sampled more often.
+The probability that an alignment meets a condition is estimated from the trials of alignments that are similar in these
+parts. Alignments that are likely to meet all three conditions are sampled more often.
 """
 
 from __future__ import annotations
@@ -166,20 +166,20 @@ def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
 
 
 def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return the parts of an alignment that are to blame for a collision in ``plan``.
+    """Return the parts of an alignment that caused a collision in ``plan``.
 
-    If the hand hit the object, the offset of the contact is to blame. If the hand hit the table or nothing, no part is
-    to blame.
+    A collision with the object is caused by the offset of the contact. A collision with the table is not attributed to
+    any part. If ``plan`` lists no collision, the result is empty.
     """
     bodies = [str(each["bodies"][1]) for each in plan.get("collisions", ())]
     return () if not bodies or "table" in bodies else ("offset",)
 
 
 def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evidence]:
-    """Yield evidence of the conditions that trials have met.
+    """Yield, for each condition, evidence from the trials that met the condition.
 
-    The conditions are tested in the order ``reach``, ``follow``, ``effect``. A trial that fails one condition has
-    therefore met the conditions before it.
+    Every trial tests the conditions in the order ``reach``, ``follow``, ``effect``. A trial that failed one condition
+    has therefore met all earlier conditions.
 
     Args:
         stage: results of the trials.

@@ -39,7 +39,8 @@ SEED = 7
 #: Edge length in pixels of the pictures of one object.
 OBJECT_SIZE = 300
 
-#: Length (m) of the axes by which pictures show coordinate frames, and the colours of the x, y and z axes.
+#: Pictures show a coordinate frame as three axes. ``AXIS`` is the length of each axis in metres, and ``COLOURS`` are
+#: the colours of the x, y and z axes.
 AXIS, COLOURS = 0.15, ("#d6273a", "#1b8f4c", "#1f6fd1")
 
 #: Position, target and field of view of the video camera (gensim2.perception.raycast.state_drawing).
@@ -140,8 +141,8 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
 def _actuation(
     options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
 ) -> tuple[Any, Any]:
-    """Return the joint positions (n,) and the hand pose (4, 4), base frame, at the actuation pose. Return (None, None)
-    if no pose was found.
+    """Return the joint positions (n,) of the arm at the actuation pose, and the hand pose (4, 4) in the base frame.
+    Return (None, None) if no pose was found.
     """
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)

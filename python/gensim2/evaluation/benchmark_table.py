@@ -14,7 +14,8 @@ from gensim2.tasks.spec import TaskSpec
 
 TaskType = Literal["single-step", "long-horizon"]
 
-#: Success criteria by their names in the JSON output, in which ``success`` is the paper's criterion.
+#: Verdicts (definitions of success) by their field names in the JSON output. The output calls the paper's verdict
+#: ``success``.
 VERDICTS = {"success": "paper", "held": "held", "strict": "strict"}
 
 
@@ -39,7 +40,9 @@ class TaskRow:
 
     @property
     def seen(self) -> Literal["train", "all"] | None:
-        """Object instances used to make the strategies; ``"all"`` if any strategy used all; None if unknown."""
+        """Set of object instances with which the task's strategies were designed. The value is ``"all"`` if at least
+        one strategy was designed with all instances, and None if the set is unknown.
+        """
         made = self.task.provenance.strategies.values() if self.task.provenance is not None else ()
         found = {each.seen for each in made}
         return "all" if "all" in found else "train" if found else None
@@ -78,10 +81,9 @@ class TaskRow:
 
 
 def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
-    """Count the episodes and the successes for each combination of object instances.
+    """Count the episodes, and the successes by each verdict, for each combination of object instances.
 
-    A verdict is a definition of success (``paper``, ``held`` or ``strict``). Each verdict has its own number of
-    successes.
+    A verdict is a definition of success (``paper``, ``held`` or ``strict``).
     """
     found: dict[str, list[Episode]] = {}
     for episode in episodes:
@@ -145,13 +147,13 @@ def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str,
 
 
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
-    """Return the mean success rate, its standard deviation between runs, and its 95 % confidence interval by each
-    verdict.
+    """Return the mean success rate for each verdict, with its standard deviation between runs and its 95 % confidence
+    interval.
 
     A verdict is a definition of success, such as ``held``.
 
-    The interval is computed from the episodes of all tasks together, as if they belonged to one task. The interval is
-    therefore wider than necessary.
+    The interval is computed from the pooled episodes of all tasks. Pooling ignores that the tasks differ in difficulty,
+    so the interval is wider than necessary.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

@@ -91,7 +91,9 @@ def benchmark(
             f"unknown disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
         )
     if one_plan and scene.get("open_loop", False):
-        raise InputError("cannot be combined with one_plan", field="open_loop", remedy="leave one of them out")
+        raise InputError(
+            "this option cannot be combined with one_plan", field="open_loop", remedy="leave one of them out"
+        )
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Import late, because these modules take long to import.
     from gensim2.data.runfolder import RUN_JSON
@@ -202,11 +204,12 @@ def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskI
 
 
 def _perceivable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], dict[str, str], dict[str, str]]:
-    """Select the tasks whose scene the simulator or an estimator can give to the planner.
+    """Select the tasks for which the planner can get a description of the scene, either from the simulator or from an
+    estimator.
 
     Returns:
-        The selected tasks, the digests of their estimators, and the reason for each task that is not selected, by the
-        task's name. A resumed run compares the digests with those of the first call.
+        The selected tasks, the digests of their estimators, and for each other task the reason why it was not selected.
+        A resumed run compares the digests with the digests of its first call.
 
     Raises:
         InputError: no task remains.

@@ -27,7 +27,7 @@ Made = TypeVar("Made", bound="Told")
 
 
 class Told(Protocol):
-    """Interface of a result that can be converted to JSON."""
+    """Interface of results that can be converted to a dictionary for JSON."""
 
     def to_dict(self) -> dict[str, Any]: ...
 
@@ -38,12 +38,13 @@ class Table:
 
     Attributes:
         run_dir: run folder.
-        arguments: settings that determine the episodes, other than the tasks.
+        arguments: all settings that determine the episodes, except the tasks.
         versions: versions of the packages that affect results.
         rows: one row per task.
         skipped: name of each task that was not run, with the reason.
-        speeds: episodes per second of wall time in this call, by task; None if all episodes were finished before.
-        cpu_s: CPU time of all worker processes in this call, s, excluding their start.
+        speeds: number of episodes that this call ran per second of wall time, for each task. The value is None if an
+            earlier call had already finished all episodes of the task.
+        cpu_s: CPU time in seconds that all worker processes of this call used, without the start of the processes.
     """
 
     run_dir: str

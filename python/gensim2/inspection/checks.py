@@ -19,7 +19,8 @@ BASE_GAP = 1.0  # mm, maximum distance between the object's lowest point and the
 FREE_GAP = 10.0  # mm, minimum distance of a free-space keypoint from each link of the open object
 SURFACE_GAP = 10.0  # mm, maximum distance of a surface keypoint from its link
 MASS = (0.02, 80.0)  # kg, minimum and maximum mass
-PUSH = 40.0  # N, limit on the force at the keypoint that overcomes the friction of the joint
+# N, the object fails the check if a larger force at the keypoint is needed to overcome the joint's friction
+PUSH = 40.0
 MAX_HULLS = 64  # maximum number of hulls of a link
 FREE = ("above", "inside", "base")  # a keypoint with one of these words in its name lies in free space
 
@@ -54,8 +55,8 @@ def world_rotation(instance: ArticulatedObject) -> Array:
 
 
 def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Run all checks that need no simulation. Return the failed checks, and the warnings from reading the object's
-    files.
+    """Run all checks that need no simulation. Return the failed checks, and also the warnings that arose when the
+    object's files were read.
     """
     joint = instance.joint
     found = [Finding("note", warning, "none") for warning in instance.warnings]

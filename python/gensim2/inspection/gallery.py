@@ -168,9 +168,8 @@ class _Maker:
         """Return the path of a picture. If the picture is missing, render it and remove its outdated versions.
 
         Args:
-            content: text that changes whenever the appearance of the object can change. It is the name of the folder
-                with the prepared object, which contains digests of the object's files and of the code that prepared the
-                object.
+            content: name of the folder with the prepared object. The name contains digests of the object's files and of
+                the code that prepared the object, so it changes whenever the appearance of the object can change.
         """
         text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
         picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"

@@ -35,7 +35,9 @@ MARK_RADIUS = 4  # pixels, radius of a keypoint's disc
 
 @dataclass(frozen=True)
 class Mark:
-    """Image position of a keypoint: pixel ``x``, ``y`` from the upper left, and whether it is occluded."""
+    """Position of a keypoint in an image. ``x`` and ``y`` are in pixels from the upper left corner, and ``hidden``
+    states whether the keypoint is occluded.
+    """
 
     x: float
     y: float
@@ -242,7 +244,9 @@ def keypoints_at(instance: ArticulatedObject | RigidObject, openness: float) -> 
 
 
 def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool) -> Image.Image:
-    """Return the picture with its keypoints drawn as discs (rings if occluded), and with their names if ``names``."""
+    """Return the picture with the keypoints drawn into it: visible keypoints as discs, and occluded keypoints as rings.
+    If ``names`` is true, the picture also shows the names of the keypoints.
+    """
     from PIL import Image, ImageDraw, ImageFont
 
     picture = Image.fromarray(shot.pixels)

@@ -1,4 +1,4 @@
-"""Check objects: first the geometry, then in simulation without rendering."""
+"""Check objects in two stages: first check the geometry of an object, then simulate the object without rendering."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ BUDGET: kpam.Options = {
     "candidates": 4,
     "samples": 50,
     "extra_seeds": 0,
-}  # The solver gets few candidates and samples, because it finds a path to the keypoint quickly or not at all.
+}  # A small budget is enough, because the solver finds a path to the keypoint either quickly or not at all.
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
@@ -168,13 +168,13 @@ def _findings(model: ArticulatedObject | RigidObject, physics: bool) -> list[Fin
 def validate(
     library: Library, items: Sequence[tuple[str, str]], physics: bool = True, workers: int = 0
 ) -> Iterator[ObjectReport]:
-    """Check objects, given as (class, id), and yield their reports in the same order.
+    """Check objects, and yield their reports in the order of ``items``.
 
     Args:
         items: (class, id) of each object to check.
         physics: whether to simulate; otherwise only the geometry is checked.
-        workers: number of processes; 0 checks in this process. With worker processes, a crash becomes a finding about
-            the object.
+        workers: number of worker processes; 0 checks the objects in this process. If a worker process crashes, the
+            report on the object contains a finding about the crash.
 
     Raises:
         MissingExtraError: ``physics`` is set and SAPIEN is not installed.
@@ -215,7 +215,9 @@ def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]
 
 
 def family(check: str) -> str:
-    """Return the name of a check with all numbers replaced by X, so that similar checks are counted together."""
+    """Return the name of a check with the numbers in the name replaced by X. For example, ``openness 0.5`` becomes
+    ``openness X``. Checks that differ only in such a number are then counted together.
+    """
     return re.sub(r"\b(openness|from|hull) [\d.]+", r"\1 X", check)
 
 
@@ -353,5 +355,5 @@ class _Stage:
         return float(sign * max(farthest, sign * self._openness()))
 
     def body_moved(self) -> float:
-        """Return the displacement (m) of the root from its placement."""
+        """Return how far (m) the object's root link has moved from its initial position."""
         return float(np.linalg.norm(self._object.root_pose.p - self.instance.placement.position))

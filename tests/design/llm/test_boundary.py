@@ -553,7 +553,7 @@ def test_an_address_in_the_environment_is_checked_as_any(monkeypatch: pytest.Mon
 
 def test_a_proxy_that_is_none_is_one_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HTTP_PROXY", "foo://user:Zq8vT1mWx3nRk5@127.0.0.1:9")
-    with pytest.raises(InputError, match="no connection can be made") as refused:
+    with pytest.raises(InputError, match="no connection to the model can be made") as refused:
         Client(ModelOptions(model="m", base_url="http://127.0.0.1:9/v1"))
     assert "Zq8vT1mWx3nRk5" not in str(refused.value)
 
@@ -591,7 +591,7 @@ def test_a_damaged_record_is_one_error(serve: Serve, tmp_path: Path, field: str,
 )
 def test_prompts_of_ones_own_that_cannot_be_filled_in_are_one_error(tmp_path: Path, text: str) -> None:
     (tmp_path / "system.md.j2").write_text(text)
-    with pytest.raises(InputError, match=r"system\.md\.j2: cannot be filled in: \S"):
+    with pytest.raises(InputError, match=r"system\.md\.j2: the template cannot be filled in: \S"):
         Prompts(tmp_path).text("system")
 
 

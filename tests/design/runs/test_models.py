@@ -238,7 +238,7 @@ def test_the_commands_and_the_program_of_the_page_run(
         (("--mode", "topdown"), "needs a language model"),
         (("--designer", "m", "--budget", "1"), "requires price_in and price_out"),
         (("--replay", "nowhere"), "nowhere/model.json: cannot be read"),
-        (("--designer", "m", "--prompts", "nowhere"), "nowhere: prompts: is not a folder"),
+        (("--designer", "m", "--prompts", "nowhere"), "nowhere: prompts: the path is not a folder"),
         (("--designer", "m", "--single", "2", "--long", "2"), "--long: the model proposes only tasks of one step"),
         (("--designer", "m", "--mode", "topdown", "--single", "2"), "--single: the model proposes only tasks of several steps"),
         (("--designer", "m", "--base-url", "file:///etc/passwd"), "no http or https address"),

@@ -79,7 +79,7 @@ class Client:
             self._openai.OpenAIError,
         ) as error:  # invalid proxy settings, for example, raise one of these errors
             raise InputError(
-                f"no connection can be made: {self._boundary.text(str(error))}", field="designer"
+                f"no connection to the model can be made: {self._boundary.text(str(error))}", field="designer"
             ) from None
 
     @property

@@ -53,7 +53,7 @@ class ModelOptions(BaseModel):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         if self.budget is not None and (self.price_in is None or self.price_out is None):
-            raise ValueError("budget: requires price_in and price_out (USD per million tokens)")
+            raise ValueError("budget: a budget requires price_in and price_out (USD per million tokens)")
         if self.base_url is not None:
             problem = problem_of_address(self.base_url)
             if problem is not None:

@@ -36,7 +36,9 @@ class Views(Protocol):
     """
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
-        """Return a picture of the initial scene, with frames and the keypoints of the object of ``step``."""
+        """Return a picture of the initial scene. The picture also shows coordinate frames, and the keypoints of the
+        object that ``step`` moves.
+        """
         ...
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:

@@ -33,7 +33,8 @@ BESIDE = (-0.2, -0.45)
 #: limit.
 STEPS_A_STEP = 300
 
-#: Mean openness of a container at the start of a task that never opens the container, or first closes it.
+#: Mean openness of a container at the start of a task. The value is used if the task never opens the container, or if
+#: it closes the container before it opens it.
 STANDS_OPEN = 0.95
 
 
@@ -96,8 +97,8 @@ def long_task(
     if rigid is not None and other is not None:
         objects[other] = ObjectSpec(asset_class=rigid.asset_class, place=Place(at=BESIDE))
     asked = [criterion(kind, role, other) for kind in goal]
-    # A model often gives only the final place of an object as the goal. Such a goal could be met without the last step,
-    # so the joint criteria of the last step are added to the goal.
+    # A model often names only the final place of an object as the goal, and forgets the joint that the last step moves,
+    # such as a drawer to be closed. The joint criteria of the last step are therefore added to the goal.
     lasting = [c for c in steps[-1].done if isinstance(c, JOINT)]
     return TaskSpec(
         name=name,

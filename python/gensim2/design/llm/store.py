@@ -73,7 +73,9 @@ class ModelRecord(_Record):
 
 
 class AnswerRecord(_Record):
-    """Content of ``answers/<digest>.json``; if the budget was spent, ``spent`` says why there is no answer."""
+    """Content of ``answers/<digest>.json``: a question with its answer. If the budget was used up before the question
+    was asked, there is no answer, and the field ``spent`` contains the reason.
+    """
 
     schema_version: Literal[1] = 1
     stage: str

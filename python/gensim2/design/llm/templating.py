@@ -47,8 +47,8 @@ def motion(thing: Affordance) -> str:
 
 
 def hinge(thing: Affordance) -> str:
-    """Describe the direction of a hinge's axis for the object's placement before randomization. Return an empty string
-    for a prismatic joint or a rigid object.
+    """Describe in which direction a hinge's axis points when the object stands in its default placement. Return an
+    empty string if the object has no hinge.
     """
     if thing.hinge_axes is None:
         return ""
@@ -78,9 +78,10 @@ def place(thing: Affordance) -> str:
 
 
 def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> str:
-    """Return a phrase that describes a keypoint in a list of keypoints.
+    """Return a phrase that describes one keypoint; a prompt adds the phrase to the keypoint's name.
 
-    The phrase gives the keypoint's position, the size of the convex part on which it lies, and its direction of motion.
+    The phrase states the position of the keypoint, the size of the convex part on which the keypoint lies, and the
+    direction in which the keypoint moves when the joint opens.
     """
     facts = geometry.get(name)
     if facts is None:
@@ -187,8 +188,8 @@ class Prompts:
         return parse_yaml(self._texts[BANK].encode(), BANK)
 
     def good_tasks(self, long: bool) -> list[str]:
-        """Return the names of the good example tasks that the package stores: only long tasks, or only single-step
-        tasks.
+        """Return the names of good example tasks that the task library contains. Return long tasks if ``long`` is true,
+        and single-step tasks otherwise.
         """
         kebab = [str(each["task-name"]) for each in self.bank["long" if long else "single"]]
         names = ["".join(map(str.capitalize, each.split("-"))) for each in kebab]
@@ -205,7 +206,9 @@ class Prompts:
             return template.render(**values).strip() + "\n"
         except (jinja2.TemplateError, *_OF_ITS_OWN) as error:
             file = (self._folder or Path("prompts")) / (prompt + SUFFIX)
-            raise InputError(f"cannot be filled in: {str(error) or type(error).__name__}", file=file) from error
+            raise InputError(
+                f"the template cannot be filled in: {str(error) or type(error).__name__}", file=file
+            ) from error
 
 
 def quoted(text: str) -> str:
@@ -242,7 +245,7 @@ def _texts(folder: Traversable) -> dict[str, str]:
 
 def _own(folder: Path, known: set[str]) -> dict[str, str]:
     if not folder.is_dir():
-        raise InputError("is not a folder", file=folder, field="prompts")
+        raise InputError("the path is not a folder", file=folder, field="prompts")
     found: dict[str, str] = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.name == "README.md":

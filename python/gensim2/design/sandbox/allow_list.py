@@ -63,8 +63,8 @@ SPOKEN = {
 }
 #: Maximum absolute value of an integer.
 LARGEST = 2**63
-#: Python may report that a program is nested too deeply without naming the line. The error then names the longest line,
-#: if that line has more characters than this limit.
+#: If a program is nested too deeply, Python's parser may report no line number. The error message for the model then
+#: names the longest line of the program, provided that this line has more characters than ``LONG_LINE``.
 LONG_LINE = 200
 NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -170,7 +170,8 @@ class Reader:
             if depth > MAX_DEPTH:
                 raise Refused(node, "the program is nested too deeply")
             children = list(ast.iter_child_nodes(node))
-            if isinstance(node, ast.Assign):  # Python evaluates the value before it defines the name
+            # Visit the value before the name, because Python evaluates them in this order.
+            if isinstance(node, ast.Assign):
                 children = [node.value, *node.targets]
             for child in children:
                 parents.setdefault(child, node)
@@ -225,7 +226,7 @@ class Reader:
 
     def look_at_FunctionDef(self, node: ast.FunctionDef, parent: ast.AST | None) -> None:
         if not isinstance(parent, ast.ClassDef) or node.name != "__init__":
-            raise Refused(node, f"a function is not allowed, except __init__ of the class; found {_short(node.name)}")
+            raise Refused(node, f"the only function in a program is __init__ of the class, not {_short(node.name)}")
         given = node.args
         others = (given.posonlyargs, given.kwonlyargs, given.vararg, given.kwarg, given.defaults)
         if [arg.arg for arg in given.args] != ["self"] or any(others):

@@ -166,7 +166,7 @@ def _called(node: ast.Call, names: Mapping[str, Any]) -> Any:
 
 def _self(owner: ast.expr, names: Mapping[str, Any]) -> Task:
     if not (isinstance(owner, ast.Name) and owner.id == "self"):
-        raise Refused(owner, "only attributes of self are allowed")
+        raise Refused(owner, "only attributes of self may be used")
     found = _known("self", names, owner)
     if not isinstance(found, Task):
         raise Refused(owner, "the name 'self' cannot be assigned")

@@ -15,7 +15,7 @@ from typing import Any
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND
 
-#: Methods of ``self``.
+#: Methods that a program in the task language may call on ``self``.
 METHODS = ("step", "goal")
 #: Fields of the task that a program may set as attributes of ``self`` or of the class.
 SETTINGS = ("description", "max_episode_steps")
@@ -66,10 +66,10 @@ def _randomization(*values: Any, **named: Any) -> Fields:
 
 
 class Task:
-    """Task under construction; the value of ``self`` in task code.
+    """The task that a program builds. In the program, ``self`` refers to this object.
 
     Args:
-        members: attributes of the class.
+        members: attributes that the program defines in the body of its class.
 
     Attributes:
         own: attributes that the program assigned to ``self``.
@@ -101,7 +101,7 @@ class Task:
         """
         if isinstance(value, Object):
             if name in SETTINGS:
-                raise ValueError(f"an object cannot be named {name!r}")
+                raise ValueError(f"an object cannot be named {name!r}, because the name is reserved for a setting")
             if value.name not in (None, name):
                 raise ValueError(f"one object cannot be both {value.name!r} and {name!r}")
             value.name = name
@@ -110,13 +110,14 @@ class Task:
     def step(
         self, name: str, object: Any, tool: Any = HAND, strategies: Sequence[str] | None = None, done: Any = ()
     ) -> None:
-        """Add an actuation pose with its motions.
+        """Add a step to the task. A step consists of an actuation pose and the motions to and from this pose.
 
         Args:
             name: name of the step, unique in the task.
             object: the object that the step acts on.
             tool: "hand", or the grasped object whose keypoints replace the hand's keypoints.
-            strategies: names of alternative strategies; default: one with the name of the step.
+            strategies: names of alternative strategies. By default, the step has one strategy with the same name as the
+                step.
             done: criteria of the step's success.
         """
         names = [name] if strategies is None else strategies
@@ -215,8 +216,8 @@ def _object(value: Object) -> dict[str, Any]:
 
 
 class _Plain:
-    """Converts values to JSON data of limited size. An object becomes its name, and a value with fields becomes a
-    dictionary.
+    """Converts the values of a task to JSON data of limited size. An ``Object`` is replaced by its name, and a
+    ``Fields`` value by a dictionary.
     """
 
     def __init__(self) -> None:

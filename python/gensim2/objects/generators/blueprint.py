@@ -26,9 +26,9 @@ class Blueprint:
         joint_type: ``"revolute"`` or ``"prismatic"``.
         joint_origin: (3,) a point on the joint axis, metres.
         joint_axis: (3,) direction of the joint axis; positive values open the joint.
-        limits: lower and upper joint value in rad or m, at openness 0 and 1.
-        keypoints: position (m) and description of each keypoint, by name. A keypoint whose name contains ``base``
-            belongs to the body, any other to the moving link.
+        limits: joint value (rad or m) at openness 0, and joint value at openness 1.
+        keypoints: position (m) and description of each keypoint, by name. A keypoint whose name contains ``base`` is
+            fixed to the body; any other keypoint is fixed to the moving link.
     """
 
     body: list[Solid]

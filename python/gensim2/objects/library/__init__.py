@@ -1,1 +1,3 @@
-"""Object libraries: readers for the GenSim2 release's folder layout, a cache of prepared objects, export and import."""
+"""Provide object libraries. This package reads folders in the layout of the GenSim2 release, caches objects that are
+ready for simulation, and exports and imports objects.
+"""

@@ -60,9 +60,10 @@ class GeneratedShelf(ArticulatedShelf):
         return f"a number from 0 to {LARGEST_NUMBER}"
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Return the ids of a fixed number of instances that can be generated but are not built in.
+        """Return the ids of new instances, which can be generated but are not among the built-in instances.
 
-        Ids are consecutive numbers; the first id returned is the number after the last built-in instance.
+        The ids are consecutive numbers that begin after the last built-in instance. Every class has the same number of
+        new instances.
         """
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))
@@ -72,7 +73,7 @@ class GeneratedShelf(ArticulatedShelf):
         first = len(self.instances(asset_class))
         if not 0 <= count <= LARGEST_NUMBER + 1 - first:
             raise InputError(
-                f"cannot sample {count} different objects, because there are only {LARGEST_NUMBER + 1 - first}",
+                f"{count} different objects cannot be sampled, because there are only {LARGEST_NUMBER + 1 - first}",
                 field="random",
             )
         drawn = rng(seed, f"sample/{asset_class}").choice(LARGEST_NUMBER + 1 - first, count, replace=False)

@@ -112,7 +112,9 @@ def cached_hulls(
 
 
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
-    """Read a file of ``cached_hulls``; None if the file is missing or its ZIP checksum is wrong."""
+    """Return the hulls and the statistics that ``cached_hulls`` stored in a file. Return None if the file is missing or
+    damaged.
+    """
     try:
         stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_OBJECT))
         with zipfile.ZipFile(stream) as archive:

@@ -34,9 +34,9 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
         listed: ids of the class's instances in the library.
 
     Returns:
-        The ids of the split, or None if the class has no split of this name. The splits are defined for complete copies
-        of the GenSim2 release only. If a copy is incomplete, so that ``listed`` lacks an id of the split, all ids in
-        ``listed`` are returned.
+        The ids of the split, or None if the class has no split of this name. If ``listed`` lacks an id of the split,
+        the library is not a complete copy of the GenSim2 release. The split is then not defined, and the function
+        returns all ids in ``listed``.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:
@@ -79,8 +79,8 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Combine the object sources ``shelves``, no two of which may contain the same class. A class that none of them
-        contains comes from the source ``stand_in``.
+        """Build a library from the object sources in ``shelves``. Each class may occur in only one of these sources.
+        The source ``stand_in`` supplies the classes that all sources in ``shelves`` lack.
         """
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
@@ -193,16 +193,16 @@ class Library:
             )
 
     def split(self, asset_class: str, which: Split, tenth: int = 0) -> tuple[str, ...]:
-        """Return the training ids (90 %) or the test ids (10 %) of a class. The instances are divided at random with a
-        fixed seed, so the result is always the same. All instances of a class with fewer than 10 instances are for
-        training.
+        """Return the ids of the training split (90 % of the instances) or of the test split (10 %) of a class. The
+        instances are divided at random with a fixed seed, so the result is always the same. If a class has fewer than
+        10 instances, all of them belong to the training split.
 
         Args:
             asset_class: name of the class.
             which: ``"train"``, ``"test"`` or ``"all"``.
-            tenth: number (0 to 9) of the tenth of the instances that is the test split. The instances are divided into
-                tenths in their random order. The size of a tenth is rounded up, so the last tenths may share instances
-                with the first tenths.
+            tenth: number from 0 to 9 that selects the test split. The shuffled instances are divided into ten parts,
+                and the part with this number is the test split. The size of a part is rounded up, so the last parts may
+                share instances with the first parts.
 
         Raises:
             InputError: the class is too small for a test split, or the split or tenth does not exist.
@@ -235,9 +235,10 @@ class Library:
         Args:
             asset_class: name of the class. A rigid class has a single object, so every valid value selects this object.
             which: value of ``--instances``. ``train``, ``test`` and ``all`` select a split. ``train-1`` to ``train-9``
-                and ``test-1`` to ``test-9`` select the splits that use another tenth of the instances for testing.
-                ``new`` selects generated instances that the library does not list. ``random`` selects one instance
-                with the seed. Any other value is the name of a split of the GenSim2 release, or an id.
+                and ``test-1`` to ``test-9`` select alternative splits, each of which uses a different tenth of the
+                instances for testing. ``new`` selects generated instances that the library does not list. ``random``
+                selects one instance at random; ``seed`` determines which. Any other value is the name of a split of the
+                GenSim2 release, or an id.
             seed: seed of ``random``.
 
         Raises:
@@ -321,10 +322,11 @@ def open_library(where: Path | str | None = None) -> Library:
         ```
 
     Args:
-        where: ``"builtin"`` for the generated library, ``"ycb"`` for ManiSkill's download of the YCB objects, or a
-            folder: the GenSim2 release, its ``articulated_objs`` or ``rigidbody_objs/models``, or a folder in
-            ManiSkill's layout. A rigid object that the folder lacks is replaced by the generated object of the same
-            name. None: the folder ``$GENSIM2_ASSETS``; if this variable is not set, the generated library.
+        where: ``"builtin"`` for the generated library, ``"ycb"`` for the YCB objects that ManiSkill downloads, or the
+            path of a folder. The folder may be the GenSim2 release, its subfolder ``articulated_objs`` or
+            ``rigidbody_objs/models``, or a folder in ManiSkill's layout. If the folder lacks a rigid object, the
+            library contains the generated object of the same name. If ``where`` is None, the environment variable
+            ``GENSIM2_ASSETS`` names the folder; without this variable, the generated library is opened.
 
     Returns:
         The library; objects are read on first use.

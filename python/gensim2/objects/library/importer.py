@@ -5,30 +5,33 @@ properties. A model of PartNet-Mobility, for example, may have many joints, has 
 diagonal of its bounding box is 2 units long. Its folder contains ``mobility.urdf``, ``textured_objs/``,
 ``semantics.txt`` and ``meta.json``.
 
-The import chooses the joint by these rules:
+The import converts the joints by these rules:
 
-- One joint stays movable. This is the joint that the user names, or the only joint of the model, or the only joint that
-  has the joint type of the class.
-- Every other joint is fixed at zero, or at the limit that is closest to zero.
-- A continuous joint gets the range from 0 to 90 degrees.
-- A joint that rests at its upper limit and opens downwards is reversed, so that openness 0 is the resting position.
+- One joint stays movable. If the user names no joint, this is the only movable joint of the model, or else the only
+  joint that has the joint type of the class.
+- Every other joint is fixed at zero or, if its range does not include zero, at the limit that is closest to zero.
+- If the movable joint is continuous, it gets the range from 0 to 90 degrees.
+- If the movable joint rests at its upper limit and opens downwards, it is reversed, so that openness 0 is the resting
+  position.
 
-With scale ``auto``, the longest side of the object is as long as in generated objects of the class. If the class is not
-a generated class, the longest side is 0.3 m long.
+The user may give a scale. With scale ``auto``, the object is scaled so that its longest side is as long as in generated
+objects of the class. If the class has no generated objects, the longest side is 0.3 m long.
 
-The import proposes two keypoints. The head keypoint is the contact point, and the tail keypoint is opposite to it:
+The import proposes two keypoints. The head keypoint is the point that the hand contacts, and the tail keypoint lies at
+the opposite end of the moving part:
 
-- The head is the middle of the meshes named "handle". Without such meshes, the head is the middle of one end of the
-  moving part. For a revolute joint, this is the end that is farthest from the axis. For a prismatic joint, it is the
-  end that is in front when the part moves outwards, or the opposite end if the class is pushed (``..._move``,
-  ``..._push``).
-- The tail is the middle of the region that is nearest to the axis (revolute), or of the other end (prismatic).
+- The head is the middle of the meshes named "handle". If the model has no such mesh, the head is the middle of one end
+  of the moving part. For a revolute joint, this end is the one farthest from the axis. For a prismatic joint, it is the
+  end that is in front when the part moves outwards. If the objects of the class are pushed (the class name ends with
+  ``_move`` or ``_push``), it is the opposite end.
+- For a revolute joint, the tail is the middle of the region that is nearest to the axis. For a prismatic joint, the
+  tail is the middle of the end that does not contain the head.
 - Head and tail are then moved to the nearest points of the surface.
 
 These rules were tested on the objects of the GenSim2 release, which have annotated keypoints. The median distance
 between the proposed and the annotated head is 12 mm, and 85 % of the distances are at most 5 cm.
 
-The file ``info.json`` stores all these properties except the joint, and the user can edit them there.
+The file ``info.json`` stores the scale, the keypoints and the joint range, and the user can edit these values there.
 """
 
 from __future__ import annotations
@@ -161,7 +164,7 @@ def import_object(
         raise InputError(f"{reprlib.repr(license)} is not a licence text", field="license", remedy=remedy)
     given = {_full_name(key): _checked(key, value) for key, value in (keypoints or {}).items()}
     if up == "y" and source.suffix in usd.SUFFIXES:
-        raise InputError("does not apply to a USD file", field="up", remedy="set upAxis in the file")
+        raise InputError("this option does not apply to a USD file", field="up", remedy="set upAxis in the file")
     with as_urdf(source) as (file, is_convex):
         model = _Source(file, asset_class, joint, up)
         size = model.scale() if scale == "auto" else scale
@@ -188,13 +191,15 @@ def _full_name(keypoint: str) -> str:
 def _checked(name: str, values: Sequence[float]) -> Array:
     field = f"keypoint {reprlib.repr(name)}"
     if not is_name(name):
-        raise InputError("is not a valid name of a keypoint", field=field, remedy=RULE)
+        raise InputError("this is not a valid name of a keypoint", field=field, remedy=RULE)
     try:
         found = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.shape != (3,) or not (np.abs(found) <= LARGEST_VALUE).all():
-        raise InputError(f"{reprlib.repr(values)} are not three numbers", field=field, remedy="give x, y and z")
+        raise InputError(
+            f"{reprlib.repr(values)} is not a list of three numbers", field=field, remedy="give x, y and z"
+        )
     return found
 
 
@@ -274,7 +279,10 @@ class _Source:
         if name is not None:
             if name not in movable:
                 raise AssetError(
-                    f"no movable joint {reprlib.repr(name)}", file=self.file, field="joint", remedy=f"one of {listed}"
+                    f"the file has no movable joint {reprlib.repr(name)}",
+                    file=self.file,
+                    field="joint",
+                    remedy=f"choose one of {listed}",
                 )
             return movable[name]
         known = JOINT_TYPES.get(self.asset_class)
@@ -482,8 +490,8 @@ def usual_size(asset_class: str) -> float:
 
 
 def _semantics(folder: ObjectFolder) -> dict[str, str]:
-    """Return the name of each link's part from ``semantics.txt``. The file has lines such as ``link_0 hinge
-    rotation_lid``.
+    """Read ``semantics.txt``, and return for each link the name of the part that the link represents. For example, the
+    line ``link_0 hinge rotation_lid`` gives the name ``rotation_lid`` for ``link_0``.
     """
     try:
         text = folder.read("semantics.txt", MAX_OBJECT_JSON).decode(errors="replace")

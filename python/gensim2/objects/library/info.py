@@ -20,7 +20,7 @@ from gensim2.objects.types import AssetError, Keypoint
 Array = npt.NDArray[np.float64]
 
 INFO = "info.json"
-UNSTATED = "unstated"  # licence terms of a model whose author states none
+UNSTATED = "unstated"  # value for a model whose author states no licence terms
 FIELDS = ("keypoints", "keypoint_descriptions", "scale", "axis", "joint_position_range", "collision", "license")
 OWN_NOTES = ("imported",)  # fields that the importer adds for the user
 SMALLEST_SCALE = 1e-6
@@ -163,8 +163,9 @@ def _convex(value: Any, file: Path) -> bool:
 
 
 COLOURS = ("blue", "red", "yellow", "green")
-# Old files name keypoints after colours, so the names do not show which keypoint is the contact point. The keypoint
-# nearest to the moving link then becomes the contact point, if its distance from the link is at most ``NEAR`` (m).
+# Old files use the names of colours as keypoint names, so a name does not show which keypoint is the contact point. In
+# such a file, the keypoint that is nearest to the moving link is used as the contact point, provided that its distance
+# from the link is at most ``NEAR`` (m).
 NEAR = 0.03
 HEAD = "articulated_object_head"
 

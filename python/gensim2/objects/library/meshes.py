@@ -204,7 +204,9 @@ class MeshReader:
         return [*self._read, *self._materials]
 
     def warnings(self) -> list[str]:
-        """Return one warning for each kind of file (mesh, material) that could not be read."""
+        """Return up to three warnings: one for missing mesh files, one for unreadable mesh files, and one for missing
+        material files.
+        """
         broken = [f"{name} ({why})" for name, why in self._broken.items()]
         kinds = {"mesh files missing": self._missing, "mesh files unreadable": broken}
         kinds["material files missing"] = [name for name, there in self._materials.items() if not there]

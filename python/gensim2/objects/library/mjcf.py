@@ -125,7 +125,7 @@ class _Converter:
         in_default = in_default or element.tag == "default"
         element.attrib.pop("texture", None)
         for name, value in element.items():
-            if "nan" in value.lower().split():  # MuJoCo's reader accepts NaN with a warning, so this code refuses it
+            if "nan" in value.lower().split():  # MuJoCo's parser only warns about NaN, so NaN is refused here
                 wrong = "contains NaN instead of a number"
                 raise AssetError(wrong, file=self._file, field=f"<{element.tag}> {name[:40]}")
         if "builtin" in element.attrib:  # Built-in meshes are refused, because they can have any number of triangles.
@@ -149,7 +149,7 @@ class _Converter:
             mesh = scene.to_geometry()
             corners, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
         if len(faces) > MAX_TRIANGLES:
-            raise AssetError(f"has over {MAX_TRIANGLES} triangles", file=self._file, field=name[:80])
+            raise AssetError(f"the mesh has over {MAX_TRIANGLES} triangles", file=self._file, field=name[:80])
         return corners.ravel(), faces.ravel()
 
     def _write(self, mujoco: Any, touching: set[str]) -> Path:
@@ -217,8 +217,10 @@ class _Converter:
         """Add a joint and its child link, and return the link."""
         model, name = self._model, self._model.joint(joint).name
         if model.jnt_type[joint] not in (self._hinge, self._slide):
-            remedy = "an object has hinges and slides; its root body may be free"
-            raise AssetError("is a ball or free joint", file=self._file, field=f"joint {name[:80]}", remedy=remedy)
+            remedy = "use only hinges and slides; the root body may be free"
+            raise AssetError(
+                "a ball or free joint cannot be imported", file=self._file, field=f"joint {name[:80]}", remedy=remedy
+            )
         slides = model.jnt_type[joint] == self._slide
         kind = "prismatic" if slides else "revolute" if model.jnt_limited[joint] else "continuous"
         element = self._urdf.join(kind, self._urdf.name(name, "joint"), parent, child, T)

@@ -29,7 +29,9 @@ EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0
 
 
 def rpy_from_matrix(R: Array) -> Array:
-    """Return roll, pitch and yaw (3,) as in URDF (fixed axes x, y, z); yaw is 0 in gimbal lock."""
+    """Convert a rotation matrix (3, 3) to the angles roll, pitch and yaw (3,) of URDF, which are rotations about the
+    fixed axes x, y and z. In gimbal lock, where the angles are not unique, yaw is 0.
+    """
     return np.asarray(Rotation.from_matrix(R).as_euler("xyz", suppress_warnings=True))
 
 
@@ -119,7 +121,9 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
 
 
 def write_visual(path: Path, meshes: list[Mesh]) -> None:
-    """Write a link's meshes as one GLB file, one primitive for each appearance, so that the URDF needs no materials."""
+    """Write a link's meshes as one GLB file. All meshes with the same appearance form one primitive, which contains the
+    material, so the URDF needs no materials.
+    """
     by_look: dict[Look, list[Mesh]] = {}
     for mesh in meshes:
         by_look.setdefault(mesh.look, []).append(mesh)

@@ -1,19 +1,20 @@
 """Read the GenSim2 release's folder layout: ``<class>/<id>/{mobility.urdf, info.json, textured_objs/}``.
 
-The reader applies the following rules. It records each repair of an irregular file in the warnings of the instance.
+The reader applies the following rules. If a rule repairs an irregular file, the warnings of the instance mention the
+repair.
 
 - Links that are connected by fixed joints are merged. Two links remain: the body (root frame) and the moving link.
-- A mesh file that is missing or unreadable is left out. A missing material file is replaced by a default material. The
-  warnings state the numbers of these files.
-- A collision file that consists of one triangle at an angle to the coordinate axes is replaced by a thin plate, because
-  PhysX would ignore the triangle. The warnings state the number of these files.
-- ``joint_position_range`` in ``info.json`` replaces the joint limits of the URDF file. Its values are not multiplied by
-  the scale. Without ``joint_position_range``, the limits of a prismatic joint in the URDF file are multiplied by the
+- A missing or unreadable mesh file is left out. A missing material file is replaced by a default material. The warnings
+  state how many files of each kind are affected.
+- PhysX ignores a collision file that consists of a single triangle, unless the triangle is perpendicular to a
+  coordinate axis. Such an ignored triangle is replaced by a thin plate. The warnings state how many files are affected.
+- If ``info.json`` contains ``joint_position_range``, these values replace the joint limits of the URDF file, and they
+  are not multiplied by the scale. Otherwise the limits of a prismatic joint in the URDF file are multiplied by the
   scale.
 - A missing ``scale`` is replaced by the median scale of the class.
-- In some files, all keypoints have the names of colours. The keypoint nearest to the moving link then becomes
-  ``articulated_object_head``, if its distance from the link is at most 3 cm. Otherwise ``articulated_object_head`` is
-  computed from the geometry of the moving link.
+- In some files, the names of all keypoints are colours. The keypoint that is nearest to the moving link is then renamed
+  to ``articulated_object_head``, if its distance from the link is at most 3 cm. Otherwise ``articulated_object_head``
+  is computed from the geometry of the moving link.
 - A missing ``axis`` is replaced by the axis of the object frame that is closest to the joint axis.
 """
 
@@ -140,9 +141,9 @@ def _engines_drop(meshes: list[Mesh]) -> bool:
 def license_of(folder: ObjectFolder) -> str:
     """Return the licence terms of an object.
 
-    The terms are those stated in ``info.json``. If ``info.json`` states no terms, the terms of PartNet-Mobility apply
-    to an object that has a file ``meta.json`` and whose class occurs in the GenSim2 release. A faulty ``info.json`` is
-    ignored here, because loading the object reports the fault.
+    The file ``info.json`` states the terms. If it states none, and the object has a file ``meta.json`` and its class
+    occurs in the GenSim2 release, the terms of PartNet-Mobility apply. This function raises no error for a faulty
+    ``info.json``, because the fault is reported when the object is loaded.
     """
     try:
         stated = read_info(folder).license

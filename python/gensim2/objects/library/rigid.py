@@ -114,8 +114,9 @@ class FolderRigidShelf(RigidShelf):
             point: (info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
             for point, at in info.keypoints.items()
         }
-        # A known mass applies only to an object of known size. If the scale is outside the range ``NATURAL``, the file
-        # does not use metres, and the true size is unknown.
+        # The mass of the real object can be used only if the object's size relative to the real object is known. If the
+        # scale lies outside the range ``NATURAL``, the unit of the file is not the metre, so this relative size is
+        # unknown.
         mass = known_mass(asset_class, info.scale) if NATURAL[0] <= info.scale <= NATURAL[1] else None
         terms = info.license or _usual_license(asset_class)
         return load_from_meshes(
@@ -156,7 +157,7 @@ class YcbShelf(RigidShelf):
         scale, density = scales[0] if isinstance(scales, list) else scales, entry.get("density", WATER)
         for field, value in (("scales", scale), ("density", density)):
             if not is_number(value) or not value > 0:
-                raise AssetError("not a positive number", file=file, field=f"{asset_class}.{field}")
+                raise AssetError("the value is not a positive number", file=file, field=f"{asset_class}.{field}")
         if not isinstance(box, dict):
             raise AssetError("no corners", file=file, field=f"{asset_class}.bbox", remedy="write min and max")
         low, high = (scale * numbers(box.get(end), 3, file, f"{asset_class}.bbox.{end}") for end in ("min", "max"))

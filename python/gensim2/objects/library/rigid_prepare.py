@@ -44,7 +44,8 @@ STEADY = np.radians(10)
 #: An object counts as upright up to this tilt (rad). The base of a scanned object is uneven, so the object never stands
 #: exactly upright.
 LEAN = np.radians(5)
-#: Vertices up to this height (m) above the lowest vertex count as the object's foot, because scanned feet are uneven.
+#: Vertices up to this height (m) above the lowest vertex belong to the object's foot, the surface on which the object
+#: stands. The limit is not 0, because the foot of a scanned object is uneven.
 FOOT = 2e-3
 #: Parts thinner than this (m) are too thin to grasp.
 THINNEST_GRIP = 1.5e-3
@@ -375,7 +376,9 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
 
 
 def _hulls(pieces: list[tuple[Array, Any]], rule: Hulls) -> tuple[list[Array], dict[str, int]]:
-    """Return the hull of each piece; decompose only pieces with cavities, as most files are decomposed already."""
+    """Return the convex hull of each connected piece, and statistics. Pieces with cavities are decomposed into several
+    hulls. Most files contain pieces that are convex already and need no decomposition.
+    """
     if rule == "original":
         whole, flat = piece_hulls(pieces)
         return whole, {"dropped": flat}

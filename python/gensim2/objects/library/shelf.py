@@ -28,7 +28,7 @@ class Shelf(ABC):
 
     @abstractmethod
     def instances(self, asset_class: str) -> tuple[str, ...]:
-        """Return the ids of a class, sorted (numbers by value)."""
+        """Return the sorted ids of a class. Ids that are numbers are sorted by their value."""
 
     @abstractmethod
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject | RigidObject:

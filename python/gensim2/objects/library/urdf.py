@@ -40,9 +40,10 @@ class Primitive:
     """A shape without a mesh file.
 
     Attributes:
-        kind: ``box`` (size: its three sides), ``cylinder`` (radius, length along z), ``capsule`` (radius, length
-            between the centres of its caps) or ``sphere`` (radius).
-        size: dimensions, m.
+        kind: ``box``, ``cylinder``, ``capsule`` or ``sphere``.
+        size: dimensions in metres. For a box, these are the three side lengths; for a cylinder, the radius and the
+            length along z; for a capsule, the radius and the distance between the centres of the caps; for a sphere,
+            the radius.
     """
 
     kind: str

@@ -24,7 +24,7 @@ _BLOCK = re.compile(r"```[^\n]*\n(.*?)```", re.DOTALL)
 
 
 def code(prompts: Prompts, task: TaskSpec, references: Sequence[tuple[str, str]]) -> Ask[TaskSpec]:
-    """Return the question for a task's code.
+    """Return the prompt that asks the model to write a task as code.
 
     Args:
         prompts: prompt templates.

@@ -64,7 +64,7 @@ class DecomposedTask:
 
 
 def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: str) -> Ask[DecomposedTask]:
-    """Return the question for the sub-tasks of a long task."""
+    """Return the prompt that asks the model to divide a long task into sub-tasks."""
     assert found.rigid is not None
     text = prompts.text(
         "decomposition",
@@ -105,7 +105,9 @@ def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, 
 
 
 def _listed(data: Sequence[Data]) -> list[Data]:
-    """Return the sub-tasks of an answer: a list under a key, a top-level list, or consecutive mappings."""
+    """Return the sub-tasks in an answer. The model may write the sub-tasks as a list under a key, as a list at the top
+    level, or as one JSON object after another.
+    """
     for each in reversed(data):
         for key in ("sub-tasks", "subtasks", "sub_tasks", ITEMS):
             if isinstance(each.get(key), list):
@@ -150,8 +152,8 @@ class _Chain:
         elif kind in WORKING:
             self._work(where, kind)
         elif kind == "distance_gripper_rigidbody" and self._grasps_next(rest):
-            # The next sub-task is a grasp, which becomes a step with the same criterion. Therefore do not add a step
-            # here.
+            # This sub-task moves the hand to the object, and the next sub-task grasps the object. The grasp becomes a
+            # step with the same success criterion as this sub-task, so this sub-task needs no step of its own.
             self.reached = criterion(kind, self.role, self.other)
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role

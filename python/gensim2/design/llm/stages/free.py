@@ -95,7 +95,9 @@ def whole_task(
 
 
 def as_answer(task: TaskSpec) -> dict[str, Any]:
-    """Return a stored task in the form of an answer; its steps have no sentences of their own."""
+    """Return a stored task in the format in which the model answers. A stored step has no description, so the step's
+    name is used as its description.
+    """
     objects: dict[str, Any] = {}
     for name, thing in task.objects.items():
         objects[name] = {"class": thing.asset_class}
@@ -227,8 +229,9 @@ def _steps(
 
 
 def _check_criteria(where: str, given: Any, objects: Mapping[str, Any], catalog: Catalog, problems: list[str]) -> None:
-    """Append a fault to ``problems`` for each criterion that names an object of the wrong kind (articulated or rigid),
-    or that asks to put an object where the articulated object has no place for it.
+    """Append a fault to ``problems`` for each invalid criterion. A criterion is invalid if it names a rigid object
+    instead of an articulated object or the reverse, or if it requires an object in or on an articulated object that has
+    no place for other objects.
     """
     if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
         problems.append(f"{where}: must be a list of criteria")

@@ -278,7 +278,8 @@ def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
             asset_class = each.task.objects[step.object].asset_class
             same = (asset_class, [criterion.type for criterion in step.done]) == (own.asset_class, kinds)
             if CONSTRAINTS not in config or each.task.name == job.task.name or (same and job.task.is_single_step):
-                continue  # The example would show the model a stored solution of the task that it designs.
+                # Skip this example, because it would show the model the stored solution of the task to be solved.
+                continue
             unlike = (
                 (step.tool == HAND) != (job.step.tool == HAND),
                 [criterion.type for criterion in step.done] != kinds,
@@ -302,8 +303,10 @@ def _motions_of(config: Mapping[str, Any]) -> Config:
 
 
 def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
-    """Return the mappings that an answer lists under ``field`` or at its top level. If the answer contains no list,
-    return all of its mappings that have at least one of the keys ``marks``.
+    """Return the JSON objects in a model's answer, as dictionaries.
+
+    The model may list the objects under the key ``field`` or at the top level. If the answer contains no list, the
+    function returns every object that has at least one of the keys in ``marks``.
     """
     for each in data:
         for name in (field, ITEMS):

@@ -155,7 +155,9 @@ def extra(rng: Rng) -> Rng:
 
 
 def at(blueprint: Blueprint, q: float) -> list[Solid]:
-    """Return all parts of a blueprint, placed as at the value ``q`` (rad) of its revolute joint."""
+    """Return all parts of a blueprint. The moving parts are rotated to the position that they have when the value of
+    the revolute joint is ``q`` (rad).
+    """
     moved = turned(blueprint.moving, blueprint.joint_origin, blueprint.joint_axis, q)
     return [*blueprint.body, *moved]
 

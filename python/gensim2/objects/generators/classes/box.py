@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a box with a hinged lid, to be opened or pushed."""
+"""Define two classes of generated boxes: boxes whose hinged lid is opened and closed, and boxes that are pushed."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ def _trim(
     metal: Look,
     lock: bool,
 ) -> tuple[list[Solid], list[Solid]]:
-    """Generate random visual fittings for body and lid. These are corner plates, straps or lines between planks, or
-    none of them; a lock plate is added if ``lock`` is true.
+    """Generate random fittings for the body and the lid of a box, which are visible but have no collision shape.
+
+    A box has corner plates, straps, lines between planks, or no such fittings. If ``lock`` is true, it also has a lock
+    plate.
 
     Args:
         rng: random generator.

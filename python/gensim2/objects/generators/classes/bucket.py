@@ -1,4 +1,6 @@
-"""Define a class of generated objects: a bucket with a swinging wire handle, or a bucket to be lifted or pushed."""
+"""Define three classes of generated buckets: buckets that are lifted, buckets that are pushed, and buckets whose wire
+handle swings.
+"""
 
 from __future__ import annotations
 

@@ -35,7 +35,9 @@ def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np
 
 
 def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tuple[list[Solid], np.ndarray]:
-    """Generate random knobs, a tab or a bar in front of ``at``; return the parts and the point to grasp."""
+    """Generate a random small handle in front of the point ``at``: a bar, a tab, one knob or two knobs. Return the
+    parts of the handle and the point at which the hand grasps it.
+    """
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(4))
     reach, radius = c.between(rng, 0.018, 0.032), c.between(rng, 0.009, 0.015)
@@ -117,8 +119,8 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
 def _below(
     rng: np.random.Generator, width: float, low: float, high: float, depth: float, wood: Look, look: Look
 ) -> list[Solid]:
-    """Generate the lower part of a sideboard, from y = ``low`` to ``high``: at random a pair of doors, fixed drawers,
-    or a shelf.
+    """Generate the lower part of a sideboard, which extends from y = ``low`` to y = ``high``. This part is a pair of
+    doors, a stack of drawers that do not open, or a shelf, selected at random.
     """
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())

@@ -140,7 +140,7 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
         cone((0, bottom + 0.008, z), (0, top, z), radius, c.between(rng, 0.85, 1.0) * radius, look),
     ]
     root = max(bottom + at * height, bottom + tube + 0.002)
-    # the spout is so high that there is free space below its mouth
+    # The highest point of the spout is so high that there is free space below the mouth of the spout.
     highest = max(top + climb, bottom + 0.06 + sag + drop)
     base = top + GAP
     start = np.array([0.0, base + max(0.6 * cap, 0.012), z])
@@ -151,7 +151,7 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
         # Close to the column, the spout stays below the lever on top of the column.
         if out - spout / LEGS < 1.4 * radius + tube:
             y = min(y, top - tube - 0.006)
-        # Farther from the column, the spout stays below the path of the lever, as far as the lever reaches.
+        # Farther from the column, but still within reach of the lever, the spout stays below the path of the lever.
         elif out - spout / LEGS < lever + 0.03:
             y = min(y, start[1] + (crook if shape == 0 else out * np.tan(rise)) - tube - 0.022)
         points.append(np.array([0.0, y, z + out]))

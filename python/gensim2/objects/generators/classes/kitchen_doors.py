@@ -51,8 +51,9 @@ def carcass(size: FoldDown, look: Look) -> list[Solid]:
 def fold_down_door(
     size: FoldDown, look: Look, metal: Look, rng: np.random.Generator, window: bool
 ) -> tuple[list[Solid], Vec3, np.ndarray]:
-    """Return the parts of a door that is hinged at its lower edge, a point on the hinge, and the middle of the door's
-    handle.
+    """Generate an appliance's door that is hinged at its lower edge.
+
+    Return three values: the parts of the door, a point on the hinge axis, and the middle of the door's handle.
     """
     low, high = size.opening
     z = size.front + GAP

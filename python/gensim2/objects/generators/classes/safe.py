@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a safe with a door that opens, or a safe to be pushed."""
+"""Define two classes of generated safes: safes whose door is opened and closed, and safes that are pushed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Define a class of generated objects: a suitcase that lies flat, to be pushed or opened."""
+"""Define two classes of generated suitcases that lie flat: suitcases that are pushed, and suitcases whose lid is opened
+and closed.
+"""
 
 from __future__ import annotations
 

@@ -48,7 +48,9 @@ def surround(frame: WindowFrame) -> list[Solid]:
 
 
 def sash(center: Vec3, width: float, height: float, frame: WindowFrame) -> list[Solid]:
-    """Return a glazed sash: four rails around a pane, with a visual glazing bar."""
+    """Return the parts of a window sash: four rails, a pane between them, and a vertical bar in the middle of the pane.
+    The bar has no collision shape.
+    """
     at = np.asarray(center, float)
     rail = 0.018
     x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])

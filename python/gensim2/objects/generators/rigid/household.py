@@ -266,8 +266,8 @@ def _block(size: tuple[float, float, float], look: Look, bevel: float) -> RigidB
 
 
 def _gold_bar() -> RigidBlueprint:
-    # The sides slope by 10 degrees: real gold bars slope by 5 to 15 degrees, so that the cast bars can be taken out of
-    # the mould.
+    # The sides of the gold bar are inclined by 10 degrees. Real gold bars are cast, and their sides are inclined by 5
+    # to 15 degrees so that the bars come out of the mould.
     top, bottom = (0.050, 0.019), (0.055, 0.024)
     corners = [(s * top[0], t * top[1], 0.014) for s in (-1, 1) for t in (-1, 1)]
     corners += [(s * bottom[0], t * bottom[1], -0.014) for s in (-1, 1) for t in (-1, 1)]

@@ -70,7 +70,9 @@ LEAF = matte(0.13, 0.42, 0.12)
 
 
 def scaled(solid: Solid, factor: float | Vec3) -> Solid:
-    """Return the part scaled about the origin, by a single factor, or by one factor for each axis (all positive)."""
+    """Return the part scaled about the origin. ``factor`` is one positive number for all axes, or one positive number
+    for each axis.
+    """
     f = np.broadcast_to(np.asarray(factor, float), (3,))
     hull = None if solid.hull is None else solid.hull * f
     mesh = None if solid.mesh is None else replace(solid.mesh, vertices=solid.mesh.vertices * f)
