@@ -109,7 +109,7 @@ def test_a_strategy_is_written_nowhere_but_into_its_task(dataset: DataSet, name:
             strategies[name] = next(iter(strategies.values()))
 
         edited(file, rename)
-    assert "gensim2.strategies: do not match the task" in refused(out, "maniskill")
+    assert "gensim2.strategies: the strategies do not match the task" in refused(out, "maniskill")
 
 
 @pytest.mark.parametrize("name", ["../../x", "OpenBox/x", "open", "."])

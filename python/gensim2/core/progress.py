@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 class Progress(Protocol):
-    """Listener to which a long function reports its progress. The function has one or more stages, which follow each
-    other.
+    """Listener to which a long function reports its progress. The function has one or more stages, which run one after
+    the other.
 
     Long functions take ``progress: Progress = NULL_PROGRESS``. Only the calling process uses the listener; workers send
     their progress to that process.

@@ -82,7 +82,8 @@ class FolderLock:
         self._lock.release()
 
     def _require_kept(self) -> None:
-        """Check that the folder was not removed or replaced during the run, because its earlier files would be lost.
+        """Check that the folder was not removed or replaced during the run. Otherwise the files that the run wrote
+        before are lost.
 
         Raises:
             WriteError: the lock file is missing, or is not the file that this process has locked.
@@ -97,12 +98,12 @@ class FolderLock:
 
 
 class RunSettings(BaseModel):
-    """Base class of the record that a resumable folder stores. The record has the settings that determine the results
-    of a run.
+    """Base class of the record that a resumable folder stores. The record contains the settings that determine the
+    results of a run.
 
     Attributes:
-        FREE: names of the settings that may change when a run is resumed. In the name of a nested setting, a dot
-            separates the levels.
+        FREE: names of the settings that may change when a run is resumed. The name of a nested setting contains a dot,
+            as in ``group.setting``.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -162,8 +163,8 @@ Settings = TypeVar("Settings", bound=RunSettings)
 
 
 class ResumableFolder(Generic[Settings]):
-    """Locked folder in which a run stores its results and can be resumed. A file in the folder records the run's
-    settings.
+    """Folder in which a run stores its results, so that the run can be resumed. The folder is locked while it is open.
+    A file in the folder records the run's settings.
 
     The class is a context manager; the end of the ``with`` block releases the lock.
 
@@ -174,7 +175,7 @@ class ResumableFolder(Generic[Settings]):
         holds: description of the folder's content for error messages, for example ``"a run"``.
         resume: whether to continue the run that the folder contains.
         lock: name of the lock file; None if the caller has already locked an outer folder.
-        alone: whether the run needs the folder for itself. If so, a folder that contains other files but no run is
+        alone: whether the run needs the folder for itself. If so, a folder with other files but without a run is
             refused.
 
     Attributes:
@@ -215,8 +216,8 @@ class ResumableFolder(Generic[Settings]):
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         try:
             # Remove the temporary files of killed workers. If the ``with`` block has raised an error, for example
-            # because the disk is read-only, the removal may fail, too. Then ignore the second error, so that the caller
-            # gets the first one. The next run removes the files.
+            # because the disk is read-only, the removal may fail as well. An error of the removal is then ignored, so
+            # that the caller gets the error of the ``with`` block. The next run removes the remaining files.
             with contextlib.nullcontext() if kind is None else contextlib.suppress(WriteError):
                 self._remove_temporaries()
         finally:
@@ -259,11 +260,12 @@ class ResumableFolder(Generic[Settings]):
         if (path / self._marker).exists():
             if not resume:
                 raise held_already(path, holds)
-        # Another run may create the file ``marker`` after the check above, so this file does not count as other
-        # content.
+        # The file ``marker`` does not count as other content, because another run may create it after the check above.
         elif self._alone and any(
             entry.name not in (FolderLock.NAME, self._marker) and not entry.name.startswith(f".{self._marker}.")
             for entry in path.iterdir()
         ):
             held = holds.removeprefix("a ")
-            raise InputError(f"is not empty, but contains no {held}", file=path, remedy="choose another --out")
+            raise InputError(
+                f"the folder is not empty, but contains no {held}", file=path, remedy="choose another --out"
+            )

@@ -3,9 +3,9 @@
     bytes 0..511    ``<magic> <version> <sha256>``, a line feed, then zeros
     from 512 on     the body
 
-If the body is an HDF5 file, HDF5 skips the first 512 bytes as a user block. The checksum covers the words ``<magic>``
-and ``<version>``, a line feed, and the body. A file with changed bytes is refused before a library reads its body,
-because damaged data can crash the library.
+The body can be an HDF5 file, because the HDF5 library skips the first 512 bytes as a user block. The checksum is
+computed from the text ``<magic> <version>``, a line feed and the body. A file with changed bytes is refused before a
+library reads its body, because damaged data can crash the library.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Seal:
 
         Raises:
             InputError: the file cannot be read, or an incompatible version of gensim2 wrote it. If the bytes have
-                changed, the exception class is ``damaged``.
+                changed, the error is of the class ``self.damaged``.
         """
         content = read_input(path, MAX_BYTES, self.remedy)
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")

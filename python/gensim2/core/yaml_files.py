@@ -26,8 +26,8 @@ MAX_DEPTH = 30
 #: Maximum number of values. A value that is repeated by an alias is counted again for each alias.
 MAX_VALUES = 20_000
 
-#: Maximum number of characters of an integer that an error message quotes. Python refuses to convert very long
-#: integers; if a refused integer is longer, the message says that it has more than 64 bits.
+#: Maximum length, in characters, at which an error message quotes an invalid integer. For a longer integer, the message
+#: says only that the integer has more than 64 bits, because Python refuses to convert very long integers.
 LONGEST_WHOLE_NUMBER = 100
 TOO_MANY_BITS = "a whole number of more than 64 bits"
 
@@ -58,11 +58,11 @@ def dump_yaml(value: dict[str, Any]) -> str:
 
 
 def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
-    """Parse YAML text; numbers must be finite, and integers must fit 64 bits.
+    """Parse YAML text. Numbers must be finite, and integers must fit into 64 bits.
 
     Raises:
-        InputError: the text is not UTF-8, not YAML, too large or too deeply nested, or has values that JSON lacks; the
-            message gives the line.
+        InputError: the text is not UTF-8 or not YAML, is too large or too deeply nested, or contains a value that JSON
+            cannot express; the message gives the line.
     """
     if len(data) > MAX_BYTES:
         raise InputError(f"is larger than {MAX_BYTES // 1000} kB", file=file)

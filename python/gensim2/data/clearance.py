@@ -72,7 +72,8 @@ class ClearanceMeter:
     Args:
         task: task of the episodes.
         library: library of their objects.
-        hulls: method of convex decomposition with which the collision hulls were made when the episodes were recorded.
+        hulls: method of convex decomposition that made the collision shapes of the objects when the episodes were
+            recorded.
     """
 
     def __init__(self, profile: RobotProfile, task: TaskSpec, library: Library, hulls: Hulls = "default") -> None:

@@ -86,10 +86,10 @@ def collect(
             recorded as well (:mod:`gensim2.rollout.noise`).
         strategy: names of strategies. A step uses only its strategies with these names; a step without such a strategy
             uses all of its strategies.
-        objects: use this many generated objects of each articulated class instead of ``instances``. These objects are
-            neither built-in objects nor the objects that ``instances="new"`` selects. None: use ``instances``.
-        engines: ``"both"`` runs each episode in the other physics engine, too, on the same scene. An episode counts as
-            a demonstration only if it passes the verdict `held` in both engines. The recorded states come from the
+        objects: number of generated objects of each articulated class to use instead of ``instances``. These objects
+            differ from the built-in objects and from the objects of ``instances="new"``. None: use ``instances``.
+        engines: ``"both"`` repeats each episode on the same scene in the other physics engine. An episode then counts
+            as a demonstration only if it succeeds in both engines (verdict `held`). The recorded states come from the
             first engine.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.
         listener: receives the status of all tasks.

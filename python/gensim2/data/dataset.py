@@ -35,7 +35,7 @@ class DataSet:
     Example:
         ```python
         data = gensim2.DataSet.open("night")
-        frames = data.frames()  # by number; frames.torch() is a torch.utils.data.Dataset
+        frames = data.frames()  # frames[i] is one frame; frames.torch() is a torch.utils.data.Dataset
         ```
 
     Args:
@@ -53,9 +53,9 @@ class DataSet:
 
         Args:
             path: folder of the data set.
-            assets: current folder of the object library. None means the folder that the data set records. Built-in
-                objects do not need this folder. The content of an object is checked when the object is first used
-                (:mod:`gensim2.data.used_objects`).
+            assets: current folder of the object library. None means the folder that the data set records. A data set of
+                built-in objects needs no folder. Opening does not check the content of the objects; each object is
+                checked when it is first used (:mod:`gensim2.data.used_objects`).
 
         Raises:
             InputError: ``dataset.json`` is missing or damaged, or another version of gensim2 wrote the file; or
@@ -69,7 +69,7 @@ class DataSet:
 
     @property
     def assets(self) -> str:
-        """Folder of the objects, which may be missing, or ``"builtin"`` for generated objects."""
+        """Folder of the objects, or ``"builtin"`` for generated objects. The folder may no longer exist."""
         return self.record.scene.assets if self._assets is None else self._assets
 
     @cached_property

@@ -64,8 +64,8 @@ def collect(
     """Run episodes until ``episodes`` of them have succeeded, and merge the successful episodes (demonstrations) into
     one trajectory file.
 
-    An episode succeeds if it passes the verdict `held`. If ``evaluator.rollout.engines`` is ``"both"``, the episode
-    must pass in both physics engines.
+    An episode succeeds if the goal is true at the end and the scene is at rest (verdict `held`). If
+    ``evaluator.rollout.engines`` is ``"both"``, the episode must succeed in both physics engines.
 
     Each episode is written to its own file as soon as the episode is finished. The file of a failed episode contains
     only the record, without states. If the files of some episodes are missing or damaged, a second call runs these

@@ -24,8 +24,8 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: HDF5 version of the files. With version 1.10, files are half as large as with the default version, which is older and
-#: uses 2 kB of index for each of the ten arrays. Both versions take the same CPU time for writing
+#: HDF5 version of the files. Files of version 1.10 are half as large as files of HDF5's default version, an older one,
+#: which needs an index of 2 kB for each of the ten arrays. Writing takes the same CPU time with both versions
 #: (benchmarks/stores.py).
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}

@@ -81,7 +81,8 @@ def film_index(film: Path) -> int:
 def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video: Path) -> int:
     """Record a video of an episode in a worker process and return the number of frames.
 
-    Ray casting needs no renderer or graphics driver. The video has ten frames per second of simulated time.
+    The frames are computed by ray casting, which needs neither the simulator's renderer nor a graphics driver. The
+    video has ten frames per second of simulated time.
 
     Args:
         episode: file of the episode, with states.

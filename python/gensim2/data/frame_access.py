@@ -54,7 +54,7 @@ class _Episode:
 
 @dataclass(frozen=True)
 class _Open:
-    """Open observation file, together with those of its arrays that have one row for each frame."""
+    """An open observation file, and its arrays that have one row for each frame."""
 
     file: h5py.File
     arrays: dict[str, h5py.Dataset]
@@ -134,7 +134,7 @@ class FrameAccess:
 
     @property
     def spec(self) -> ObservationSpec:
-        """Observation spec of the rendered frames.
+        """Observation spec with which the frames were rendered.
 
         Raises:
             InputError: there are no observations, or a file is damaged.

@@ -1,4 +1,4 @@
-"""Store the observations of one episode in one checksummed HDF5 file: a description, and one dataset per array."""
+"""Store the observations of one episode in one checksummed HDF5 file, which contains a description and all arrays."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def frame_arrays(path: Path, frames: int) -> list[str]:
 
     Args:
         path: observation file whose checksum was checked already.
-        frames: required number of rows.
+        frames: number of frames of the episode, which is the required number of rows.
 
     Raises:
         DamagedObservationError: an array has too few rows or an unknown name.

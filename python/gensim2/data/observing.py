@@ -28,7 +28,8 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
 
     Raises:
         InputError: an object's files cannot be used, or ``rgb`` needs a renderer that is missing.
-        EmptyCloudError: at some instant no point of the cloud lies in the workspace; the message names the instant.
+        EmptyCloudError: at least one recorded state has no point of the cloud in the workspace; the message names the
+            time of this state.
     """
     observer = _observer(recording, scene, spec)
     frames: dict[str, list[npt.NDArray[Any]]] = {}

@@ -33,12 +33,13 @@ class TaskQuality:
     Attributes:
         name, sentence: name and instruction of the task.
         tried: number of episodes that were run.
-        held: number of successful episodes, which pass the verdict `held`.
+        held: number of successful episodes (verdict `held`).
         strict: number of episodes that also pass the stricter verdict `strict`.
         whole: number of successful episodes in which every motion was executed completely.
         causes: number of failed episodes by cause.
-        places: placement of the first step's object in each episode: x and y in m, yaw in rad, and whether the episode
-            succeeded. The first step's object is the object on which the first step of the task acts.
+        places: for each episode, the initial placement of the first step's object (x and y in m, yaw in rad), and
+            whether the episode succeeded. The first step's object is the object on which the first step of the task
+            acts.
         openness: initial openness of the first step's object in each successful episode; empty if the object has no
             joint.
         lengths: number of control steps in each successful episode.

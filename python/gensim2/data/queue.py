@@ -201,13 +201,13 @@ class Queue:
         self._add_objects(task)
 
     def _add_objects(self, task: TaskQueue) -> None:
-        """Copy the results of a task, and the objects of the task's episodes, into the record ``dataset.json``."""
+        """Copy the results and the used objects of a finished task into ``dataset.json``."""
         objects = self._record.objects
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                # Read each object again from the library. The hash of its current content is compared with the hash
-                # that the episode recorded.
+                # Read each object once from the library, to compare the hash of its current content with the hash that
+                # each episode recorded.
                 if key not in self._objects:
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]

@@ -50,8 +50,8 @@ class TaskRecord(_Record):
     Attributes:
         digest: digest of ``task.yaml`` and the strategies.
         instances: set from which the objects of the episodes are sampled, such as ``"test"`` (the test split).
-        objects: number of generated objects of each articulated class, from which objects are sampled instead of
-            ``instances``; None: ``instances`` determines the objects.
+        objects: number of generated objects of each articulated class. If this number is given, the episodes sample
+            from these generated objects instead of from ``instances``.
         tried: number of all episodes; None until all episodes are finished.
         held: number of successful episodes (verdict `held`: the goal is true at the end and the scene is at rest); None
             until all episodes are finished.
@@ -78,7 +78,7 @@ class DatasetRecord(RunSettings):
         episodes: number of episodes to run for each task.
         keep_failures: whether the states of failed episodes are stored as well.
         tasks: tasks by name, in the order of the command.
-        listings: digest of the list of objects from which episodes sample, by object class.
+        listings: for each object class, the digest of the list of objects from which the episodes are sampled.
         versions: versions of the packages that determine the results.
         objects: objects that the episodes of finished tasks use, by ``class/id``.
         complete: whether all episodes of all tasks are finished.
@@ -127,9 +127,9 @@ class DatasetRecord(RunSettings):
             yield from differing(f"tasks.{name}", was, given)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record of a resumed collection. Its settings come from ``now``, the record of the command that
-        resumes the collection, and its objects come from this record. Its results come from this record if ``now`` adds
-        no tasks and no episodes; otherwise the results are empty.
+        """Return the record of a resumed collection. The settings come from ``now``, the record of the command that
+        resumes the collection. The objects come from this record. The results also come from this record, unless
+        ``now`` adds tasks or episodes; in this case the results are empty.
         """
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):

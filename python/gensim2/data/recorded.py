@@ -38,18 +38,18 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
         return InputError(wrong, file=file, field=f"{at}.{field}" if at else field, remedy="export or collect it again")
 
     if not 1 <= steps <= MAX_STEPS:
-        raise refuse("actions", f"has {steps} steps, not 1 to {MAX_STEPS}")
+        raise refuse("actions", f"the recording has {steps} steps, but must have 1 to {MAX_STEPS}")
     if steps != episode.control_steps:
         raise refuse("actions", f"has {steps} steps, but the episode's record says {episode.control_steps}")
     if recording.seed != episode.seed:
         raise refuse("seed", f"is {recording.seed}, but the episode's record says {episode.seed}")
     ids = {name: thing.id for name, thing in episode.objects.items()}
     if recording.instances != ids:
-        raise refuse("instances", "do not match the episode's record")
+        raise refuse("instances", "the object ids do not match the episode's record")
     for name, values, dtype, shape in _arrays(recording, steps):
         if values.dtype != dtype or not fits(values.shape, shape):
             needed = f"must have the type {dtype} and the shape {shown_shape(shape)}"
-            raise refuse(name, f"{needed}; it has the type {values.dtype} and the shape {values.shape}")
+            raise refuse(name, f"{needed}, but has the type {values.dtype} and the shape {values.shape}")
         if not values.size:
             raise refuse(name, "is empty")
         if name.startswith("env_states") and values.shape[1] < ROOT:

@@ -50,8 +50,8 @@ FIXED_ARGUMENTS = (
 
 
 class Effort(Record):
-    """CPU time and wall time of designing and verifying a task. If the task was resumed, this is the time of the last
-    call only.
+    """CPU time and wall time of designing and verifying a task. If the run was resumed while it worked on the task, the
+    times cover only the last call.
     """
 
     cpu_s: Annotated[float, Field(ge=0)]
@@ -123,7 +123,7 @@ class VerificationRecord(Record):
         counts = self.model_dump(exclude={"schema_version", "threshold", "kept", "instances", "episodes", "second"})
         wrong = self.second is not None and told.second is not None and self.second.held != told.second.tally.held
         if self.kept != told.kept or counts != told.tally.to_dict() or wrong:
-            raise ValueError("the counts do not match the episodes")
+            raise ValueError("the counts do not match the episodes in the field 'episodes'")
         return self
 
     @property
@@ -147,7 +147,7 @@ class CheckerRecord(Record):
     @model_validator(mode="after")
     def _figures_are_those_of_the_counts(self) -> Self:
         if self.model_dump() != {"schema_version": 1, **self.result.to_dict()}:
-            raise ValueError("the totals do not match the field 'counts'")
+            raise ValueError("the totals do not match the entries of the field 'counts'")
         return self
 
     @property
@@ -165,7 +165,7 @@ class RecordingSummary(BaseModel):
 
 
 class ArgumentsSummary(BaseModel):
-    """Arguments of a run that the report shows, with one field for scene options and one for rollout options."""
+    """Arguments of a run that the report shows: command, seed, scene options and rollout options."""
 
     command: str
     seed: int
@@ -220,9 +220,10 @@ class Verification:
     Attributes:
         episodes: episodes in the order of the seeds.
         threshold: smallest success rate for keeping the task.
-        instances: set from which the objects of the episodes are sampled. The sets ``"new"`` (generated objects that
-            the library does not list) and ``"test"`` (the test split) contain no object that the search used. The set
-            ``"all"`` also contains those objects; it is used if a class has too few objects for a test split.
+        instances: set from which the objects of the episodes are sampled. The set ``"new"`` has generated objects that
+            the library does not list, and the set ``"test"`` is the test split. Neither of these two sets contains an
+            object that the search used. The set ``"all"`` contains all objects; it is used if a class has too few
+            objects for a test split.
         second: episodes in the same scenes in the other physics engine; None if only one engine is used.
     """
 

@@ -194,8 +194,7 @@ class _Rendering:
             self._size += path.stat().st_size
 
     def _scene(self, store: TaskStore) -> SceneConfig:
-        # Each episode records the objects that it used. Therefore the scene is built without a set of objects to choose
-        # from.
+        # Each episode records the objects that it used, so the scene needs no set of objects from which to sample.
         return self._dataset.scene.with_task(store.spec())
 
     def _failed(self, failure: Failure) -> None:

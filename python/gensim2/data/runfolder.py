@@ -1,7 +1,7 @@
 """Manage a run folder, which has the results of a run and everything needed to resume the run.
 
 OUT/run.json                    command, identity, versions, hashes and licences of the objects, outcome
-OUT/report.html
+OUT/report.html                 page that shows the results
 OUT/errors.log                  failed attempts, with their tracebacks
 OUT/tasks/<Task>/               task.yaml, strategies/, checker.json, design.json, verification.json, trajectory.h5, ...
 OUT/rejected/<Task>/            the same files for tasks that were designed but rejected
@@ -48,8 +48,8 @@ class RunFolder(ResumableFolder[RunRecord]):
         path: the folder.
         arguments: arguments of the run. When a run is resumed, the arguments in ``records.FIXED_ARGUMENTS`` must be the
             same as before.
-        identity: digests of all other inputs that determine the results. When a run is resumed, they must be the same
-            as before.
+        identity: digests of all inputs, except the arguments, that determine the results. When a run is resumed, the
+            digests must be the same as before.
         resume: continue an existing run.
 
     Raises:

@@ -21,10 +21,10 @@ class Selection:
 
     Attributes:
         tasks: names of the tasks; empty for all.
-        strict: require that the episode passes the `strict` verdict.
+        strict: require that the episode also passes the verdict `strict`.
         whole: require that every planned motion was executed completely.
         first_try: require that no step was replanned.
-        shortest, longest: bounds on the number of control steps.
+        shortest, longest: minimum and maximum number of control steps.
         clearance: minimum clearance (:mod:`gensim2.data.clearance`), m; None: no minimum.
     """
 

@@ -72,8 +72,8 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
 def picture(observation: ObservedEpisode, step: int) -> Frame | None:
     """Return an image (H, W, 3) of one time step, or None if the episode has neither colour images nor a point cloud.
 
-    The image comes from a camera with colour images, preferably from the camera ``right``, because it shows the side of
-    the object on which the robot acts. If no camera has colour images, the function draws the point cloud.
+    The image comes from a camera with colour images, preferably from the camera ``right``, because this camera sees the
+    side of the object on which the robot acts. If no camera has colour images, the function draws the point cloud.
     """
     arrays = observation.arrays
     names = sorted(

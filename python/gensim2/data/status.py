@@ -16,11 +16,12 @@ class TaskStatus:
     Attributes:
         name: name of the task.
         total: number of episodes to run.
-        tried, held, strict: number of finished episodes, number of successful episodes (verdict `held`), and number of
-            episodes that pass `strict`. The numbers include episodes of earlier calls.
+        tried: number of finished episodes, including the episodes of earlier calls.
+        held: number of successful episodes (verdict `held`) among the finished episodes.
+        strict: number of episodes that pass the verdict `strict` among the finished episodes.
         causes: number of failed episodes by cause, most frequent first.
-        engines: number of episodes that pass `held` in each physics engine. Given only if every scene is run in both
-            engines (``engines="both"``).
+        engines: number of successful episodes in each physics engine; empty unless every scene is run in both engines
+            (``engines="both"``).
         disagreed: seeds of the scenes in which only one engine passes `held`.
     """
 

@@ -70,7 +70,7 @@ class TaskQueue:
 
     Attributes:
         tried, held, strict, causes: counts over the finished episodes.
-        engines: number of finished episodes that pass `held` in each engine, if they ran in both.
+        engines: number of successful episodes in each physics engine, if every episode is run in both engines.
         disagreed: seeds of the scenes in which only one engine passes `held`.
         size: size of the finished episodes' files, bytes.
     """
@@ -104,7 +104,7 @@ class TaskQueue:
 
     @property
     def needed(self) -> int | None:
-        """Number of episodes that fill the quota, counted from episode 0; None if this number is still unknown.
+        """Number of episodes, from episode 0 on, that the task needs to fill its quota; None if it is still unknown.
 
         The number is unknown as long as it depends on the result of an unfinished episode.
         """
@@ -190,9 +190,9 @@ class TaskQueue:
         """Yield a job for each missing episode; the jobs are numbered from ``first``. Yield None while no job can start
         yet, because the results of running episodes decide whether the task needs another episode.
 
-        A new episode is started only if the quota would not be full even if all running episodes succeeded. Therefore
-        the same episodes are run with any number of workers, and the order in which the episodes finish does not
-        matter.
+        A new episode is started only if the task needs it in any case: even if all running episodes succeed, the quota
+        is not full without the new episode. Therefore neither the number of workers nor the order in which the episodes
+        finish changes which episodes are run.
         """
         config = evaluator.config(self.task, self.instances)
         last = self._done.rfind(1)

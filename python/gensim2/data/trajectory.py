@@ -1,15 +1,15 @@
 """Write demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
 Each finished episode is first written atomically to its own file under ``episodes/``, so that an interruption loses no
-finished episode. At the end, the episodes are merged into the two files in the given order. Therefore the bytes of the
-files do not depend on the number of workers.
+finished episode. At the end, :func:`write_trajectory` merges the episode files in the order of its argument
+``episodes``. Therefore the bytes of the two trajectory files do not depend on the number of workers.
 
 ManiSkill's own command can replay the result:
 
     python -m mani_skill.trajectory.replay_trajectory --traj-path trajectory.h5
 
-This command finds the environment because the environment id in ``trajectory.json`` begins with a module name. The
-module is imported and registers the environment.
+This command finds the environment, because the environment id in ``trajectory.json`` begins with the name of a module.
+The command imports this module, and the module registers the environment.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class TrajectoryMetadata:
         licenses: licences by ``class/id``, which also apply to the data.
         seed: seed of the run.
         environment: arguments of the environment (robot, physics) that differ from the defaults.
-        details: any other facts to store (versions, command), as plain data.
-        controller: class that chose the actions, ``module:Class`` or ``FILE.py:Class``.
+        details: further facts to store, such as the versions and the command, as plain data.
+        controller: class that chose the actions, written as ``module:Class`` or ``FILE.py:Class``.
     """
 
     task: TaskSpec
@@ -76,9 +76,9 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
         raise InputError("there is no finished episode to merge", file=folder)
     used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
     # ``trajectory.h5`` gets its final name before ``trajectory.json``, so that the JSON file never refers to missing
-    # data. The JSON file lists the used objects before the episodes, but the list is complete only after the last
-    # episode was read. The JSON entries of the episodes therefore wait in a temporary file. Without this file, each
-    # episode would be read twice.
+    # data. In the JSON file, the list of used objects precedes the entries of the episodes, but this list is complete
+    # only after the last episode was read. Therefore the entries are first written to a temporary file. Without the
+    # temporary file, each episode would have to be read twice.
     with (
         replacing(folder / JSON_NAME) as json_path,
         replacing(folder / H5_NAME) as h5_path,
@@ -150,8 +150,8 @@ def env_kwargs(
         "instances": {name: list(ids) for name, ids in instances.items()},
         **environment,
     }
-    # If the environment id ends with the id of the task, the environment can load the task from the library. For any
-    # other task, the arguments of the environment must contain the definition of the task.
+    # An environment id that ends with ``task.env_id`` belongs to a task that the environment can load from the library.
+    # For any other task, the arguments of the environment must contain the definition of the task.
     if not _env_id(task).endswith(task.env_id):
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs

@@ -127,7 +127,7 @@ class Replay:
         # The file may be untrusted. Other reset options of ManiSkill can set any state of the simulation, so only
         # ``RESET_OPTIONS`` are accepted.
         if unknown := reset.options.keys() - RESET_OPTIONS:
-            raise InputError(f"has the unknown option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
+            raise InputError(f"the option {min(unknown)!r:.80} is unknown", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
         try:
             read_options(reset.options, tuple(task.objects))
@@ -193,8 +193,8 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
     Args:
         video: file to write, atomically.
-        still: image file to write in addition to the video; None: no image. The image shows the moment when an object's
-            keypoint is farthest from its start. The suffix selects the format.
+        still: image file to write in addition to the video; None: no image. The image shows the moment when a keypoint
+            of an object is farthest from its initial position. The suffix selects the format.
         stride: number of control steps between two frames of the video; None: 1 for short episodes, 2 for long
             episodes.
         speed: playback speed. 1 plays in real time, and 2 plays twice as fast.
@@ -213,8 +213,8 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
 
 class _Shown:
-    """Summary of the frames that were written to the video file. The summary keeps only the frame for the still image,
-    because all frames together would need too much memory.
+    """Summary of the frames that were written to the video file. Of the frames themselves, only the frame for the still
+    image is kept, because all frames together would need too much memory.
     """
 
     def __init__(self) -> None:
@@ -305,9 +305,9 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
         path: file to write.
         frames: at least one image (H, W, 3); all images have the same size.
         frames_per_second: frame rate of the video.
-        exact: whether to keep the frame size (see :func:`pixel_format`) and to make every second frame a key frame, so
-            that programs can read single frames quickly. By default, both sides are scaled to multiples of 16, because
-            all browsers can play videos of such a size.
+        exact: whether to store a video for programs instead of browsers. If so, the video keeps the frame size (see
+            :func:`pixel_format`), and every second frame is a key frame, so that single frames can be read quickly. By
+            default, both sides are scaled to multiples of 16, because all browsers can play videos of such a size.
 
     Raises:
         OSError: the encoder ended early, for example because the disk was full.
@@ -333,7 +333,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
             except OSError as error:
                 raise OSError(errno.EIO, _ENDED_EARLY) from error
             count += 1
-    try:  # the writer does not check the encoder's exit status, so count the frames in the file
+    try:  # imageio_ffmpeg does not check the encoder's exit status, so count the frames in the file
         found = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
     except RuntimeError as error:
         raise OSError(errno.EIO, _ENDED_EARLY) from error

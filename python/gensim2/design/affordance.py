@@ -69,8 +69,8 @@ class Affordance:
             types, this is the more frequent type, and all values about the joint are means over the instances of this
             type.
         joint_range: lower joint limit (openness 0) and upper joint limit (openness 1), rad or m.
-        joint_axis: ``"vertical"`` or ``"level"``. For a hinge, this is the direction of its axis; for a prismatic
-            joint, it is the direction of motion.
+        joint_axis: ``"vertical"`` or ``"level"`` (horizontal). For a hinge, this is the direction of its axis; for a
+            prismatic joint, it is the direction of motion.
         default_openness: mean openness at the start of an episode.
         grip_width: distance in metres between the fingertips when they hold a rigid object across its narrowest side.
         picture: picture of one instance with labelled keypoints, or None.
@@ -168,8 +168,8 @@ class Affordance:
         if isinstance(first, RigidObject):
             return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, **common)
         articulated = [each for each in objects if isinstance(each, ArticulatedObject)]
-        # The positions of revolute and prismatic joints have different units, so only instances with the more frequent
-        # joint type are averaged.
+        # Average only the instances with the more frequent joint type, because revolute joints are measured in rad and
+        # prismatic joints in m.
         ((kind, _),) = Counter(each.joint.type for each in articulated).most_common(1)
         instances = [each for each in articulated if each.joint.type == kind]
         joint = instances[0].joint

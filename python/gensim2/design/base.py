@@ -200,9 +200,9 @@ class Designer(Protocol):
     Attributes:
         name: name of the designer in run.json and in the provenance of its tasks.
         notes: remarks for the report. The run reads the remarks at its end.
-        patience: number of refinements before the search may give up a task. The search gives up if nearly all episodes
-            of all candidates still fail. A designer that learns from descriptions of failures needs more than one
-            refinement.
+        patience: number of refinements after which the search may give up a task. The search gives up only if nearly
+            all episodes of all candidates still fail. A designer that learns from descriptions of failures needs more
+            than one refinement.
     """
 
     @property

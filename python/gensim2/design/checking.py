@@ -28,9 +28,9 @@ def check_criteria(
     files: TaskFolder | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> CheckerResult:
-    """Check the success criteria of a task in mutated worlds. A mutated world is a scene that was changed so that the
-    task is not done (docs/reference/tasks.md). Criteria that are true in such a scene are wrong, and this function
-    counts how often they are true.
+    """Count how often the success criteria of a task are wrongly true. The criteria are checked in mutated worlds:
+    scenes that were changed on purpose so that the task is not done (docs/reference/tasks.md). In such a scene, the
+    criteria must be false.
 
     Args:
         task: task to check; its strategies are not used.

@@ -1,7 +1,8 @@
 """Draft tasks of several steps that move joints.
 
-A task moves two joints for one purpose (such as tidying a desk), moves a joint and a rigid object for one purpose, or
-moves one joint to an end of its range and back.
+There are three types of tasks. A task of the first type moves two joints for one purpose, such as tidying a desk. A
+task of the second type moves a joint and a rigid object for one purpose. A task of the third type moves one joint to an
+end of its range and back.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def pairs(brief: Brief) -> Iterator[Draft]:
 
 
 def errands(brief: Brief) -> Iterator[Draft]:
-    """Draft tasks that serve one purpose by moving a joint and putting an object on a plate or into a bowl."""
+    """Draft tasks that move a joint and then put an object on a plate or into a bowl, both for one purpose."""
     there = {piece[:2]: piece for piece in _narrow(brief)}
     queues = [[(purpose, there[goal], put) for goal, put in purpose.errands if goal in there] for purpose in purposes()]
     used: Counter[tuple[str, str]] = Counter()
@@ -108,8 +109,8 @@ def _pair(purpose: Purpose, first: Piece, second: Piece) -> Draft:
 
 
 def _both(first: Piece, second: Piece) -> str:
-    """Return one phrase for the actions of two tasks. If both actions have the same verb, the phrase contains this verb
-    only once, as in "open the drawer and the box".
+    """Join the descriptions of two tasks into one phrase. If both descriptions have the same verb, the phrase contains
+    this verb only once, as in "open the drawer and the box".
     """
     said = [piece.known.task.description for piece in (first, second)]
     parts = [

@@ -38,8 +38,8 @@ CLOSED_AFTER = ("stow", "shut")
 #: Maximum width (m) of a container that leaves space on the table for a second container beside it.
 NARROW = 0.36
 
-#: A container gets no second object if its longest side exceeds this length (m). Such a large container has a shelf or
-#: a turntable inside, and no space for two objects.
+#: Only one object is put into a container whose longest side exceeds this length (m), because such a container has a
+#: shelf or a turntable inside, which leaves no space for a second object.
 LARGE = 0.34
 
 
@@ -50,7 +50,8 @@ def tidied(brief: Brief, how: str) -> Iterator[Draft]:
         brief: classes and tasks that the drafts may use.
         how: key of ``_TIDYING``, which determines whether the task first opens the container and closes it at the end.
     """
-    # Start with a different object for each value of ``how``, so that the drafts use more objects.
+    # Each value of ``how`` starts with a different object. The drafts for all values together therefore use more
+    # objects.
     turn = list(_TIDYING).index(how)
     queues = []
     for container in _containers(brief):
@@ -210,10 +211,10 @@ def _support_for(thing: Affordance, number: int) -> str:
 
 
 def _about(openness: tuple[float, float] | None = None) -> Randomization:
-    """Return the random ranges for a container's start position and openness.
+    """Return the ranges from which a container's initial position and openness are drawn.
 
     Args:
-        openness: mean and spread of the openness; None selects the default of the object.
+        openness: mean and spread of the initial openness; None: the default openness of the object.
     """
     if openness is None:
         return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05))

@@ -99,8 +99,8 @@ def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
 
 
 def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
-    """Return success rates of a task from three sources: the rate that the GenSim2 paper states, the rate of the code
-    released with the paper, and, if ``measured`` is true, our own measurements.
+    """Return the known success rates of a task: the rate in the GenSim2 paper, the rate of the code released with the
+    paper, and, if ``measured`` is true, our own measurements.
     """
     published, released = paper_of(task), released_of(task)
     return {

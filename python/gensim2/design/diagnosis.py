@@ -10,7 +10,8 @@ from typing import Any
 #: Maximum number of failure sentences kept for each stage, the most frequent first.
 KEPT = 6
 
-#: Phrases for the measured values in an episode's diagnosis, by the name of the value. The value replaces the braces.
+#: Phrases for the measured values in an episode's diagnosis, by the name of the value. The value is inserted at the
+#: braces.
 NUMBERS = {
     "distance": "by {:.0f} mm",
     "nearest": "the point between the fingertips came within {:.0f} mm of its surface",
@@ -50,11 +51,11 @@ class Diagnosis:
 
 
 def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagnosis, ...]:
-    """Return up to ``KEPT`` kinds of failure, the most frequent first.
+    """Group failed trials by the kind of failure. Return up to ``KEPT`` kinds of failure, the most frequent first.
 
     Args:
         failures: cause and measured values of each failed trial. The values of a simulated episode are its
-            ``diagnosis``. The values of a plan are its ``detail``, with its ``step`` and its ``strategy`` added.
+            ``diagnosis``. The values of a plan are its ``detail``, its ``step`` and its ``strategy``.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
     example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}

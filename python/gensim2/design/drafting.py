@@ -89,7 +89,8 @@ BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
 ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
 CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
 
-#: Poses of two articulated objects side by side: ((x, y) in the world in metres, yaw in radians).
+#: Poses of two articulated objects that stand side by side. Each pose is ((x, y), yaw): the position in the world in m,
+#: and the yaw in rad.
 PAIRED = (((-0.05, 0.3), -0.4), ((-0.05, -0.3), 0.4))
 
 

@@ -52,7 +52,7 @@ VERIFY_EPISODES = 20
 #: Number of episodes after which the verification checks again whether the threshold can still be reached.
 STRIDE = 10
 
-#: File with the episodes of an unfinished verification.
+#: Name of the file that stores the episodes of a verification until the verification is finished.
 UNDER_WAY = "verification.jsonl"
 UNDER_WAY_SECOND = "verification_second.jsonl"
 
@@ -165,8 +165,8 @@ PROPOSALS_PER_TASK = 3
 #: after this many consecutive skipped proposals.
 MAX_UNWANTED = 300
 
-#: Minimum CPU time in seconds between two rewrites of the report. Each rewrite takes longer the more tasks the report
-#: contains, so the report is not rewritten after every task.
+#: Minimum CPU time in seconds between two rewrites of the report. The report is not rewritten after every task, because
+#: the time of a rewrite grows with the number of tasks.
 REPORT_EVERY = 60.0
 
 
@@ -198,7 +198,7 @@ class Extent:
         verify: number of verification episodes.
         demos: number of demonstrations to collect.
         instances: instances that demonstrations use, as in ``--instances``.
-        videos: number of videos for each task; 0 also omits the picture of a plan.
+        videos: number of videos for each task. If this number is 0, no picture of the planned motion is drawn, either.
     """
 
     verify: int
@@ -212,13 +212,13 @@ SEARCHED = "search"
 
 
 class _Kept:
-    """Runner that plans and simulates the trials of a search and stores their results. A resumed search reads the
-    stored results instead of running the trials again.
+    """Runner for the trials of a search. It plans or simulates the trials and stores their results, so that a resumed
+    search can read the results instead of running the trials again.
 
     Args:
         runner: runner that plans scenes and simulates episodes.
-        folder: folder of the results, with one file for each method call. A stored result is used only if the arguments
-            of the method call are the same.
+        folder: folder of the results. Each method call stores its results in one file. A resumed search reads this file
+            only if it makes the method call with the same arguments.
     """
 
     def __init__(self, runner: EpisodeRunner, folder: Path) -> None:
@@ -338,8 +338,8 @@ class PipelineRun:
         return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), notes)
 
     def _designed(self, task: TaskSpec) -> str | None:
-        """Search for strategies of a proposal and verify the task. Return the reason if the search is skipped, else
-        None.
+        """Search for strategies of a proposed task and verify the task. If the proposal is rejected before the
+        verification, return the reason; otherwise return None.
         """
         from gensim2.scenes.goal import GoalError
         from gensim2.scenes.initial_state import PlacementError
@@ -377,9 +377,9 @@ class PipelineRun:
         return first_alike(task, self._familiar) is not None
 
     def _to_verify(self, task: TaskSpec) -> int:
-        """Return how many episodes verify a task. This is the requested number or, if more demonstrations are
-        requested, the number of demonstrations. If the task counts as already solved, the requested number is reduced
-        to ``VERIFY_EPISODES`` if it is larger.
+        """Return the number of verification episodes for a task. It is the requested number, but at least the requested
+        number of demonstrations. If the task counts as already solved, the requested number is first limited to
+        ``VERIFY_EPISODES``.
         """
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
         return max(verify, self.extent.demos)
@@ -393,7 +393,8 @@ class PipelineRun:
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
         """Return the strategies found by the search, now or in an earlier call, or the reason why it found none."""
         for thing in task.objects.values():
-            # Loading a class appends warnings about its objects to ``self._classes.notes``, which the report shows.
+            # Load the class only for its warnings: loading appends warnings about the objects of the class to
+            # ``self._classes.notes``, which the report shows.
             _ = self._classes[thing.asset_class]
         self.folder.save()
         record = read_design(folder.path)
@@ -470,10 +471,10 @@ class PipelineRun:
             self.progress.message(f"{task.name}: not all pictures were made: {error}")
 
     def _checked(self, task: TaskSpec, folder: TaskFolder) -> CheckerResult:
-        """Return how often the success criteria of a task are true in scenes in which the task is not done.
+        """Return how often the success criteria of a task are wrongly true, in scenes in which the task is not done.
 
-        This check needs no strategies, so it runs before the search. The task's folder stores the result. If the result
-        exists already, the check does not run again.
+        This check needs no strategies, so it runs before the search. The result is stored in the task's folder, and
+        later calls read the stored result instead of repeating the check.
         """
         instances = kept_apart(self.library, task).search
         return check_criteria(task, self.evaluator, instances, seed=self.seed, files=folder, progress=self.progress)
@@ -550,8 +551,8 @@ class PipelineRun:
 
 
 def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture: Path) -> bool:
-    """Plan a task in the scene of one seed, and draw the plan of one step. If a step has no complete motion, the first
-    such step is drawn. Otherwise the last step is drawn. Worker processes call this function.
+    """Plan a task in the scene of one seed, and draw the plan of one step: the first step without a complete motion, or
+    the last step if all steps have complete motions. Worker processes call this function.
 
     Returns:
         Whether a picture was drawn.

@@ -96,7 +96,9 @@ class GalleryEntry:
         return self._place(STILL)
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Write the log of the episodes that were run; if the last episode succeeded, the video shows this episode."""
+        """Write the log of the episodes that were run. The last episode is the episode in the video, if there is a
+        video.
+        """
         for index in list(self.log.done):
             self.log.forget(index)
         for index, episode in enumerate(episodes):
@@ -143,9 +145,9 @@ class TasksGallery:
 
     Attributes:
         index: path of the page.
-        shown: seed of the episode in the video, by task.
-        without: tasks for which no episode succeeded, with the cause of the last failure.
-        skipped: tasks that cannot be run with these objects, with the reason.
+        shown: for each task with a video, the seed of the episode in the video.
+        without: for each task without a successful episode, the cause of the last failure.
+        skipped: for each task that cannot be run with these objects, the reason.
     """
 
     index: Path

@@ -28,8 +28,9 @@ _NAMES = "xyz"
 
 
 def _directions() -> list[Direction]:
-    """Return approach directions. Eighteen directions are axes and diagonals of the joint frame. Three directions in
-    the world frame suit arms on a table: straight down, forward, and forward and down.
+    """Return approach directions. Eighteen directions are given in the joint frame: along an axis, or diagonally
+    between two axes. Three directions are given in the world frame, for an arm on a table: straight down, forward, and
+    forward and down.
     """
     found = []
     for index, axis in enumerate(_AXES):
@@ -149,7 +150,9 @@ def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipu
 
 
 def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
-    """Return whether the palm would block the moving part, because the fingers point against the part's motion."""
+    """Return whether a hand with this approach direction would block the moving part instead of pushing it, because the
+    fingers point against the part's motion.
+    """
     along = direction.vector[1] if direction.frame == "joint" else 0.0
     return (along if opening else -along) < -0.5
 

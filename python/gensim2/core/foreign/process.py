@@ -184,8 +184,8 @@ def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
     if code == -signal.SIGABRT:
         return _too_large(source, bounds)
     if code is None or code >= 0:  # a negative code is the number of the signal that ended the process
-        guard = 'a script must import below `if __name__ == "__main__":`'
-        return WorkerStartError(f"the process that reads {source} could not be started (exit code {code}; {guard})")
+        guard = 'a script must start such a process below `if __name__ == "__main__":`'
+        return WorkerStartError(f"no process to read {source} could be started (exit code {code}; {guard})")
     fate = signal.Signals(-code).name
     return InputError(f"is damaged: the library that reads it crashed ({fate})", file=source)
 

@@ -107,9 +107,9 @@ def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str
     """
     for name, shape in expected.items():
         if found.get(name) != shape:
-            there = f"is {found[name]}" if name in found else "is missing"
+            there = f"has the type and shape {found[name]}" if name in found else "is missing"
             raise InputError(
-                f"{MISMATCH}: the tensor {name} {there}; its expected type and shape are {shape}",
+                f"{MISMATCH}: the tensor {name} {there}; the expected type and shape are {shape}",
                 file=path,
                 remedy=remedy,
             )
@@ -139,5 +139,5 @@ def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[s
         tensors: dict[str, torch.Tensor] = load(content)
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
-            raise InputError("holds numbers that are not finite", file=path, field=name, remedy=remedy)
+            raise InputError("the tensor contains numbers that are not finite", file=path, field=name, remedy=remedy)
     return tensors

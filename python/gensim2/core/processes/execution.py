@@ -70,7 +70,9 @@ class Execution:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Execution:
-        """Return the execution settings that the keyword arguments ``given`` contain. Other keywords are ignored."""
+        """Return the settings from those keyword arguments in ``given`` that are options of
+        :class:`ExecutionArguments`. All other keyword arguments are ignored.
+        """
         return cls(**{each.name: given[each.name] for each in fields(cls) if each.name in given})
 
     def at_most(self, jobs: int) -> Execution:

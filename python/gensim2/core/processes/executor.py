@@ -95,8 +95,8 @@ class Tries:
 
     Args:
         jobs: jobs of the call.
-        on_failure: callback for each failed attempt, also if a later attempt succeeds.
-        ran: whether any job has finished in an earlier call; initial value of the attribute ``ran``.
+        on_failure: callback for each failed attempt, even if a later attempt succeeds.
+        ran: whether any job has finished in an earlier call.
 
     Attributes:
         ran: whether any job has finished so far, in this call or in an earlier call.
@@ -190,10 +190,9 @@ class Executor(ABC):
 
         Args:
             function: function of a module, so that it is pickled by name.
-            jobs: iterable of jobs. The executor takes the next job when a worker becomes free. The iterable may yield
-                None if its next job depends on an outcome that is not known yet. The executor then asks for the job
-                again after the next outcome. If no job is running, there will be no further outcome, and None ends the
-                iteration.
+            jobs: iterable of jobs. The executor takes the next job when a worker becomes free. If the next job depends
+                on the outcome of a running job, the iterable yields None, and the executor asks for the job again after
+                the next outcome. If the iterable yields None while no job is running, the iteration ends.
 
         Raises:
             WorkerStartError: worker processes cannot start.

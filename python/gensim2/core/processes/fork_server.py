@@ -27,7 +27,8 @@ def start_fork_server() -> None:
     if _registered_in != os.getpid():
         _registered_in = os.getpid()
         atexit.register(_end_server, _registered_in)
-    resource_tracker.ensure_running()  # start the tracker now, because its start unblocks signals
+    # Start the resource tracker before SIGINT is blocked below, because starting the tracker unblocks the signal.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:
         forkserver.ensure_running()
@@ -36,8 +37,8 @@ def start_fork_server() -> None:
 
 
 def forget_piped_script() -> None:
-    """Delete the file name of the main module if there is no such file. If Python reads a script from a pipe, the file
-    name is ``<stdin>``, and workers would try to open this file.
+    """Delete the attribute ``__file__`` of the main module if it names no existing file. For example, a script that
+    Python reads from a pipe has the file name ``<stdin>``, which workers would try to open.
     """
     main = sys.modules["__main__"]
     path = getattr(main, "__file__", None)
@@ -58,8 +59,8 @@ def _end_server(registered: int) -> None:
 
 
 def ignore_interrupts() -> None:
-    """Ignore SIGINT (Ctrl-C) in a worker process. Also unblock the signal, because a program that the worker starts
-    would inherit the block and could not receive SIGINT.
+    """Ignore SIGINT (Ctrl-C) in a worker process. Also unblock SIGINT. A worker starts with this signal blocked, and a
+    program that the worker starts would inherit the block and could not receive SIGINT.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))

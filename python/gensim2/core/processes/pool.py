@@ -223,8 +223,8 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
         # A failing import is ignored here: the job imports the module again and reports the error.
         with contextlib.suppress(Exception):
             prepare()
-    gc.freeze()  # exclude imported objects from garbage collection, which saves 7 % of the time
-    with contextlib.suppress(OSError):  # if the parent has ended, the loop below returns
+    gc.freeze()  # exclude imported objects from garbage collection, which saves 7 % of the run time
+    with contextlib.suppress(OSError):  # if the parent has ended, sending fails, and the loop below returns
         connection.send_bytes(b"ready")
     while True:
         try:
@@ -260,7 +260,7 @@ def answer(payload: bytes) -> bytes:
             return pickle.dumps(("result", result, None, time.process_time() - begin))
         except GenSim2Error as error:
             said = pickle.dumps(("error", error, None, time.process_time() - begin))
-            pickle.loads(said)  # if the parent could not unpickle the error, report a failure instead
+            pickle.loads(said)  # check that the parent can unpickle the error; otherwise report a failure below
             return said
     except BaseException as error:  # noqa: BLE001 - panics of the solver and exits are failures too
         words = " ".join(f"{type(error).__name__}: {error}".split())
@@ -318,7 +318,7 @@ class WorkerPool(Executor):
             yield from super().map_unordered(function, jobs)
             return
         for job in jobs:
-            if job is None:  # the next job waits for an outcome, but no job is running
+            if job is None:  # no job is running, so the outcome for which the next job waits will never come
                 return
             yield _run_here(function, job)
 

@@ -273,7 +273,9 @@ class RayPool(Executor):
                 raise WorkerStartError(f"{died}: {words}") from error
 
     def _received(self, place: _Place, job: Job, number: int) -> Outcome[Any] | Failure:
-        """Return the outcome of an actor's job; if the actor failed, end the actor."""
+        """Return the outcome of an actor's job, or the failure of the attempt. End the actor after a failure, and after
+        its last allowed job.
+        """
         try:
             found = received(self._ray.get(place.awaited), job.index, number)
         except self._ray.exceptions.RayError as error:
@@ -319,7 +321,8 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
                     words = " ".join(str(error).split())
                     raise InputError(f"the Ray cluster cannot be used: {words}", field="--ray") from error
     finally:
-        with contextlib.suppress(ValueError):  # signal handlers exist only in the main thread
+        # Only the main thread can set signal handlers; in another thread, Python raises a ValueError.
+        with contextlib.suppress(ValueError):
             for number, handler in handlers.items():
                 signal.signal(number, handler)
 

@@ -11,9 +11,9 @@
 | ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
 | ``pointcloud/segmentation`` | ``point_segmentation`` | none |
 
-An asterisk stands for the names in the middle column. Actions, rewards, ``success`` and ``done`` do not come from an
-observation file but from the recorded episode. Names contain no slash, because LeRobot's editing tools and Diffusion
-Policy's replay buffer interpret a slash as a folder.
+In the table, an asterisk stands for any name in the middle column of the same row. Actions, rewards, ``success`` and
+``done`` do not come from an observation file but from the recorded episode. Names contain no slash, because LeRobot's
+editing tools and Diffusion Policy's replay buffer interpret a slash as a folder.
 """
 
 from __future__ import annotations
@@ -105,8 +105,8 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
 
 def array_of(column: str) -> str | None:
-    """Return the name of the camera's array from which a column was exported; None if the column does not come from a
-    camera.
+    """Return the name of the camera array, such as ``cameras/left/rgb``, from which ``column`` was exported. Return
+    None if the column does not come from a camera.
     """
     for what, prefix in _PREFIXES.items():
         if column.startswith(prefix):
@@ -136,7 +136,7 @@ def current(camera: str) -> str:
 
 
 def formerly_nested(group: str) -> str | None:
-    """Return the prefix of the column names, such as ``image_``, that replaces a group of an old zarr export, such as
-    ``image_cameras``. Return None for any other group.
+    """Return the prefix that column names have today instead of a group of old zarr exports. For example, a column in
+    the old group ``image_cameras`` now has the prefix ``image_``. Return None for any other group.
     """
     return next((prefix for prefix in (IMAGE, DEPTH) if group == f"{prefix}{_CAMERAS}"), None)

@@ -113,9 +113,11 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
             file = store.path(row.index)
             raise InputError(error.message, file=path / NATIVE / store.name / file.name, field=error.field) from error
         if theirs is None or (wrong := _difference(ours, theirs)):
-            said = "is missing" if theirs is None else f"differs from the original in {NATIVE}/ ({wrong})"
+            said = (
+                "has no frames in the export" if theirs is None else f"differs from the original in {NATIVE}/ ({wrong})"
+            )
             raise InputError(
-                f"episode {count} {said}; the exported files or the originals in {NATIVE}/ were changed later",
+                f"episode {count} {said}; a file of the export was changed or removed after the export",
                 file=path,
                 remedy="export again",
             )

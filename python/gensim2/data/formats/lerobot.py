@@ -63,8 +63,8 @@ class Totals:
 
     @staticmethod
     def of(values: Array, picture: bool) -> Totals:
-        """Return the sums (and sums of squares) of an array of frames (T, ...). As in LeRobot, images are scaled to
-        0..1 and summed by channel.
+        """Return the count, minimum, maximum, sum and sum of squares of an array of frames (T, ...). As in LeRobot,
+        images are scaled to 0..1, and each colour channel is summed separately.
         """
         found = np.asarray(values, dtype=np.float64)
         if picture:
@@ -233,7 +233,7 @@ class LeRobotWriter:
         lengths = set()
         for name, feature in self._features.items():
             if name not in frames:
-                raise InputError("is missing from an episode; every episode must have this feature", field=name)
+                raise InputError("this feature is missing from an episode, but every episode must have it", field=name)
             if frames[name].shape[1:] != feature.shape:
                 raise InputError(f"has the shape {frames[name].shape[1:]}, not {feature.shape}", field=name)
             lengths.add(len(frames[name]))
@@ -260,8 +260,8 @@ class LeRobotWriter:
         self._in_file += size
 
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
-        """Write a camera's video of one episode. Return the file number and the times of the video, which are columns
-        in LeRobot's table of episodes.
+        """Write a camera's video of one episode. Return the columns of LeRobot's table of episodes that locate the
+        video: its file number, its start time and its end time.
         """
         chunk, file = divmod(number, FILES_PER_CHUNK)
         with replacing(

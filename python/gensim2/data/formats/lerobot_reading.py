@@ -49,7 +49,8 @@ class _Info(BaseModel):
 def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
     """Yield the instruction and the columns (except images) of each episode of a LeRobot data set, ordered by index.
 
-    A column of scalars has the shape (T,), and any other column has the shape (T, *shape).
+    In an episode of T frames, a column of scalars has the shape (T,). A column of arrays has the shape (T, *shape),
+    where ``shape`` is the shape of the array in one frame.
 
     Raises:
         InputError: the folder is not a LeRobot v3.0 data set, or is damaged.
@@ -117,7 +118,12 @@ def _check_schema(arrow: Any, schema: Any, features: dict[str, _Feature], path: 
         for _ in feature.shape if tuple(feature.shape) != (1,) else ():
             kind = kind.value_type
         if kind != arrow.type_for_alias(feature.dtype):
-            raise InputError(f"holds {kind}, not {feature.dtype}", file=path, field=name, remedy=REMEDY)
+            raise InputError(
+                f"the column has the type {kind}, but meta/info.json says {feature.dtype}",
+                file=path,
+                field=name,
+                remedy=REMEDY,
+            )
 
 
 def _row_group(file: Any, group: int, shapes: dict[str, tuple[int, ...]], path: Path) -> dict[str, Array]:

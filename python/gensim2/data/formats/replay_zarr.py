@@ -1,8 +1,8 @@
 """Write a zarr folder in the layout of Diffusion Policy and DP3: the frames of all episodes concatenated.
 
     data/<key>          (frames, ...), one array per key: state, action, point_cloud, ...
-    meta/episode_ends   (episodes,) int64: number of frames up to the end of each episode
-    meta/task           (episodes,) int64: index into the attribute ``tasks`` of the root group, a list of instructions
+    meta/episode_ends   (episodes,) int64: total number of frames up to the end of each episode
+    meta/task           (episodes,) int64: index of the instruction in the list ``tasks`` (attribute of the root group)
 
 The files use zarr format 2, which both versions 2 and 3 of the zarr library read. One episode is in memory at a time.
 The module ``zarr_reading`` reads such folders.
@@ -75,7 +75,10 @@ class ZarrWriter:
                 episodes.
         """
         if self._arrays and frames.keys() != self._arrays.keys():
-            raise InputError(f"has the keys {sorted(frames)}, not {sorted(self._arrays)}", field="frames")
+            raise InputError(
+                f"the episode has the keys {sorted(frames)}, but earlier episodes have {sorted(self._arrays)}",
+                field="frames",
+            )
         for key, values in frames.items():
             if key not in self._arrays:
                 self._arrays[key] = self._created(checked_name(key, field="frames"), values)

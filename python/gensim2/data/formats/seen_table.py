@@ -24,9 +24,10 @@ class SeenTable:
     - ``cameras`` describes each camera by its matrix ``intrinsic`` (3, 3), in pixels, and by its pose ``T_base_camera``
       (4, 4). For a camera on the robot, the pose is ``T_link_camera`` in the frame of a link, and ``link`` is the name
       of this link.
-    - ``tables`` is a list of segmentation tables. Each table gives the object and the link of every segmentation id.
-    - ``episodes`` describes each episode by its ``task``, its ``index`` and its ``table``, which is an index in the
-      list of tables. ``table`` is None if an old version of gensim2 rendered the episode.
+    - ``tables`` is a list of segmentation tables. A segmentation table gives the object and the link of every
+      segmentation id.
+    - ``episodes`` has an entry for each episode, with the fields ``task``, ``index`` and ``table``. The field ``table``
+      is an index in the list ``tables``; it is None if an old version of gensim2 rendered the episode.
     """
 
     def __init__(self) -> None:
@@ -53,8 +54,9 @@ class SeenTable:
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
             is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")
-            # An array without a time axis is constant, so it is stored in ``observations.json``. The pose of a moving
-            # camera has a time axis. This pose is not stored, because readers can compute it from the joint positions.
+            # A matrix without a time axis has two dimensions. It is the same in all frames, so it is stored in
+            # ``observations.json``. The pose of a moving camera has a time axis as third dimension. This pose is not
+            # stored, because readers can compute it from the joint positions.
             if is_own and arrays[name].ndim == 2:
                 self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
         for camera, link in description.get("camera_links", {}).items():

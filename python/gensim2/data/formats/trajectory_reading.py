@@ -119,7 +119,12 @@ def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) 
         )
     if set(origin.strategies) != set(strategies_of(spec)):
         other = sorted(set(origin.strategies) ^ set(strategies_of(spec)))[0]
-        raise InputError(f"do not match the task: {other!r}", file=file, field="gensim2.strategies", remedy=REMEDY)
+        raise InputError(
+            f"the strategies do not match the task: {other!r} occurs in only one of the two",
+            file=file,
+            field="gensim2.strategies",
+            remedy=REMEDY,
+        )
 
 
 def _write_task(document: _Trajectory, store: TaskStore, tree: ForeignTree, progress: Progress) -> None:

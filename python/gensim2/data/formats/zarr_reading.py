@@ -76,7 +76,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
         wrong = f"meta/episode_ends ({len(ends)}) and meta/task ({len(tasks)}) do not describe consecutive episodes"
         raise InputError(wrong, file=root, field="meta", remedy=REMEDY)
     if not ((tasks >= 0) & (tasks < len(sentences))).all():
-        raise InputError("names a task that does not exist", file=root, field="meta/task", remedy=REMEDY)
+        raise InputError("an entry refers to a task that does not exist", file=root, field="meta/task", remedy=REMEDY)
     arrays = {column: _opened(tree, name, int(ends[-1]), int(lengths.max())) for column, name in names.items()}
     begin = 0
     for end, task in zip(ends.tolist(), tasks.tolist(), strict=True):
@@ -102,7 +102,9 @@ def array_names(tree: ForeignTree) -> dict[str, str]:
         column = parts[1] if len(parts) == 3 else None if prefix is None else prefix + current(parts[2])
         if column is None or not is_name(column):
             raise InputError(
-                "an array must be stored as data/NAME with a valid name", file=tree.path / folder, remedy=REMEDY
+                "the path of an array must be data/NAME, where NAME is a valid name",
+                file=tree.path / folder,
+                remedy=REMEDY,
             )
         found[column] = folder
     return found
@@ -121,8 +123,8 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """Open an array after two checks: the array must have ``frames`` rows, and an episode of ``longest`` rows must fit
-    into the maximum memory. ``longest`` is the number of rows of the longest episode in the export.
+    """Open an array after two checks. The array must have ``frames`` rows, and the rows of the longest episode must
+    have at most ``MAX_EPISODE`` bytes. ``longest`` is the number of these rows.
     """
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:

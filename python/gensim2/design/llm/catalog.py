@@ -46,7 +46,7 @@ class Catalog:
             try:
                 found[name] = brief.classes[name]
             except InputError:
-                continue  # the run's notes name this class and the reason
+                continue  # the notes of the run already contain the class and the error
             if articulated_only and found[name].kind == "rigid":
                 break
         return Catalog(

@@ -77,7 +77,7 @@ class Client:
             TypeError,
             ImportError,
             self._openai.OpenAIError,
-        ) as error:  # invalid proxy settings, for example, raise one of these errors
+        ) as error:  # raised, for example, if the proxy settings are invalid
             raise InputError(
                 f"no connection to the model can be made: {self._boundary.text(str(error))}", field="designer"
             ) from None
@@ -191,7 +191,7 @@ class Client:
         if isinstance(error, library.NotFoundError):
             message = f"{self.endpoint} has no model {given.model!r}: {said}"
             # If the error names the model, the address is right and only the model is missing. Any other 404 error may
-            # come from a wrong address, so the message gets a remedy.
+            # come from a wrong address, so the remedy in the message mentions both.
             known = given.model in said
             remedy = None if known else "check the model's name, and the end of --base-url, which is usually /v1"
             return InputError(message, field="designer", remedy=remedy)

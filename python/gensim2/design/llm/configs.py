@@ -33,8 +33,8 @@ OPENNESS = (-0.5, 1.5)
 
 MAX_CONSTRAINTS, MAX_MOTIONS = 12, 8
 
-#: Placeholder motion that completes a solver config without motions. Without a motion, its constraints could not be
-#: checked, because the parser refuses such a config.
+#: Placeholder motion for checking constraints alone. It is added to the constraints, because the parser refuses a
+#: solver config without a motion.
 _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
 
 
@@ -60,7 +60,9 @@ def problems_of_config(config: Mapping[str, Any]) -> list[str]:
 
 
 def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a config without redundant fields, null values and a retreat of zero metres (equal to no retreat)."""
+    """Return a config without redundant fields and null values. A retreat of zero metres is removed as well, because it
+    means the same as no retreat.
+    """
     return {
         name: value
         for name, value in data.items()

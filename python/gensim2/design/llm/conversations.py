@@ -35,10 +35,10 @@ class TurnRecord(_Record):
     """Record of one prompt and its answer.
 
     Attributes:
-        answer: digest of the question, by which the answer is found. The file ``answers/<first 32 digits of the
-            digest>.json`` stores the question and its answer.
-        problems: faults of the answer. If the answer is unusable, its faults are sent back to the model. If it is
-            usable, only its faulty parts are left out.
+        answer: digest of the question. The question and its answer are stored in the file ``answers/<first 32 digits of
+            the digest>.json``.
+        problems: faults of the answer. If the whole answer is unusable, these faults are sent back to the model.
+            Otherwise the faulty parts of the answer are left out.
     """
 
     answer: str
@@ -98,7 +98,7 @@ class ConversationLog:
             self._write()
 
     def settle(self, record: ConversationRecord, subject: str, outcome: Outcome, reason: str = "") -> None:
-        """Record whether a valid answer was used, dropped or refused."""
+        """Record the outcome of a conversation: whether its answer was used, dropped or refused."""
         self.add(record.model_copy(update={"subject": subject, "outcome": outcome, "reason": reason}))
 
     @property

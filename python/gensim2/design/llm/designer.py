@@ -143,8 +143,9 @@ class LLMDesigner:
 
         In a single-step task, candidate n uses the model's n-th config.
 
-        In a task with several steps, candidate n contains several configs of every step and prefers the n-th config. If
-        the planner finds no plan with this config, it tries the other configs of the step.
+        In a task with several steps, each candidate contains several configs of every step, in an order of preference:
+        candidate n begins with the n-th config. If the planner finds no plan with this config, it tries the other
+        configs of the step.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -273,8 +274,8 @@ class LLMDesigner:
         the objects differently.
         """
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-        # If the run hides the stored tasks from the model, show the example tasks of the prompts instead. A run never
-        # hides these examples.
+        # A run can hide all stored tasks from the model. In this case, show the example tasks of the prompts, which are
+        # never hidden.
         if not known:
             known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
@@ -356,11 +357,10 @@ def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
-    """Return the best candidate. If several candidates share the best score, return the one that fails at the latest
-    step of the task.
+    """Return the best candidate. If several candidates share the best score, return the candidate whose most frequent
+    failure is at the latest step of the task.
 
-    ``results`` lists the best candidate first. A candidate gets further than another candidate if it fails at a later
-    step.
+    ``results`` must list the best candidate first.
     """
     order = [step.name for step in task.steps]
 

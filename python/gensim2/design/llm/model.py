@@ -79,8 +79,8 @@ class LanguageModel:
             return answer
         shared = question.shared_digest(self._client.endpoint, self.options.structured, digest)
         known = self._store.record(digest, shared)
-        # A record with ``spent`` has no answer: an earlier call did not ask the question, because its budget was spent.
-        # Ask the question now, because the budget of this call may be higher.
+        # If the budget of an earlier call was spent before this question, the record has the field ``spent`` and no
+        # answer. In this case, ask the question now, because the budget of this call may be higher.
         if known is not None and known.spent is None:
             self.ledger.add(known.answer, asked=False)
             self._store.put(digest, question, known.answer)

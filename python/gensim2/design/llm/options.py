@@ -72,8 +72,7 @@ class ModelOptions(BaseModel):
         means OpenAI's own address.
 
         Raises:
-            InputError: the environment variable contains no valid address, or contains more than the address, such as a
-                key.
+            InputError: the address is invalid, or it contains credentials, a query or a fragment.
         """
         found = self.base_url or os.environ.get("OPENAI_BASE_URL") or None
         problem = problem_of_address(found) if found is not None else None

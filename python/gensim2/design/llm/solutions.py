@@ -59,10 +59,10 @@ class Asking:
         target_task: name of the task to propose; None: any.
         target_object: class that each task must use; None: any.
         trials: number of configs that are requested at once for a step.
-        max_rounds: limit for two counts: the answers to one question, including corrected answers, and the rounds in
-            which the model improves configs after a simulation.
+        max_rounds: maximum number of answers to one question, including corrected answers. It is also the maximum
+            number of rounds in which the model improves configs after a simulation.
         visual: whether to send pictures.
-        code: whether to request each task also as code.
+        code: whether to request code that defines each task, in addition to its description.
     """
 
     mode: Mode = "explore"
