@@ -40,7 +40,7 @@ from gensim2.tasks.spec import TaskSpec
 
 Array = npt.NDArray[np.float64]
 
-CLASS_ODDS = 20.0
+CLASS_ODDS = 100.0
 """Prior odds that an articulated object in the cloud has the task's class instead of another class."""
 LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,27 +10,29 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from gensim2.objects.types import joint_motion
-from gensim2.perception.estimation.estimator import ObjectEstimate, Points
+from gensim2.perception.estimation.estimator import JointEstimate, ObjectEstimate, Points
 
 Array = npt.NDArray[np.float64]
 
 LEAST_MOVING = 12
 """Minimum number of points on the moving part in each cloud; with fewer points no displacement is measured."""
+CHANGED = 0.015
+"""Minimum distance (m) of a point from the other cloud if the point has no counterpart there."""
 FAR = 0.02
 """Maximum distance (m) that counts for a point without a counterpart in the other cloud."""
 GRID, FINE = 41, 9
 """Number of displacements that are compared over the joint range, and around the best of these displacements."""
-LEAST_GAIN = 0.1
-"""Minimum reduction of the mean distance, as a fraction, by a displacement other than zero."""
+LEAST_GAIN, LEAST_GAIN_OF_CHANGES = 0.1, 0.2
+"""Minimum reduction of the mean distance, as a fraction, by a displacement other than zero: of the estimated moving
+part, and of the points without a counterpart.
+"""
 RELATIVE, ABSOLUTE = 0.1, 0.04
 """Standard deviation of a measured displacement: a fraction of the displacement plus a fraction of the joint range."""
 
-MOVED = 0.15
-"""Minimum displacement towards the goal before a standstill counts as the end of the joint range, as a fraction of the
-range.
-"""
-STALLED = 0.05
-"""Maximum displacement in a motion during which the joint stands still, as a fraction of the joint range."""
+MOVED = {"revolute": 0.15, "prismatic": 0.012}
+"""Minimum displacement towards the goal (rad or m) before a standstill counts as the end of the joint range."""
+STALLED = {"revolute": 0.05, "prismatic": 0.005}
+"""Maximum displacement in a motion during which the joint stands still, rad or m."""
 
 
 def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new: Points) -> float | None:
@@ -40,6 +43,8 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
     directions. First, the moving part's points in the old cloud are moved forwards along the joint and compared with
     the object in the new cloud. Second, the moving part's points in the new cloud are moved backwards and compared with
     the object in the old cloud.
+    If no displacement of the estimated moving part makes the clouds match better, the function searches for the
+    displacement of the points that have no counterpart in the other cloud, because the estimated part may be wrong.
 
     Args:
         before, after: estimates of the object.
@@ -48,11 +53,23 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
     Returns:
         The displacement; None if a cloud shows too little of the moving part.
     """
-    joint = before.joint
-    if min(before.moving.sum(), after.moving.sum()) < LEAST_MOVING:
-        return None
-    moving = [old[before.points[before.moving]].astype(np.float64), new[after.points[after.moving]].astype(np.float64)]
-    trees = [cKDTree(new[after.points]), cKDTree(old[before.points])]
+    points = [old[before.points].astype(np.float64), new[after.points].astype(np.float64)]
+    trees = [cKDTree(points[1]), cKDTree(points[0])]
+    estimated = [points[0][before.moving], points[1][after.moving]]
+    changed = [each[tree.query(each)[0] > CHANGED] for each, tree in zip(points, trees, strict=True)]
+    found = None
+    for moving, gain in ((estimated, LEAST_GAIN), (changed, LEAST_GAIN_OF_CHANGES)):
+        if min(map(len, moving)) >= LEAST_MOVING:
+            found = _fitted(before.joint, moving, trees, gain)
+            if found:
+                return found
+    return found
+
+
+def _fitted(joint: JointEstimate, moving: Sequence[Array], trees: Sequence[cKDTree], gain: float) -> float:
+    """Return the displacement with the smallest mean distance between moving points (2 clouds, each (N, 3)) and the
+    other cloud; 0 if this displacement reduces the distance by less than the fraction ``gain``.
+    """
 
     def distance(value: float) -> float:
         found = []
@@ -66,7 +83,7 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
     best = min(coarse, key=distance)
     step = coarse[1] - coarse[0]
     best = float(min(np.linspace(best - step, best + step, FINE), key=distance))
-    return best if distance(best) < (1.0 - LEAST_GAIN) * distance(0.0) else 0.0
+    return best if distance(best) < (1.0 - gain) * distance(0.0) else 0.0
 
 
 @dataclass(frozen=True)
@@ -102,7 +119,8 @@ class Track:
             return Track(found, cloud, others, self.moved)
         span = self.found.joint.upper - self.found.joint.lower
         moved = self.moved + change
-        if goal and goal * self.moved >= MOVED * span and goal * change < STALLED * span:
+        kind = self.found.joint.type
+        if goal and goal * self.moved >= MOVED[kind] and goal * change < STALLED[kind]:
             return Track(found.at(0.5 + 0.5 * goal, ABSOLUTE), cloud, others, moved)
         old, new = self.found.joint, found.joint
         predicted = float(np.clip(old.openness + change / span, 0.0, 1.0))
