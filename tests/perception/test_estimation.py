@@ -554,6 +554,16 @@ def test_the_goal_is_checked_again_after_the_retreat(
     assert len(chain.looks) == 1
 
 
+def test_the_estimator_of_the_package_knows_all_classes_and_estimates_a_new_object() -> None:
+    estimator = SceneEstimator.load()
+    names = [name for name in LIBRARY.classes() if LIBRARY.kind(name) == "articulated"]
+    assert [each.name for each in estimator.classes] == names
+    look = look_at("box_rotate", 0.5)
+    [found] = estimator.estimate(look.cloud.xyz, "box_rotate").objects
+    row = row_of(stacked([example(look, names, PANDA)]), 0, found)
+    assert (row["axis_degrees"] < 8, row["keypoint_m"] < 0.05, row["openness"] < 0.15) == (True, True, True)
+
+
 def test_benchmark_and_demo_plan_on_the_estimates_of_an_estimator(
     trained: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -100,10 +100,10 @@ class Shared:
             used.  [default: placement; with --physics original: none]
         resume: Continue the run in --out.
         robot: Name of the robot (panda, fr3 or fetch), or a Python file that registers your own robot.
-        scene_source: Source of the scene that the planner gets. true is the state of the simulator. DIR is an estimator
-            made by gensim2 perceive train. With an estimator, the planner gets estimates from point clouds, and uses
-            them to decide when a task is done. benchmark skips tasks that have several objects or an object class
-            unknown to the estimator, and demo refuses such tasks.
+        scene_source: Source of the scene that the planner gets. true is the state of the simulator. perceived is the
+            estimator of the package, and DIR is an estimator made by gensim2 perceive train. With an estimator, the
+            planner gets estimates from point clouds, and uses them to decide when a task is done. benchmark skips tasks
+            that have several objects or an object class unknown to the estimator, and demo refuses such tasks.
         seed: Random seed.
         time_limit: Time after which an episode counts as hung. The episode is then repeated in a new process.
         videos: Number of episodes of each task to record as video. The videos show demonstrations, or failed episodes
@@ -136,7 +136,7 @@ class Shared:
     control_episodes: Annotated[int, count()] = 30
     noise: Annotated[str | None, Option(metavar="d435|deployed|white|FILE")] = None
     depth_noise: Annotated[str | None, Option("--noise", "d435|deployed|white|FILE")] = None
-    scene_source: Annotated[str, Option("--scene", "true|DIR")] = "true"
+    scene_source: Annotated[str, Option("--scene", "true|perceived|DIR")] = "true"
 
 
 _SHARED = options_of_class(Shared)

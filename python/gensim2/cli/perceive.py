@@ -102,7 +102,7 @@ def train(
 
 @command("assets", "robot", "seed", show=_show_measure)
 def measure(
-    estimator: Annotated[Path, Option(metavar="DIR")],
+    estimator: Annotated[str, Option(metavar="DIR|builtin")],
     *,
     out: Folder | None = None,
     instances: Annotated[str, Option(metavar="all|train|test|new|ID")] = "new",
@@ -116,8 +116,9 @@ def measure(
 ) -> dict[str, Any]:
     """Measure the errors of an estimator.
 
-    The command gives point clouds of single objects to the estimator DIR, and compares its estimates with the simulated
-    objects. If the estimator does not find the object in a cloud, the command counts fixed large errors for this cloud.
+    The command gives point clouds of single objects to the estimator DIR, or to the estimator of the package (builtin),
+    and compares its estimates with the simulated objects. If the estimator does not find the object in a cloud, the
+    command counts fixed large errors for this cloud.
 
     Args:
         out: Folder for worst.png, a picture of the ten clouds with the largest errors.  [default: no picture]
@@ -171,7 +172,7 @@ def show(
     what: Annotated[Path, Option(metavar="EPISODE|DATA")],
     *,
     out: Folder,
-    estimator: Annotated[str, Option(metavar="DIR")],
+    estimator: Annotated[str, Option(metavar="DIR|builtin")] = "builtin",
     task: Name | None = None,
     episode: Annotated[int | None, click.IntRange(0), Option(metavar="N")] = None,
     instants: Count = 5,
@@ -185,7 +186,7 @@ def show(
 
     Args:
         out: Output folder.
-        estimator: Folder of the estimator.
+        estimator: Folder of an estimator, or builtin for the estimator of the package.
         task: Task of a data set.  [default: the first task]
         episode: Number of an episode in a data set.  [default: the first successful episode]
         instants: Number of instants, from the start of the episode to its end.

@@ -19,6 +19,8 @@ DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 
 TRUE_SCENE = "true"
 """Name of the scene that the simulator knows, for :attr:`RolloutOptions.scene_source`."""
+PERCEIVED_SCENE = "perceived"
+"""Name of the scene that the estimator of the package computes from point clouds."""
 
 MAX_NOISE = 0.2
 """Maximum standard deviation (rad) of noise on joint targets."""
@@ -61,8 +63,9 @@ class RolloutOptions:
             Recordings contain the noise-free action, too.
         engines: ``"both"`` also runs each demonstration in the other physics engine; the demonstration must succeed in
             both.
-        scene_source: with ``"true"`` the planner knows the state of the simulator. Any other value is the folder of an
-            estimator (``gensim2 perceive train``), which computes the planner's scene from point clouds.
+        scene_source: with ``"true"`` the planner knows the state of the simulator. With ``"perceived"`` the estimator of
+            the package computes the planner's scene from point clouds. Any other value is the folder of an estimator
+            (``gensim2 perceive train``).
         depth_noise: noise of the depth cameras from which a scene is estimated, as for
             :func:`~gensim2.perception.noise.read_noise`. With None the depth images are exact.
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, described, user_code
 from gensim2.robots import RobotProfile
-from gensim2.rollout.config import RolloutOptions
+from gensim2.rollout.config import PERCEIVED_SCENE, RolloutOptions
 from gensim2.rollout.controller import Controller, is_privileged
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -142,8 +142,9 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
     """
     if rollout.is_estimated:
         arguments = {"task": task.model_dump(mode="json"), "strategies": strategies, "robot_name": robot_name}
-        folder = str(Path(rollout.scene_source).resolve())
-        return ControllerSpec(PERCEIVING, {**arguments, "estimator": folder, "noise": rollout.depth_noise})
+        if rollout.scene_source != PERCEIVED_SCENE:
+            arguments["estimator"] = str(Path(rollout.scene_source).resolve())
+        return ControllerSpec(PERCEIVING, {**arguments, "noise": rollout.depth_noise})
     how = {"open_loop": rollout.open_loop, "one_plan": rollout.one_plan}
     return ControllerSpec(CHAIN, {"strategies": strategies, **how})
 

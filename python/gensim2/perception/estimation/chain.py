@@ -17,10 +17,12 @@ from gensim2.core.errors import InputError
 from gensim2.perception import Observation, ObservationSpec
 from gensim2.perception.estimation.classes import by_name
 from gensim2.perception.estimation.estimator import (
+    BUILTIN,
     ESTIMATOR_JSON,
     ObjectEstimate,
     SceneEstimate,
     SceneEstimator,
+    estimator_folder,
 )
 from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.scene import planning_scene
@@ -108,7 +110,8 @@ class PerceivingChain:
 
     Args:
         task: the task, the name of a library task, or the fields of a task.
-        estimator: folder of the estimator, as written by ``gensim2 perceive train``.
+        estimator: folder of the estimator, as written by ``gensim2 perceive train``; ``"builtin"`` is the estimator
+            of the package.
         strategies: strategies by name, as plain data; None: the strategies that the task library has for a task of this
             name.
         robot_name: name of the robot.
@@ -121,17 +124,17 @@ class PerceivingChain:
     """
 
     @staticmethod
-    def depends_on(estimator: str, noise: str | None = None, **_: object) -> list[Path]:
+    def depends_on(estimator: str = BUILTIN, noise: str | None = None, **_: object) -> list[Path]:
         """Return the files on which the controller's behaviour depends: the estimator's file, which contains the
         SHA-256 of the weights, and the file with the noise settings if ``noise`` names one.
         """
-        files = [Path(estimator) / ESTIMATOR_JSON]
+        files = [estimator_folder(estimator) / ESTIMATOR_JSON]
         return files if noise is None or not Path(noise).is_file() else [*files, Path(noise)]
 
     def __init__(
         self,
         task: str | Mapping[str, Any] | TaskSpec,
-        estimator: str,
+        estimator: str = BUILTIN,
         strategies: Mapping[str, Mapping[str, Any]] | None = None,
         robot_name: str = DEFAULT_ROBOT,
         noise: str | None = None,

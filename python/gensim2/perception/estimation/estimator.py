@@ -26,6 +26,8 @@ Array = npt.NDArray[np.float64]
 Points = npt.NDArray[np.float32]
 
 ESTIMATOR_JSON = "estimator.json"
+BUILTIN = "builtin"
+"""Name of the estimator that comes with the package, and of its folder in the package."""
 MAX_BYTES = 10 * 2**20
 """Maximum size of the weights, bytes."""
 _REMEDY = "train it again: gensim2 perceive train"
@@ -147,6 +149,14 @@ class _Record(BaseModel):
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
+def estimator_folder(place: Path | str) -> Path:
+    """Return an estimator's folder; ``"builtin"`` stands for the estimator that comes with the package.
+
+    To use a folder that is named ``builtin``, give ``./builtin`` or ``Path("builtin")``.
+    """
+    return Path(__file__).parent / BUILTIN if place == BUILTIN else Path(place)
+
+
 class SceneEstimator:
     """Estimates articulated objects in a point cloud.
 
@@ -159,7 +169,7 @@ class SceneEstimator:
         refine: whether to align the estimated yaw with the upright surfaces in the cloud.
 
     Example:
-        >>> estimator = SceneEstimator.load("runs/estimator")
+        >>> estimator = SceneEstimator.load()
         >>> [found] = estimator.estimate(observation.cloud.xyz).objects
         >>> found.asset_class, found.joint.axis
     """
@@ -177,17 +187,17 @@ class SceneEstimator:
         self.scales: dict[str, float] = dict.fromkeys(DEVIATIONS, 1.0) | dict(scales or {})
 
     @classmethod
-    def load(cls, folder: Path | str, profile: RobotProfile | None = None) -> Self:
+    def load(cls, folder: Path | str = BUILTIN, profile: RobotProfile | None = None) -> Self:
         """Load an estimator that ``gensim2 perceive train`` has written.
 
         Args:
-            folder: folder of the estimator.
+            folder: folder of the estimator, or ``"builtin"`` for the estimator of the package.
             profile: robot whose base frame the clouds use; None: the default robot.
 
         Raises:
             InputError: a file is missing, damaged or too large.
         """
-        folder, profile = Path(folder), robot(DEFAULT_ROBOT) if profile is None else profile
+        folder, profile = estimator_folder(folder), robot(DEFAULT_ROBOT) if profile is None else profile
         record = read_record(Path(folder) / ESTIMATOR_JSON, _Record, _REMEDY)
         path = Path(folder) / record.file
         network = SceneNetwork(len(record.classes))

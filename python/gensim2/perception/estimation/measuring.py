@@ -140,7 +140,7 @@ def measure(
     """Measure an estimator on clouds of articulated objects that stand alone.
 
     Args:
-        folder: folder of the estimator, as written by ``gensim2 perceive train``.
+        folder: estimator, as for :meth:`SceneEstimator.load`.
         out: folder for ``worst.png``, a picture of the clouds with the largest errors; None: no picture.
         assets: library of the objects, as for :func:`~gensim2.objects.open_library`.
         instances: selection of objects, as in ``--instances``.
