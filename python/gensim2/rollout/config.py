@@ -63,9 +63,9 @@ class RolloutOptions:
             Recordings contain the noise-free action, too.
         engines: ``"both"`` also runs each demonstration in the other physics engine; the demonstration must succeed in
             both.
-        scene_source: with ``"true"`` the planner knows the state of the simulator. With ``"perceived"`` the estimator of
-            the package computes the planner's scene from point clouds. Any other value is the folder of an estimator
-            (``gensim2 perceive train``).
+        scene_source: with ``"true"`` the planner knows the state of the simulator. With ``"perceived"`` the planner's
+            scene is computed from point clouds, by the estimator of the package. Any other value is the folder of an
+            estimator (``gensim2 perceive train``).
         depth_noise: noise of the depth cameras from which a scene is estimated, as for
             :func:`~gensim2.perception.noise.read_noise`. With None the depth images are exact.
 
