@@ -150,7 +150,8 @@ def test_wheels_hold_code_data_stubs_and_licence(wheels: dict[str, Path]) -> Non
         assert {each.split("/")[0] for each in held[name] if ".dist-info" not in each} == packages, name
     for name in ("gensim2", "gensim2-kpam"):
         assert {"gensim2_kpam/_native.abi3.so", "gensim2_kpam/py.typed"} <= held[name]
-    assert {"gensim2/py.typed", "gensim2/objects/words.toml"} <= held["gensim2"]
+    estimator = "gensim2/perception/estimation/builtin/estimator.json"
+    assert {"gensim2/py.typed", "gensim2/objects/words.toml", estimator} <= held["gensim2"]
     assert {"gensim2_robot/py.typed", "gensim2_robot/protocols/CloseBox.yaml"} <= held["gensim2-robot"]
     assert any(each.endswith("licenses/LICENSE") for each in held["gensim2"])
 
