@@ -164,7 +164,7 @@ def changed(profile: RobotProfile, **gripper: object) -> RobotProfile:
         (lambda p: changed(p, passive=()), "is listed in no field"),
         (
             lambda p: changed(p, mimics={**p.gripper.mimics, "left_rack_joint": Mimic("pinion_joint", 0.03)}),
-            "differs from",
+            "in the URDF differs",
         ),
         (lambda p: replace(p, simulation=replace(p.simulation, arm=(p.simulation.arm,) * 3)), "3 drives for 7"),
     ],

@@ -231,7 +231,7 @@ def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: Ta
     ("kwargs", "expected"),
     [
         ({"instances": "7"}, "instance: crate has no instance 7"),
-        ({"instances": ()}, "instances: no instance"),
+        ({"instances": ()}, "instances: the selection contains no instance"),
         ({"task": "OpenDrawr"}, "did you mean OpenDrawer"),
         ({"task": {"name": "X"}}, "field required"),
         ({"task": _called("panda")}, "objects: no object may have the robot's name 'panda'"),
