@@ -300,6 +300,7 @@ REFUSED = {
     "policy serve": ("builtin", "train"),
     "perceive train": ("--out perceived", "train"),
     "perceive measure": ("builtin", "train"),
+    "perceive show": ("data --out shown", "train"),
     "bench policy": ("", "train"),
     "data report": ("data", "data"),
     "data export": ("data --to zarr --out exported", "data"),
