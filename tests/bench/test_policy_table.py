@@ -74,7 +74,7 @@ def test_policies_of_several_tasks_have_a_table_of_their_own(made: Any) -> None:
     alone = made.rows_of(_learned("CloseBox", held=1.0), "abc")
     rows = alone + made.rows_of(_learned("CloseBox", "OpenBox", held=0.5, together=True, blind=None), "abc")
     first, title, second = made.every(rows).split("\n\n")
-    assert title.startswith("**Others.** ")
+    assert title.startswith("**Other policies.** ")
     assert "one of 2 tasks" in second
     assert "one of 2 tasks" not in first
     assert "0.50 (0.40 to 0.60) of 100" in second

@@ -100,7 +100,7 @@ def test_a_strategy_that_nobody_takes(tmp_path: Path) -> None:
             ({"constraint_list": []}, "constraint_list: has no constraint"),
             ({**_config(), "speed": 3}, "speed: is not a known field"),
             ({"grasp": "antipodal", "aproach": 0.1}, "did you mean 'approach'?"),
-            ({"grasp": "antipodal"}, "grasp: drawer has a joint"),
+            ({"grasp": "antipodal"}, "but drawer has a joint"),
         ]
     ):
         folder = _folder(tmp_path / str(number), config)
