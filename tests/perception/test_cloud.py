@@ -125,7 +125,7 @@ def test_points_that_stand_alone_are_dropped() -> None:
         ({"candidates": 10}, "candidates"),
         ({"robot": "arm"}, "robot"),
         ({"low": [1.0, 0.0, 0.0], "high": [0.5, 1.0, 1.0]}, "low"),
-        ({"high": [9.0, 1.0, 1.0]}, "3.2 m"),
+        ({"high": [9.0, 1.0, 1.0]}, "from -3.2 to 3.2"),
         ({"outliers": 0.0}, "outliers"),
         ({"colour": True}, "colour"),
         ({"noise": {"lost": -0.1}}, "noise.lost"),
