@@ -65,7 +65,7 @@ def test_a_line_without_a_field_is_refused_by_number(tmp_path: Path, field: str)
     ],
 )
 def test_an_unknown_obstacle_is_refused(fields: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="box, cylinder or sphere"):
+    with pytest.raises(InputError, match=r"is not a valid obstacle.*\(box\).*\(cylinder\) or radius \(sphere\)"):
         obstacle_body({"position": [0, 0, 1], **fields}, "obstacle 0")
 
 

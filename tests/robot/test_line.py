@@ -74,7 +74,7 @@ def test_an_episode_that_is_cut_off_in_motion_comes_to_rest(tmp_path: Path) -> N
         ("camera-torn", "holding", "torn"),
         ("camera-clock", "holding", "clock jumped"),
         ("camera-swapped", "holding", "device 'simulated-right', not 'simulated-left'"),
-        ("camera-mislabelled", "holding", "behind the robot"),
+        ("camera-mislabelled", "holding", "lie behind it"),
         ("policy-killed", "stopped", "process has ended"),
         ("policy-nan", "holding", "NaN"),
         ("policy-slow", "holding", "no action"),

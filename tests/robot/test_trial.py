@@ -245,7 +245,7 @@ def test_a_signal_while_devices_open_ends_the_trials(tmp_path: Path, monkeypatch
         (["CloseBox"], "either --plan or --policy"),
         (["CloseBox", "--plan", "--resume"], "--out"),
         (["CloseBox", *REAL], "a trial moves the arm"),
-        (["CloseBox", *REAL, "--move"], "a person at a terminal"),
+        (["CloseBox", *REAL, "--move"], "a person must confirm the motion at a terminal"),
     ],
 )
 def test_wrong_words_of_a_trial_are_told(capfd: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
