@@ -97,10 +97,16 @@ DAMAGE: dict[str, tuple[Callable[[Path], Any], str]] = {
         lambda f: _edit(f, lambda c: c["sentences"].pop()),
         "expected type and shape are I64 [1, 24, 12]",
     ),
-    "a table of no axes": (lambda f: _sealed(f, lambda t: t.update(sentences=torch.tensor(0))), "sentences has the type and shape I64 []"),
+    "a table of no axes": (
+        lambda f: _sealed(f, lambda t: t.update(sentences=torch.tensor(0))),
+        "sentences has the type and shape I64 []",
+    ),
     "pieces of no word": (lambda f: _sealed(f, lambda t: t["sentences"].fill_(2048)), "must lie in 0..2047"),
     "no number": (lambda f: _sealed(f, lambda t: t["network.cloud_mean"].fill_(torch.nan)), "not finite"),
-    "another type": (lambda f: _sealed(f, lambda t: t.update(sentences=t["sentences"].double())), "sentences has the type and shape F64"),
+    "another type": (
+        lambda f: _sealed(f, lambda t: t.update(sentences=t["sentences"].double())),
+        "sentences has the type and shape F64",
+    ),
     "a pipe": (_piped, "is a pipe, not a file"),
     "other points": (lambda f: _edit(f, lambda c: c["observation"]["cloud"].update(points=9)), "policy.points"),
     "a task of a path": (lambda f: _edit(f, lambda c: c["data"].update(tasks=["../../etc"])), "data.tasks.0"),
