@@ -69,7 +69,7 @@ def test_an_interrupted_verification_repeats_no_episode(tmp_path: Path, monkeypa
 
 def test_a_verification_of_another_run_is_refused(tmp_path: Path) -> None:
     _verify(tmp_path)
-    with pytest.raises(InputError, match=r"verification\.json: episodes: belongs to another run"):
+    with pytest.raises(InputError, match=r"verification\.json: episodes: the file contains episodes of another run"):
         _verify(tmp_path, seed=1)
     path = tmp_path / "tasks/OpenDrawer/verification.json"
     value = json.loads(path.read_text())

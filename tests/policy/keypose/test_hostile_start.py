@@ -49,7 +49,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a link out of it": (lambda f: (f / "secret").symlink_to(f.parents[2] / "secret"), "is a link"),
     "a link to a folder": (lambda f: (f / "more").symlink_to("/etc"), "is a link"),
     "a folder elsewhere": (_elsewhere, "lies outside the folder"),
-    "plans of 2 GiB": (_huge, "shard_00001.npz: the file is larger than 1024 MiB"),
+    "plans of 2 GiB": (_huge, "shard_00001.npz: is larger than 1024 MiB"),
     "a pipe for plans": (lambda f: _pipe(f, SHARD), "is a pipe"),
     "a pipe for the record": (lambda f: _pipe(f, RECORD), "is a pipe"),
     "a strategy of no step": (lambda f: _shard(f, way=np.full(32, 7, np.int16)), "strategy 7"),
