@@ -70,7 +70,7 @@ def test_parameters_come_back(noise: DepthNoise) -> None:
 
 
 def test_too_few_pictures_are_refused() -> None:
-    with pytest.raises(InputError, match="needs 8"):
+    with pytest.raises(InputError, match="at least 8 images"):
         fit([recorded(STILL, 4)])
 
 
