@@ -11,13 +11,13 @@ docs/results/perception.md.
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from markdown_tables import Row, fill, line, take_in
+from markdown_tables import Row, fill, table, take_in
 
+from gensim2.cli.perceive import error_cells
 from gensim2.rollout.tally import interval
 
 FIGURES = Path(__file__).with_name("perception.json")
@@ -48,8 +48,8 @@ def rows_of(found: Mapping[str, Any], commit: str) -> Iterator[Row]:
         for name, figures in named.items():
             classes = found["estimated_classes"]
             alike = [name] if name in classes else list(classes)
-            counts = Counter({each: _alike(each, classes[each]) for each in alike})
-            yield {**about, "name": name, **figures, "shape": sum(counts.values()), "commit": commit}
+            shape = sum(_alike(each, classes[each]) for each in alike)
+            yield {**about, "name": name, **figures, "shape": shape, "commit": commit}
         return
     # Benchmarks leave out the default values of these options.
     asked = {"scene_source": "true", "depth_noise": None, **found["arguments"]}
@@ -88,72 +88,49 @@ def _alike(name: str, counts: Mapping[str, int]) -> int:
 
 def estimates(rows: Sequence[Row]) -> str:
     """Return a table of the errors over all classes."""
-    head = ["objects, depth", "class", *HEADS]
-    lines = [line(head), line(["---"] * len(head))]
-    for row in _of(rows, "estimates"):
-        if row["name"] in (ALL, GIVEN):
-            depth = "exact" if row["noise"] == "none" else f"noise {row['noise']}"
-            how = "estimated" if row["name"] == ALL else "given"
-            lines.append(line([f"{row['objects']}, {depth}", how, *_cells(row)]))
-    return "\n".join(lines) + "\n"
+    how = {ALL: "estimated", GIVEN: "given"}
+    found = [
+        {"objects, depth": _shown(row), "class": how[row["name"]], **_cells(row)}
+        for row in _of(rows, "estimates")
+        if row["name"] in how
+    ]
+    return table(list(found[0]), (each.values() for each in found))
 
 
 def classes(rows: Sequence[Row]) -> str:
     """Return a table with the errors of each class on generated objects, with exact depth and the class given."""
-    head = ["class", *CLASS_HEADS]
-    lines = [line(head), line(["---"] * len(head))]
     named = [row for row in _of(rows, "estimates") if row["name"] not in (ALL, GIVEN)]
-    found = [row for row in named if (row["objects"], row["noise"]) == AIMED]
-    for row in found:
-        cells = dict(zip(HEADS, _cells(row), strict=True))
-        lines.append(line([row["name"], *(cells[head] for head in CLASS_HEADS)]))
-    return "\n".join(lines) + "\n"
-
-
-HEADS = (
-    "clouds",
-    "missed",
-    "right class",
-    "right shape",
-    "axis, degrees",
-    "axis, mm",
-    "keypoints, mm",
-    "openness",
-    "part IoU",
-)
+    found = {row["name"]: _cells(row) for row in named if (row["objects"], row["noise"]) == AIMED}
+    return table(
+        ["class", *CLASS_HEADS], ([name, *(cells[head] for head in CLASS_HEADS)] for name, cells in found.items())
+    )
 
 
 CLASS_HEADS = ("right class", "axis, degrees", "axis, mm", "keypoints, mm", "part IoU")
 
 
-def _cells(row: Row) -> list[str]:
-    def pair(name: str, scale: float, digits: int) -> str:
-        return " / ".join(f"{scale * value:.{digits}f}" for value in row.get(name, ()))
+def _cells(row: Row) -> dict[str, str]:
+    """Return the cells of a row of estimates, by column title."""
+    cells = error_cells(row)
+    counted = {head: cells.pop(head) for head in ("clouds", "missed")}
+    shape = f"{row['shape'] / row['clouds']:.2f}"
+    return {**counted, "right class": cells.pop("class"), "right shape": shape, **cells}
 
-    return [
-        str(row["clouds"]),
-        str(row["missed"]),
-        f"{row['class']:.2f}",
-        f"{row['shape'] / row['clouds']:.2f}",
-        pair("axis_degrees", 1.0, 1),
-        pair("axis_m", 1000.0, 0),
-        pair("keypoint_m", 1000.0, 0),
-        pair("openness", 1.0, 2),
-        f"{row['part_iou']:.2f}",
-    ]
+
+def _shown(row: Row) -> str:
+    """Return the kind of objects and the noise of the depth images."""
+    depth = "exact" if row["noise"] == "none" else f"noise {row['noise']}"
+    return f"{row['objects']}, {depth}"
 
 
 def calibration(rows: Sequence[Row]) -> str:
     """Return a table of the fractions of the errors that are smaller than one predicted standard deviation."""
-    head = ["objects, depth", "openness", "axis position", "keypoints"]
-    lines = [line(head), line(["---"] * len(head))]
+    found = []
     for row in _of(rows, "estimates"):
         if row["name"] == GIVEN:
-            depth = "exact" if row["noise"] == "none" else f"noise {row['noise']}"
             shares = (row["within_one_deviation"].get(name) for name in ("openness", "axis", "keypoints"))
-            cells = ("" if share is None else f"{share:.2f}" for share in shares)
-            lines.append(line([f"{row['objects']}, {depth}", *cells]))
-    return "\n".join(lines) + "\n"
+            found.append([_shown(row), *("" if share is None else f"{share:.2f}" for share in shares)])
+    return table(["objects, depth", "openness", "axis position", "keypoints"], found)
 
 
 def tasks(rows: Sequence[Row]) -> str:
@@ -161,42 +138,36 @@ def tasks(rows: Sequence[Row]) -> str:
     names = sorted({row["name"] for row in _of(rows, "task") if row["scene"] == "perceived"})
     known = {(row["name"], row["scene"], row["objects"], row["noise"]): row for row in _of(rows, "task")}
     columns = [(head, key) for head, key in COLUMNS if any((name, *key) in known for name in names)]
-    head = ["task", *(each for each, _ in columns)]
-    lines = [line(head), line(["---"] * len(head))]
-    for name in names:
-        cells = (_count(known[name, *key]) if (name, *key) in known else "" for _, key in columns)
-        lines.append(line([name, *cells]))
+    counted = [
+        [name, *(_count(known[name, *key]) if (name, *key) in known else "" for _, key in columns)] for name in names
+    ]
     sums = ([known[name, *key] for name in names if (name, *key) in known] for _, key in columns)
-    lines.append(line(["all", *map(_rate, sums)]))
-    return "\n".join(lines) + "\n"
+    return table(["task", *(head for head, _ in columns)], [*counted, ["all", *map(_rate, sums)]])
 
 
 def causes(rows: Sequence[Row]) -> str:
     """Return a table of the causes of failure on estimated scenes."""
-    head = ["task", "objects, depth", "held", "causes of failure"]
-    lines = [line(head), line(["---"] * len(head))]
+    found = []
     for row in _of(rows, "task"):
         if row["scene"] == "perceived" and row["held"] < row["episodes"]:
-            depth = "exact" if row["noise"] == "none" else f"noise {row['noise']}"
             counted = ", ".join(f"{count} {cause}" for cause, count in row["causes"].items())
-            cells = (row["name"], f"{row['objects']}, {depth}", f"{row['held']} of {row['episodes']}", counted)
-            lines.append(line(cells))
-    return "\n".join(lines) + "\n"
+            found.append((row["name"], _shown(row), f"{row['held']} of {row['episodes']}", counted))
+    return table(["task", "objects, depth", "held", "causes of failure"], found)
 
 
 def aims(rows: Sequence[Row]) -> str:
     """Return a table of the aims on generated objects with exact depth, beside the measured values."""
     known = {row["name"]: row for row in _of(rows, "estimates") if (row["objects"], row["noise"]) == AIMED}
     held = [row for row in _of(rows, "task") if (row["scene"], row["objects"], row["noise"]) == ("perceived", *AIMED)]
-    lines = [line(["", "aim", "class estimated", "class given"]), line(["---"] * 4)]
+    found = []
     for name, aim, scale, digits in AIMS:
         cells = []
         for row in (known[ALL], known[GIVEN]):
             values = row[name] if isinstance(row[name], list) else [row[name]]
             cells.append(" / ".join(f"{scale * value:.{digits}f}" for value in values))
-        lines.append(line([HEAD_OF[name], aim, *cells]))
-    lines.append(line(["success rate, `held`", "0.98", "", _rate(held)]))
-    return "\n".join(lines) + "\n"
+        found.append([HEAD_OF[name], aim, *cells])
+    found.append(["success rate, `held`", "0.98", "", _rate(held)])
+    return table(["", "aim", "class estimated", "class given"], found)
 
 
 AIMED = ("generated", "none")

@@ -92,12 +92,8 @@ def view(
         MissingExtraError: viser is not installed.
     """
     viser_module()
-    place = Path(what)
-    if place.suffix == ".h5":
-        found = of_file(place, _location(scene.get("assets")))
-    elif (place / DATASET_JSON).exists():
-        found = of_data_set(place, task, episode, _location(scene.get("assets")))
-    else:
+    found = of_recording(Path(what), task, episode, _location(scene.get("assets")))
+    if found is None:
         if task is not None or episode is not None:
             raise InputError("is an option for data sets only", field="task" if task is not None else "episode")
         found = of_task(str(what), seed, **scene)
@@ -130,6 +126,18 @@ def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
         raise InputError(f"no motion was found: {reason}", field=given.spec.name, remedy="try another --seed")
     ended = "held" if episode.held else f"not held: {episode.cause}"
     return Shown(f"{given.spec.name}, seed {seed}: {ended}", given.scene, recording, plans)
+
+
+def of_recording(place: Path, task: str | None, index: int | None, assets: Path | str | None = None) -> Shown | None:
+    """Read a recorded episode. ``place`` is the folder of a data set, whose arguments are those of :func:`of_data_set`,
+    or the file of an episode in a data set. The result is None if ``place`` is neither.
+
+    Raises:
+        InputError: the episode does not exist, or cannot be read.
+    """
+    if place.suffix == ".h5":
+        return of_file(place, assets)
+    return of_data_set(place, task, index, assets) if (place / DATASET_JSON).exists() else None
 
 
 def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path | str | None = None) -> Shown:

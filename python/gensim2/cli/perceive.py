@@ -30,30 +30,31 @@ def _show_training(result: dict[str, Any]) -> None:
 
 
 def _show_measure(result: dict[str, Any]) -> None:
-    rows = [
-        ("all, class given", result["given"]),
-        ("all", result["estimated"]),
-        *result["classes"].items(),
-    ]
-    heads = ("clouds", "missed", "class", "axis, degrees", "axis, mm", "keypoints, mm", "openness", "part IoU")
-    table(("of", *heads), [(name, *_cells(found)) for name, found in rows])
+    rows = {"all, class given": result["given"], "all": result["estimated"], **result["classes"]}
+    cells = {name: error_cells(found) for name, found in rows.items()}
+    heads = next(iter(cells.values()))
+    table(("of", *heads), [(name, *found.values()) for name, found in cells.items()])
     line("the rows of classes have the class given; pairs of numbers are the median and the 90th percentile")
 
 
-def _cells(found: dict[str, Any]) -> tuple[str, ...]:
+def error_cells(found: dict[str, Any]) -> dict[str, str]:
+    """Format the error statistics of :func:`~gensim2.perception.estimation.measuring.figures` for a table, by column
+    title.
+    """
+
     def pair(name: str, scale: float, digits: int) -> str:
         return " / ".join(f"{scale * value:.{digits}f}" for value in found.get(name, ()))
 
-    return (
-        str(found["clouds"]),
-        str(found["missed"]),
-        f"{found['class']:.2f}",
-        pair("axis_degrees", 1.0, 1),
-        pair("axis_m", 1000.0, 0),
-        pair("keypoint_m", 1000.0, 0),
-        pair("openness", 1.0, 2),
-        f"{found['part_iou']:.2f}",
-    )
+    return {
+        "clouds": str(found["clouds"]),
+        "missed": str(found["missed"]),
+        "class": f"{found['class']:.2f}",
+        "axis, degrees": pair("axis_degrees", 1.0, 1),
+        "axis, mm": pair("axis_m", 1000.0, 0),
+        "keypoints, mm": pair("keypoint_m", 1000.0, 0),
+        "openness": pair("openness", 1.0, 2),
+        "part IoU": f"{found['part_iou']:.2f}",
+    }
 
 
 @command("resume", "robot", "seed", show=_show_training)

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
-from gensim2.data.dataset import DATASET_JSON
 from gensim2.data.observing import objects_of
 from gensim2.objects import ArticulatedObject
 from gensim2.perception.estimation.classes import by_name
@@ -22,7 +21,7 @@ from gensim2.perception.estimation.measuring import measured
 from gensim2.perception.estimation.pictures import save_estimates
 from gensim2.perception.noise import DEPLOYED
 from gensim2.scenes.initial_state import PlacedObject
-from gensim2.viewing import Shown, of_data_set, of_file
+from gensim2.viewing import Shown, of_recording
 
 PICTURE = "estimates.png"
 
@@ -59,11 +58,8 @@ def show(
             or the cameras do not see the object at any of the instants.
     """
     place = Path(what)
-    if place.suffix == ".h5":
-        shown = of_file(place, assets)
-    elif (place / DATASET_JSON).exists():
-        shown = of_data_set(place, task, episode, assets)
-    else:
+    shown = of_recording(place, task, episode, assets)
+    if shown is None:
         raise InputError("is neither an episode file nor a data set", file=place, remedy="collect one: gensim2 collect")
     found = SceneEstimator.load(estimator, shown.profile)
     names = [each.name for each in found.classes]
