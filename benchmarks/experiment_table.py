@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from markdown_tables import line, take_in
+from markdown_tables import markdown_table, take_in
 
 from gensim2.core.files import write_atomic
 from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, summary
@@ -82,10 +82,8 @@ def _rate(tasks: Any, kind: Kind) -> Rate:
 def _table(what: str, rows: Sequence[tuple[str, list[str], list[Any]]], about: Sequence[str]) -> str:
     kinds = [kind for kind in KINDS if any(_rate(tasks, kind).episodes for _, _, tasks in rows)]
     head = [what, *(f"{WORDS[kind]} (95 %)" for kind in kinds), *about]
-    lines = [line(head), line(["---"] * len(head))]
-    for name, cells, tasks in rows:
-        lines.append(line([name, *(_cell(_rate(tasks, kind)) for kind in kinds), *cells]))
-    return "\n".join(lines) + "\n"
+    lines = ([name, *(_cell(_rate(tasks, kind)) for kind in kinds), *cells] for name, cells, tasks in rows)
+    return markdown_table(head, lines)
 
 
 def _cell(rate: Rate) -> str:

@@ -19,7 +19,7 @@ def line(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def table(head: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+def markdown_table(head: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
     """Format a table in Markdown."""
     return "\n".join([line(head), line(["---"] * len(head)), *map(line, rows)]) + "\n"
 

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from markdown_tables import Row, fill, table, take_in
+from markdown_tables import Row, fill, markdown_table, take_in
 
 from gensim2.cli.perceive import error_cells
 from gensim2.rollout.tally import interval
@@ -94,14 +94,14 @@ def estimates(rows: Sequence[Row]) -> str:
         for row in _of(rows, "estimates")
         if row["name"] in how
     ]
-    return table(list(found[0]), (each.values() for each in found))
+    return markdown_table(list(found[0]), (each.values() for each in found))
 
 
 def classes(rows: Sequence[Row]) -> str:
     """Return a table with the errors of each class on generated objects, with exact depth and the class given."""
     named = [row for row in _of(rows, "estimates") if row["name"] not in (ALL, GIVEN)]
     found = {row["name"]: _cells(row) for row in named if (row["objects"], row["noise"]) == AIMED}
-    return table(
+    return markdown_table(
         ["class", *CLASS_HEADS], ([name, *(cells[head] for head in CLASS_HEADS)] for name, cells in found.items())
     )
 
@@ -130,7 +130,7 @@ def calibration(rows: Sequence[Row]) -> str:
         if row["name"] == GIVEN:
             shares = (row["within_one_deviation"].get(name) for name in ("openness", "axis", "keypoints"))
             found.append([_shown(row), *("" if share is None else f"{share:.2f}" for share in shares)])
-    return table(["objects, depth", "openness", "axis position", "keypoints"], found)
+    return markdown_table(["objects, depth", "openness", "axis position", "keypoints"], found)
 
 
 def tasks(rows: Sequence[Row]) -> str:
@@ -142,7 +142,7 @@ def tasks(rows: Sequence[Row]) -> str:
         [name, *(_count(known[name, *key]) if (name, *key) in known else "" for _, key in columns)] for name in names
     ]
     sums = ([known[name, *key] for name in names if (name, *key) in known] for _, key in columns)
-    return table(["task", *(head for head, _ in columns)], [*counted, ["all", *map(_rate, sums)]])
+    return markdown_table(["task", *(head for head, _ in columns)], [*counted, ["all", *map(_rate, sums)]])
 
 
 def causes(rows: Sequence[Row]) -> str:
@@ -152,7 +152,7 @@ def causes(rows: Sequence[Row]) -> str:
         if row["scene"] == "perceived" and row["held"] < row["episodes"]:
             counted = ", ".join(f"{count} {cause}" for cause, count in row["causes"].items())
             found.append((row["name"], _shown(row), f"{row['held']} of {row['episodes']}", counted))
-    return table(["task", "objects, depth", "held", "causes of failure"], found)
+    return markdown_table(["task", "objects, depth", "held", "causes of failure"], found)
 
 
 def aims(rows: Sequence[Row]) -> str:
@@ -167,7 +167,7 @@ def aims(rows: Sequence[Row]) -> str:
             cells.append(" / ".join(f"{scale * value:.{digits}f}" for value in values))
         found.append([HEAD_OF[name], aim, *cells])
     found.append(["success rate, `held`", "0.98", "", _rate(held)])
-    return table(["", "aim", "class estimated", "class given"], found)
+    return markdown_table(["", "aim", "class estimated", "class given"], found)
 
 
 AIMED = ("generated", "none")

@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from markdown_tables import fill, line, take_in
+from markdown_tables import fill, markdown_table, take_in
 
 from gensim2.core.yaml_files import read_yaml
 from gensim2.policy.config import HEADS
@@ -105,15 +105,15 @@ def heads(rows: Sequence[Row]) -> str:
     """Return a table of every head on five tasks, generated objects that no training saw."""
     found = {(row["policy"], row["name"]): row for row in _first_seeds(rows) if _is_of_one_task(row)}
     head = ["held of 100", *FIVE, "all"]
-    lines = [line(head), line(["---"] * len(head))]
+    lines: list[list[str]] = []
     for policy in HEADS:
         mine = [found.get((policy, name)) for name in FIVE]
         cells = ["" if row is None else f"{row['held']} of {row['episodes']}" for row in mine]
         known = [row for row in mine if row is not None]
         whole = len(known) == len(FIVE)
         held, episodes = sum(row["held"] for row in known), sum(row["episodes"] for row in known)
-        lines.append(line([f"`{policy}`", *cells, f"{held / episodes:.3f}" if whole else ""]))
-    return "\n".join(lines) + "\n"
+        lines.append([f"`{policy}`", *cells, f"{held / episodes:.3f}" if whole else ""])
+    return markdown_table(head, lines)
 
 
 def _is_of_one_task(row: Row) -> bool:
@@ -137,7 +137,7 @@ def seeds(rows: Sequence[Row]) -> str:
     controls = [name for name in CONTROLS if any(name in row for row in several)]
     head = ["task", "policy", *(f"seed {seed}" for seed in names), "together (95 %)", "strict"]
     head += [*(NAMES[name] for name in controls), "CPU s each"]
-    lines = [line(head), line(["---"] * len(head))]
+    lines: list[list[str]] = []
     for what, mine in groups.items():
         held, episodes = sum(row["held"] for row in mine), sum(row["episodes"] for row in mine)
         low, high = interval(held, episodes)
@@ -150,8 +150,8 @@ def seeds(rows: Sequence[Row]) -> str:
             counts = sum(row[name] for row in asked), sum(row["control_episodes"] for row in asked)
             cells.append(f"{counts[0]} of {counts[1]}" if asked else "")
         cells.append(f"{mean(row['data_cpu_s'] + row['training_cpu_s'] for row in mine):.0f}")
-        lines.append(line(cells))
-    return "\n".join(lines) + "\n"
+        lines.append(cells)
+    return markdown_table(head, lines)
 
 
 def short(rows: Sequence[Row]) -> str:
@@ -213,7 +213,7 @@ def _table(rows: Sequence[Row], *, others: bool) -> str:
     controls = [name for name in CONTROLS if any(name in row for row in rows)]
     head = ["task", *(["policy"] if others else []), "held (95 %)", "strict", *(NAMES[name] for name in controls)]
     head += ["demonstrations", "training steps", "CPU s: data, training", "causes of failures"]
-    lines = [line(head), line(["---"] * len(head))]
+    lines: list[list[str]] = []
     for row in sorted(rows, key=lambda row: [row[each] for each in ("together", "policy", "name", "objects")]):
         cells = [row["name"]]
         if others:
@@ -224,14 +224,13 @@ def _table(rows: Sequence[Row], *, others: bool) -> str:
         cells += ["" if name not in row else f"{row[name]} of {row['control_episodes']}" for name in controls]
         cells += [str(row["demonstrations"]), str(row["steps"]), f"{row['data_cpu_s']}, {row['training_cpu_s']}"]
         cells.append(", ".join(f"{count} {cause}" for cause, count in row["causes"].items()))
-        lines.append(line(cells))
+        lines.append(cells)
     if not others:
         held = [row["held"] / row["episodes"] for row in rows]
         cpu = mean(row["data_cpu_s"] + row["training_cpu_s"] for row in rows)
-        lines.append(
-            line([f"mean of {len(rows)}", f"{mean(held):.3f}", *[""] * (3 + len(controls)), f"{cpu:.0f} in all", ""])
-        )
-    return "\n".join(lines) + "\n"
+        blank = [""] * (3 + len(controls))
+        lines.append([f"mean of {len(rows)}", f"{mean(held):.3f}", *blank, f"{cpu:.0f} in all", ""])
+    return markdown_table(head, lines)
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ from statistics import mean, stdev
 
 import engines_table
 from figures import rows_of
-from markdown_tables import line
+from markdown_tables import line, markdown_table
 from results_claims import TYPES, claims
 
 from gensim2.core.errors import InputError
@@ -99,14 +99,14 @@ def switches(rows: Sequence[Figure]) -> str:
         if before is not None and row.condition.physics != DEFAULT_PHYSICS:
             found.setdefault((row.condition.physics, _type(row.task)), []).append((before, row))
     head = ["physics", "tasks", "episodes each", "paper", "held", "strict"]
-    lines = [line(head), line(["---"] * len(head))]
+    lines = []
     for (physics, kind), pairs in found.items():
         sizes = sorted({row.episodes for _, row in pairs})
         cells = (_points(pairs, verdict) for verdict in ("paper", "held", "strict"))
-        lines.append(line([f"`{physics}`", f"{len(pairs)} {kind}", " or ".join(map(str, sizes)), *cells]))
+        lines.append([f"`{physics}`", f"{len(pairs)} {kind}", " or ".join(map(str, sizes)), *cells])
     if not found:
         raise InputError("hold no switch and its default on the same scenes", field="results")
-    return "\n".join(lines) + "\n"
+    return markdown_table(head, lines)
 
 
 def take_in(rows: Sequence[Figure]) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from markdown_tables import Row, fill, line, take_in
+from markdown_tables import Row, fill, markdown_table, take_in
 
 from gensim2.rollout.tally import interval
 
@@ -52,12 +52,12 @@ def rows_of(found: Mapping[str, Any], commit: str) -> list[Row]:
 def table(rows: Sequence[Row]) -> str:
     """Return a table with one row per task: success rates with both ends of an episode."""
     head = ["task", "held, `--stop goal` (95 %)", "strict", "held, `--stop controller` (95 %)", "strict", "failures"]
-    lines = [line(head), line(["---"] * len(head))]
+    lines = []
     for name, both in {**_both(rows), "all": _all(rows)}.items():
         goal, own = (both[stop] for stop in STOPS)
         causes = ", ".join(f"{count} {cause}" for cause, count in own["causes"].items())
-        lines.append(line([name, _rate(goal, "held"), _share(goal), _rate(own, "held"), _share(own), causes]))
-    return "\n".join(lines) + "\n"
+        lines.append([name, _rate(goal, "held"), _share(goal), _rate(own, "held"), _share(own), causes])
+    return markdown_table(head, lines)
 
 
 def short(rows: Sequence[Row]) -> str:
