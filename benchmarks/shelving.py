@@ -28,7 +28,7 @@ from gensim2.tasks.library import (
     task_names,
 )
 from gensim2.tasks.likeness import first_alike
-from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.spec import DESIGNED, TaskSpec
 
 MADE_JSON = "made.json"
 """Beside the tasks: arguments of the run, proposals that were tried, CPU and wall seconds."""
@@ -108,7 +108,8 @@ def _write(shelf: Path, kept: Mapping[str, tuple[TaskSpec, Mapping[str, Any]]]) 
     texts = Counter((name, dump_yaml(data)) for _, own in kept.values() for name, data in _own(own))
     common: dict[str, str] = {}
     for (name, text), count in texts.most_common():
-        if count > 1:
+        # Steps without strategies name ``DESIGNED`` by default; a shared file of this name would serve all of them.
+        if count > 1 and name != DESIGNED:
             common.setdefault(name, text)
     for name, text in common.items():
         write_atomic(shelf / STRATEGIES / f"{name}.yaml", text)

@@ -163,6 +163,16 @@ def test_strategies_lie_beside_their_task_and_a_missing_one_is_named(tmp_path: P
         assert found["pry"] == {"gripper": "open"}
 
 
+def test_a_step_without_strategies_uses_none_of_the_package(tmp_path: Path) -> None:
+    (tmp_path / "task.yaml").write_text(GOOD.replace("    strategies: [drop]\n", ""))
+    (tmp_path / "strategies").mkdir()
+    for name in ("lift", "pry"):
+        (tmp_path / "strategies" / f"{name}.yaml").write_text("gripper: open\n")
+    expected = r"task\.yaml: steps\.place\.strategies: the step has no strategy yet \(`gensim2 design .*` finds one"
+    with pytest.raises(InputError, match=expected):
+        load_strategies_beside(tmp_path, load_task_file(tmp_path))
+
+
 def test_a_strategy_that_is_not_beside_its_task_is_one_that_tasks_share(tmp_path: Path) -> None:
     (tmp_path / "task.yaml").write_text(GOOD.replace("[drop]", "[grasp]"))
     folder = tmp_path / "strategies"

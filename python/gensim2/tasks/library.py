@@ -32,7 +32,7 @@ from gensim2.core.foreign.archive import open_archive, read_member
 from gensim2.core.yaml_files import MAX_BYTES, parse_yaml, read_yaml
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
-from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.spec import DESIGNED, TaskSpec
 
 TASK_FILE = "task.yaml"
 STRATEGIES = "strategies"
@@ -305,6 +305,14 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
     for name in strategies_of(task):
         places = _places(folder, name)
         file = next((file for file in places if file.is_file()), None)
+        if file is None and name == DESIGNED:
+            step = next(step.name for step in task.steps if name in step.strategies)
+            raise InputError(
+                "the step has no strategy yet",
+                file=str(folder / TASK_FILE),
+                field=f"steps.{step}.strategies",
+                remedy=f"`gensim2 design {folder}` finds one, or name a strategy that you wrote",
+            )
         if file is None:
             shared = (name for shelf in _shared() for name in _files_in(shelf))
             there = sorted({*_files_in(folder / STRATEGIES), *shared})
