@@ -60,7 +60,7 @@ def test_free_settings_may_change_and_the_first_record_stays(tmp_path: Path) -> 
 def test_a_folder_has_one_owner_and_holds_nothing_else(tmp_path: Path) -> None:
     with opened(tmp_path / "out"), pytest.raises(InputError, match="another run is using this folder"):
         opened(tmp_path / "out", resume=True)
-    with pytest.raises(InputError, match=r"holds a run already \(add --resume"):
+    with pytest.raises(InputError, match=r"holds a run already \(add --resume .*delete the folder"):
         opened(tmp_path / "out")
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").touch()

@@ -16,7 +16,7 @@ from gensim2.core.files import remove_temporaries, write_json
 from gensim2.core.foreign.tree import ForeignTree, NotRegularError, refuse_special
 from gensim2.core.record_files import read_record
 
-REMEDY = "give the same settings, or choose another --out"
+REMEDY = "give the same settings; to start anew, delete the folder or choose another --out"
 
 
 class FolderLock:
@@ -154,7 +154,11 @@ def _short(value: Any) -> str:
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 
-def held_already(folder: Path, holds: str, remedy: str = "add --resume, or choose another --out") -> InputError:
+def held_already(
+    folder: Path,
+    holds: str,
+    remedy: str = "add --resume to continue; to start anew, delete the folder or choose another --out",
+) -> InputError:
     """Return the error for starting a new run in a folder that already contains a run."""
     return InputError(f"holds {holds} already", file=folder, remedy=remedy)
 

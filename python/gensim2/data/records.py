@@ -81,7 +81,9 @@ class RunRecord(RunSettings):
         """
         was, given = ({name: each.arguments.get(name) for name in FIXED_ARGUMENTS} for each in (self, now))
         yield from differing("arguments", was, given)
-        yield from differing("identity", self.identity, now.identity)
+        for name in sorted(self.identity.keys() | now.identity.keys()):
+            if self.identity.get(name) != now.identity.get(name):
+                yield f"identity.{name}", f"the {name} changed after the run began"
         yield from differing("versions", self.versions, now.versions)
 
     def resumed_by(self, now: Self) -> Self:

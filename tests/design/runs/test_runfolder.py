@@ -118,7 +118,8 @@ def test_other_strategies_or_another_task_are_refused(
     record(task=_task_folder(tmp_path / "task"))
     before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()}
     _task_folder(tmp_path / "task", **change)
-    with pytest.raises(InputError, match=f"run.json: {field}: was begun with"):
+    changed = f"run.json: {field}: the {field.removeprefix('identity.')} changed after the run began .*delete the folder"
+    with pytest.raises(InputError, match=changed):
         record(task=str(tmp_path / "task"), resume=True)
     assert {p: p.read_bytes() for p in before if p.name != ".lock"} == {
         p: content for p, content in before.items() if p.name != ".lock"
