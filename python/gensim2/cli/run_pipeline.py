@@ -62,10 +62,10 @@ def show_tasks(result: dict[str, Any]) -> None:
     for note in result["notes"]:
         line(f"note: {note}")
     if not any(task["kept"] for task in result["tasks"]):
-        from gensim2.design.report import NOTHING_KEPT
+        from gensim2.design.next_steps import next_steps
 
         line("no task was kept; next:")
-        for advice in NOTHING_KEPT:
+        for advice in next_steps(Path(result["run_dir"])):
             line(f"- {advice}")
 
 

@@ -19,7 +19,7 @@ from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design import Designer
 from gensim2.design.base import Brief, Declined, Known
 from gensim2.design.briefing import Classes, robot_summary
-from gensim2.design.checking import check_criteria
+from gensim2.design.checking import check_criteria, remedy_for
 from gensim2.design.designs import read_design, write_design
 from gensim2.design.proposals import goal_of
 from gensim2.design.report import PLAN_PICTURE, write_report
@@ -331,7 +331,7 @@ class PipelineRun:
             if checker.passes:
                 self._tested(given.spec, given.strategies, folder, checker)
             else:
-                reason = self._rejected(given.spec, folder, checker.reason)
+                reason = self._rejected(given.spec, folder, self._why_refused(given.spec, checker))
                 rejected.append({"name": given.spec.name, "class": classes_of(given.spec), "reason": reason})
             write_report(self.folder.path)
         notes = (*self._classes.notes, *self.notes, *self.designer.notes)
@@ -350,7 +350,7 @@ class PipelineRun:
             checker = self._checked(task, folder)
             if not checker.passes:
                 self._refused[task.name] = checker.reason
-                return self._rejected(task, folder, checker.reason)
+                return self._rejected(task, folder, self._why_refused(task, checker))
             found = self._search(task, folder)
             if isinstance(found, str):
                 return self._rejected(task, folder, found)
@@ -364,7 +364,7 @@ class PipelineRun:
         except Declined as declined:
             return self._rejected(task, folder, str(declined))
         except (PlacementError, GoalError) as error:  # only this proposal is faulty, so the run continues
-            return self._rejected(task, folder, error.message)
+            return self._rejected(task, folder, f"{error.message} ({error.remedy})" if error.remedy else error.message)
         effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
         self._outcomes[-1] = replace(outcome, effort=effort)
         if outcome.kept:
@@ -383,6 +383,10 @@ class PipelineRun:
         """
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
         return max(verify, self.extent.demos)
+
+    def _why_refused(self, task: TaskSpec, checker: CheckerResult) -> str:
+        """Return why the success criteria of a task were refused, and how to change the task."""
+        return f"{checker.reason} ({remedy_for(task, checker, self.evaluator.scene)})"
 
     def _rejected(self, task: TaskSpec, folder: TaskFolder, reason: str) -> str:
         folder.write_task(task)

@@ -14,7 +14,7 @@ from gensim2.core.record_files import read_record
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
-from gensim2.design.checking import CHANGE_GOAL, check_criteria
+from gensim2.design.checking import check_criteria, remedy_for
 from gensim2.design.execution import repeated
 from gensim2.design.unseen import kept_apart
 from gensim2.rollout.config import RunArguments
@@ -88,7 +88,8 @@ def add_task(
         searched = apart.search if read.instances == "all" else read.instances
         checker = check_criteria(task, evaluator, searched, seed=seed, progress=progress)
         if not checker.passes:
-            raise UnverifiedTaskError(f"{task.name}: {checker.reason}", file=folder, field="goal", remedy=CHANGE_GOAL)
+            remedy = remedy_for(task, checker, read.scene.options)
+            raise UnverifiedTaskError(f"{task.name}: {checker.reason}", file=folder, field="goal", remedy=remedy)
         progress.start(f"{task.name}: verify", episodes)
         jobs = [(evaluator.config(task, drawn[i]), read.strategies, seeds[i]) for i in range(episodes)]
         found = evaluator.episodes(f"{task.name}: verification", jobs)

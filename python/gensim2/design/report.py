@@ -19,6 +19,7 @@ from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import JSON_NAME
 from gensim2.design.designs import DesignRecord, StageRecord, read_design
 from gensim2.design.model_report import ModelReport
+from gensim2.design.next_steps import next_steps
 from gensim2.rollout.episode_log import ATTEMPTS, read_log
 from gensim2.rollout.record import Episode, StrictMiss
 from gensim2.rollout.tally import Tally, interval
@@ -62,7 +63,7 @@ def write_report(run_dir: Path) -> Path:
         shown=SHOWN_CANDIDATES,
         model=model.of_run(),
         unfilmed=_why_unfilmed(run, run_dir),
-        advice=NOTHING_KEPT,
+        advice=next_steps(run_dir),
     )
     path = run_dir / "report.html"
     write_atomic(path, page)
@@ -134,15 +135,6 @@ def _films(folder: Path, episodes: Sequence[Episode]) -> list[tuple[str, str]]:
             caption = f"seed {episode.seed}: {'held' if episode.held else episode.cause}"
         found.append((f"{folder.parent.name}/{folder.name}/{path.name}", caption))
     return found
-
-
-#: Advice for the user after a run that kept no task.
-NOTHING_KEPT = (
-    "watch the videos of failed episodes, and read the residuals below the pictures of the plans",
-    "check that the keypoints lie where a hand should act, and that the arm can reach them: gensim2 assets render",
-    "relax the task: the thresholds in done, the ranges of randomization, the place of the object",
-    "write a strategy by hand and plan it: gensim2 solve",
-)
 
 
 def _why_unfilmed(run: RunRecord, run_dir: Path) -> str:

@@ -109,7 +109,8 @@ def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: 
         raise GoalError(
             "the goal is already reached at the start of every episode, before the robot moves",
             field=_field(task),
-            remedy="change the goal, the initial openness of the objects, or their initial positions",
+            remedy="change the goal, the initial openness of the objects (openness_mean in randomization), or their "
+            "initial positions",
         )
 
 

@@ -77,6 +77,13 @@ def draw_object(
     return Draw(instance, x, y, yaw, float(generator.uniform(-spread, spread)))
 
 
+def openness_range(ranges: Randomization, preset: Preset, default_openness: float) -> tuple[float, float]:
+    """Return the smallest and the largest openness that an object can have at the reset."""
+    mean = default_openness if ranges.openness_mean is None else ranges.openness_mean
+    spread = preset.scale * ranges.openness_spread
+    return max(mean - spread, 0.0), min(mean + spread, 1.0)
+
+
 def redraw_placement(generator: np.random.Generator, ranges: Randomization, preset: Preset, draw: Draw) -> Draw:
     """Sample a new placement of the same object from three uniform random numbers."""
     x, y, yaw = _placement(generator, ranges, preset)

@@ -13,6 +13,8 @@ import pytest
 
 from gensim2.cli import main as cli
 from gensim2.design import design_task, own
+from gensim2.design.checking import CHANGE_GOAL
+from gensim2.design.next_steps import next_steps
 from gensim2.design.report import write_report
 from gensim2.design.search import Budget
 from gensim2.rollout import worker
@@ -150,10 +152,14 @@ def test_a_task_whose_criteria_lie_is_refused_before_the_search(
     found = design_task(folder, **GIVEN)
     assert seeds == [], "nothing was searched"
     assert found.folder is None
-    assert [each["reason"] for each in found.run.rejected] == [reason]
+    assert [each["reason"] for each in found.run.rejected] == [f"{reason} ({CHANGE_GOAL})"]
     rejected = folder / "design" / "rejected" / "ShutMyBox"
     assert json.loads((rejected / "checker.json").read_text())["error"] == 0.6667
-    assert "it was moved only a little" in (folder / "design" / "report.html").read_text()
+    page = (folder / "design" / "report.html").read_text()
+    assert "it was moved only a little" in page
+    assert "<li>correct task.yaml as the reason of the rejection says</li>" in page
+    assert f"<li>then delete {folder / 'design'} or choose another --out, and run the command again</li>" in page
+    assert "videos of failed episodes" not in page, "no episode was run"
     monkeypatch.setattr(worker, "judge_scene", None)
     assert design_task(folder, **GIVEN, resume=True).run.rejected == found.run.rejected, "it is not judged again"
 
@@ -171,7 +177,13 @@ def test_what_never_holds_is_reported_with_what_to_do_next(
     said = capsys.readouterr()
     assert "at most 30 episodes of search, then 20 of verification" in said.err
     assert "rejected ShutMyBox: no candidate held in physics; the best candidate: " in said.out
-    assert "no task was kept; next:\n- watch the videos of failed episodes" in said.out
+    advice = said.out.partition("no task was kept; next:\n")[2]
+    assert advice.startswith(f"- read the causes and the residuals of the plans in {folder / 'design' / 'report.html'}\n")
+    assert "- most failures have the cause 'object did not move': give the hand something to grip" in advice
+    assert "relax the task" not in advice
+    film = folder / "design" / "rejected" / "ShutMyBox" / "failed_000000.mp4"
+    film.write_bytes(b"")
+    assert next_steps(folder / "design")[0] == f"watch the videos of failed episodes: {film}"
     assert (folder / "task.yaml").read_text() == TASK
     page = (folder / "design" / "report.html").read_text()
     assert "No task was kept" in page
