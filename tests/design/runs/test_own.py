@@ -21,6 +21,7 @@ from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.checker_result import Mutation, WorldCount
 from gensim2.rollout.record import Episode
+from gensim2.scenes.goal import GoalError
 from gensim2.tasks.library import load_strategies_beside, load_task_file
 
 TASK = """# as its author wrote it
@@ -162,6 +163,17 @@ def test_a_task_whose_criteria_lie_is_refused_before_the_search(
     assert "videos of failed episodes" not in page, "no episode was run"
     monkeypatch.setattr(worker, "judge_scene", None)
     assert design_task(folder, **GIVEN, resume=True).run.rejected == found.run.rejected, "it is not judged again"
+
+
+def test_a_goal_that_is_true_at_the_start_is_rejected_with_its_remedy(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def judge_scene(config: EpisodeConfig, seed: int) -> list[WorldCount]:
+        raise GoalError("the goal is already reached", remedy="change openness_mean")
+
+    monkeypatch.setattr(worker, "judge_scene", judge_scene)
+    (rejected,) = design_task(folder, **GIVEN).run.rejected
+    assert rejected["reason"] == "the goal is already reached (change openness_mean)"
 
 
 def test_what_never_holds_is_reported_with_what_to_do_next(
