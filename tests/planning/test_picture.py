@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 
 pytest.importorskip("embreex")
 
-from gensim2.perception.raycast.drawing import Drawing
-from gensim2.perception.raycast.shapes import Surface
+from gensim2.perception.raycast.drawing import OVERSAMPLING, Drawing
+from gensim2.perception.raycast.shapes import Surface, read_links
+from gensim2.planning import picture
 from gensim2.planning.picture import SIZE, TARGET, plan_picture
 from gensim2.planning.scene import Scene, SceneBody, SceneObject
 from gensim2.robots import robot
@@ -49,7 +53,9 @@ def test_labels_do_not_cover_each_other_and_points_behind_the_camera_are_not_dra
     assert not len(colored(picture, GREEN))
 
 
-def test_a_scene_without_a_plan_shows_the_arm_the_object_and_its_keypoints() -> None:
+@pytest.fixture
+def scene() -> Scene:
+    """A cube of 20 cm in front of the arm, which is stretched upwards."""
     profile = robot("panda")
     corners = np.array(np.meshgrid([-0.1, 0.1], [-0.1, 0.1], [0.0, 0.2])).T.reshape(-1, 3)
     T = np.eye(4)
@@ -57,19 +63,42 @@ def test_a_scene_without_a_plan_shows_the_arm_the_object_and_its_keypoints() -> 
     thing = SceneObject(
         "chest", (SceneBody("chest", (corners,), T),), T, {"rigidbody_object_top": np.array([0.5, 0, 0.2])}
     )
-    scene = Scene(
-        np.zeros(len(profile.model.joint_names)),
-        np.zeros(len(profile.model.joint_names)),
-        profile.T_world_base,
-        {"chest": thing},
-    )
-    picture = np.asarray(plan_picture(scene, None, profile, title="Lift, step lift: no_grasp", reason="it is too wide"))
-    assert picture.shape[1] == 2 * SIZE + 4
-    assert picture.shape[0] > SIZE
-    assert len(colored(picture[:SIZE, :SIZE], "#c2410c")) > 30
-    assert (picture[SIZE:] < 128).any(), "the text"
-    assert not len(colored(picture, TARGET))
+    rest = np.zeros(len(profile.model.joint_names))
+    return Scene(rest, rest, profile.T_world_base, {"chest": thing})
+
+
+def test_a_scene_without_a_plan_shows_the_arm_the_object_and_its_keypoints(scene: Scene) -> None:
+    profile = robot("panda")
+    sheet = np.asarray(plan_picture(scene, None, profile, title="Lift, step lift: no_grasp", reason="it is too wide"))
+    assert sheet.shape[1] == 2 * SIZE + 4
+    assert sheet.shape[0] > SIZE
+    assert len(colored(sheet[:SIZE, :SIZE], "#c2410c")) > 30
+    assert (sheet[SIZE:] < 128).any(), "the text"
+    assert not len(colored(sheet, TARGET))
     for far, number in ((0.1, 1), (0.001, 0)):  # a target at a keypoint is not marked by itself
         aim = np.array([0.5, 0.0, 0.2 + far])
-        picture = np.asarray(plan_picture(scene, None, profile, title="Lift", targets=[aim]))
-        assert (len(colored(picture[:SIZE, :SIZE], TARGET)) > 30) == bool(number)
+        sheet = np.asarray(plan_picture(scene, None, profile, title="Lift", targets=[aim]))
+        assert (len(colored(sheet[:SIZE, :SIZE], TARGET)) > 30) == bool(number)
+
+
+@pytest.mark.parametrize("away", [(0.0, 1.2, 0.0), (0.0, -1.2, 0.0), (1.2, 0.0, 0.6)])
+def test_both_views_show_the_whole_hand_and_a_target_out_of_reach(
+    scene: Scene, away: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    profile, drawn = robot("panda"), []
+
+    class Kept(Drawing):
+        def __init__(self, solids: Sequence[tuple[Surface, np.ndarray]], *args: Any) -> None:
+            super().__init__(solids, *args)
+            drawn.append(self)
+
+    monkeypatch.setattr(picture, "Drawing", Kept)
+    target = np.array([0.5, 0.0, 0.2]) + away
+    views = np.asarray(plan_picture(scene, None, profile, title="Lift", targets=[target]))[:SIZE]
+    for view in (views[:, :SIZE], views[:, -SIZE:]):
+        assert len(colored(view, TARGET)) > 30
+    T = profile.model.forward_kinematics(scene.q)
+    hand = T[:3, 3] + read_links(profile.urdf)["panda_hand"].vertices @ T[:3, :3].T
+    for each in drawn:
+        pixels = np.array([each._project(point)[:2] for point in hand])
+        assert 0 <= pixels.min() <= pixels.max() <= OVERSAMPLING * SIZE

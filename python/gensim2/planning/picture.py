@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-from gensim2.perception.raycast.drawing import Drawing
+from gensim2.objects.shapes import transform
+from gensim2.perception.raycast.drawing import Drawing, fitting_distance
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import Surface, read_links
 from gensim2.planning.hulls import surface
@@ -31,8 +32,10 @@ COLUMNS = 128
 """Maximum number of characters in a line of text."""
 DIRECTIONS = ((-0.45, -1.0, 0.65), (-0.15, 1.0, 0.4))
 """Directions from the centre of each view to its camera, world frame: from the robot's right, and from its left."""
-OVERVIEW, NARROWEST = 1.5, 0.35
-"""Distance from the target to the first view's camera, and minimum distance to the second view's camera, m."""
+NEAREST = (1.5, 0.35)
+"""Minimum distance from the centre of each view to its camera, m."""
+EDGE = 1.25
+"""Distance of the camera relative to the distance at which the view just contains hand, objects and targets."""
 KEYPOINT, TOOL, TARGET, INK, BAD = "#c2410c", "#00796b", "#a21caf", "#1c2430", "#c22525"
 APART = 0.005
 """Distance (m) from every keypoint of the objects above which a target is marked by itself."""
@@ -49,7 +52,7 @@ def plan_picture(
 ) -> Image.Image:
     """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
 
-    If no pose meets the constraints, the picture shows the arm in the pose with the smallest violation. Object
+    Both views contain the whole hand, the objects of the task, and the targets. If no pose meets the constraints, the picture shows the arm in the pose with the smallest violation. Object
     keypoints are orange, and tool keypoints are green. If the target of a point constraint does not coincide with an
     object keypoint, the target is drawn as a purple point. Keyframes that the arm does not reach are smaller than the
     other keyframes.
@@ -71,7 +74,8 @@ def plan_picture(
     q = scene.q
     if plan is not None:
         q = next((each for each in (plan.q_plan, plan.q_actuation, plan.q_best_effort) if each is not None), q)
-    solids = [*_robot(profile, q), *_bodies(scene)]
+    links = _robot(profile, q)
+    solids = [*links.values(), *_bodies(scene)]
     tool = _tool(profile, q) if plan is not None else {}
     keypoints = {
         f"{name} {key.removeprefix('articulated_object_').removeprefix('rigidbody_object_')}": place
@@ -82,19 +86,20 @@ def plan_picture(
     own = [at for at in targets if all(float(np.linalg.norm(at - place)) > APART for place in places)]
     aims = {f"target {number}" if len(own) > 1 else "target": at for number, at in enumerate(own, 1)}
     seen = [
-        hull @ body.T_base_body[:3, :3].T + body.T_base_body[:3, 3]
+        transform(body.T_base_body, hull)
         for thing in scene.objects.values()
         for body in thing.bodies
         for hull in body.hulls
     ]
-    near = np.concatenate([*seen, np.array([*places, *tool.values(), *own]).reshape(-1, 3)])
+    hand = [transform(links[name][1], links[name][0].vertices) for name in _hand(profile) if name in links]
+    near = np.concatenate([*seen, *hand, np.array([*places, *tool.values(), *own]).reshape(-1, 3)])
     middle = (near.min(axis=0) + near.max(axis=0)) / 2
-    distances = OVERVIEW, max(NARROWEST, 1.9 * float(np.linalg.norm(np.ptp(near, axis=0))))
     turn = scene.T_world_base[:3, :3].T
     views = []
-    for direction, distance in zip(DIRECTIONS, distances, strict=True):
-        away = turn @ np.array(direction)
-        drawing = Drawing(solids, middle + distance * away / np.linalg.norm(away), middle, SIZE)
+    for direction, nearest in zip(DIRECTIONS, NEAREST, strict=True):
+        away = turn @ np.array(direction) / np.linalg.norm(direction)
+        distance = max(nearest, EDGE * fitting_distance(near - middle, away))
+        drawing = Drawing(solids, middle + distance * away, middle, SIZE)
         for frame in () if plan is None else plan.keyframes:
             drawing.frame(np.asarray(frame["T_base_hand"]), 0.05 if frame["reached"] else 0.03, _frame_label(frame))
         for points, color in ((keypoints, KEYPOINT), (tool, TOOL), (aims, TARGET)):
@@ -125,12 +130,22 @@ def _lines(title: str, reason: str, plan: kpam.Plan | None) -> list[tuple[str, s
     return lines
 
 
-def _robot(profile: RobotProfile, q: Array) -> list[tuple[Surface, Array]]:
+def _robot(profile: RobotProfile, q: Array) -> dict[str, tuple[Surface, Array]]:
+    """Return the surface and the pose (4, 4) of each link that has a surface, by name."""
     tree = Tree.of(read_urdf(profile.urdf), profile.model.joint_names)
     surfaces = read_links(profile.urdf)
     poses = tree.poses(np.eye(4)[None], np.asarray(q, dtype=np.float64)[None])[0]
-    found = [(surfaces.get(name), pose) for name, pose in zip(tree.names, poses, strict=True)]
-    return [(surface, pose) for surface, pose in found if surface is not None]
+    found = {name: (surfaces.get(name), pose) for name, pose in zip(tree.names, poses, strict=True)}
+    return {name: (surface, pose) for name, (surface, pose) in found.items() if surface is not None}
+
+
+def _hand(profile: RobotProfile) -> set[str]:
+    """Return the names of the hand link and of all links below it."""
+    names = {profile.hand_link}
+    joints = read_urdf(profile.urdf).joints
+    while below := {joint.child for joint in joints if joint.parent in names} - names:
+        names |= below
+    return names
 
 
 def _bodies(scene: Scene) -> list[tuple[Surface, Array]]:

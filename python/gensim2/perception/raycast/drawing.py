@@ -50,6 +50,18 @@ def shaded(view: RaycastView) -> npt.NDArray[np.uint8]:
     return picture.reshape(*view.face.shape, 3)
 
 
+def fitting_distance(points: Array, away: Array) -> float:
+    """Return the smallest distance (m) at which the camera of a drawing sees all points.
+
+    Args:
+        points: (N, 3) points relative to the target of the camera, m.
+        away: (3,) unit vector from the target to the camera.
+    """
+    turn = Camera.looking("drawing", away, np.zeros(3), width=1, height=1, fov=FIELD_OF_VIEW).T_base_camera[:3, :3]
+    right, down, ahead = (points @ turn).T
+    return float((np.maximum(np.abs(right), np.abs(down)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())
+
+
 class Drawing:
     """A square picture of solids with marked points and frames.
 
