@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -39,13 +39,16 @@ FILM, STILL, FOXGLOVE, LAYOUT = "film.mp4", "still.png", "foxglove.mcap", "foxgl
 FRAMES_PER_SECOND = 10
 HEIGHT, CAPTION = 240, 24
 """Height of a camera's picture and of a line of text in the video, pixels; their sum is a multiple of 16."""
-ROWS = 3
-"""Number of moments that the picture shows: the first, the middle and the last."""
+SHARES = (1 / 6, 1 / 2, 5 / 6)
+"""Moments that the picture shows, as shares of the motion of the arm's joints in the log."""
 GREY = {"r": 0.8, "g": 0.8, "b": 0.8, "a": 1.0}
 
 
 def export(folder: Path, out: Path) -> dict[str, Any]:
     """Write a video of a log, a picture of three moments, and a Foxglove file with a layout.
+
+    The picture shows the moments at which the arm has made a sixth, a half and five sixths of its motion. If the arm
+    never moves, these are shares of the time.
 
     Args:
         folder: folder of the log.
@@ -73,7 +76,7 @@ def export(folder: Path, out: Path) -> dict[str, Any]:
     if not shown.times:
         raise InputError("the log has no pictures", file=folder)
     stills: list[Frame] = []
-    wanted = {round(share * (len(shown.times) - 1)) for share in np.linspace(0.0, 1.0, ROWS)}
+    wanted = shown.moments(SHARES)
     with replacing(out / FILM) as path:
         write_video(path, _kept(shown.frames(folder), wanted, stills), FRAMES_PER_SECOND)
     with replacing(out / STILL) as path:
@@ -105,6 +108,9 @@ class _Film:
         self._cameras: tuple[CameraRecord, ...] = ()
         self._seen: set[str] = set()
         self._final = ""  # state of the watchdog at the end of the log
+        self._q: npt.NDArray[np.float64] | None = None
+        self._motion = 0.0
+        self._motions: list[float] = []  # motion of the joints before each time in self.times, rad
         # Name of the camera whose first image arrives last. The video frames are made at the times of this camera's
         # images.
         self._last = ""
@@ -115,6 +121,10 @@ class _Film:
             self._cameras = tuple(message.cameras)
         elif isinstance(message, WatchMessage):
             self._final = _said(message)
+        elif isinstance(message, ArmMessage):
+            if np.isfinite(message.q).all():
+                self._motion += 0.0 if self._q is None else float(np.abs(message.q - self._q).sum())
+                self._q = message.q
         elif isinstance(message, PictureMessage):
             if not self._last:
                 self._seen.add(message.camera)
@@ -122,6 +132,16 @@ class _Film:
             is_due = not self.times or message.captured >= self.times[-1] + 0.999 / FRAMES_PER_SECOND
             if is_due and message.camera == self._last:
                 self.times.append(message.captured)
+                self._motions.append(self._motion)
+
+    def moments(self, shares: Sequence[float]) -> set[int]:
+        """Return the frames at which the joints have made given shares of their motion, after the first pass.
+
+        If the joints never move, the shares are shares of the time.
+        """
+        motion = np.array(self._motions if self._motions[-1] > self._motions[0] else self.times)
+        wanted = motion[0] + np.array(shares) * (motion[-1] - motion[0])
+        return {int(frame) for frame in np.searchsorted(motion, wanted)}
 
     def frames(self, folder: Path) -> Iterator[Frame]:
         """Yield the video frame for each time in ``self.times``, in a second pass over the log."""

@@ -367,9 +367,10 @@ def _show_export(result: dict[str, Any]) -> None:
 def export(folder: Annotated[Path, Option(metavar="DIR")], *, out: Folder) -> dict[str, Any]:
     """Make a video, a picture and a Foxglove file from a log.
 
-    The command writes four files. film.mp4 is a video with all cameras side by side. still.png is one picture with the
-    first, the middle and the last moment of the log. foxglove.mcap contains images, the point cloud, the robot, the
-    joints and the watchdog's state, and foxglove_layout.json is a layout to import in Foxglove.
+    The command writes four files. film.mp4 is a video with all cameras side by side. still.png is one picture of three
+    moments, at which the arm has made a sixth, a half and five sixths of its motion. foxglove.mcap contains images, the
+    point cloud, the robot, the joints and the watchdog's state, and foxglove_layout.json is a layout to import in
+    Foxglove.
 
     Args:
         out: Folder to write to.
