@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -71,7 +72,7 @@ def test_page_tells_the_three_verdicts_with_intervals_and_the_number_of_objects(
     # 18 of 20 succeeded; nine of them have an even seed and meet the strict criterion.
     assert re.search(row.format("held", 18, "0.70 to 0.97"), text, re.S)
     assert re.search(row.format("strict", 9, "0.26 to 0.66"), text, re.S)
-    assert "4 box_rotate" in text
+    assert "box_rotate (4)" in text
     assert "The search used none of these objects." in text
     assert "the hand has not let go" in text
 
@@ -186,3 +187,35 @@ def test_a_pipe_among_the_strategies_is_not_waited_for(run_dir: Path) -> None:
     os.mkfifo(strategies / "pipe.yaml")
     with pytest.raises(InputError, match="is a pipe"):
         write_report(run_dir)
+
+
+def test_a_count_of_one_is_singular(run_dir: Path) -> None:
+    shutil.rmtree(run_dir / "tasks" / "CloseDemo")
+    shutil.rmtree(run_dir / "rejected" / "LiftDemo")
+    folder = TaskFolder(run_dir / "tasks" / "OpenDemo")
+    found = folder.verification()
+    assert found is not None
+    (step,) = found.episodes[0].steps
+    (plan,) = step.plans
+    partial = replace(plan, status="partial", trigger="the object has moved")
+    again = replace(found.episodes[0], steps=[replace(step, plans=[plan, partial])])
+    folder.write_verification(replace(found, episodes=(again, *found.episodes[1:])))
+    text = write_report(run_dir).read_text()
+    assert "<b>1</b>task kept" in text
+    assert "<b>1</b>object used" in text
+    assert "In 1 episode only part of the motion was executed" in text
+    assert "In 1 episode a step was planned again." in text
+
+
+def test_a_run_that_python_started_has_no_command(run_dir: Path) -> None:
+    assert '<pre class="command">' in write_report(run_dir).read_text()
+    record = json.loads((run_dir / "run.json").read_text())
+    (run_dir / "run.json").write_text(json.dumps({**record, "command_line": []}))
+    assert '<pre class="command">' not in write_report(run_dir).read_text()
+
+
+def test_the_columns_of_the_search_are_explained(run_dir: Path) -> None:
+    text = write_report(run_dir).read_text()
+    for column in ("plans", "physics, by stage", "holds, 95 %"):
+        assert f"<th>{column}</th>" in text
+        assert f"<b>{column}</b>: " in text

@@ -14,7 +14,7 @@ import pytest
 from pydantic import Field
 
 from gensim2.core.errors import InputError, WriteError
-from gensim2.core.resumable import FolderLock, ResumableFolder, RunSettings
+from gensim2.core.resumable import FolderLock, ResumableFolder, RunSettings, command_line
 
 
 class Asked(RunSettings):
@@ -152,3 +152,19 @@ def test_a_run_that_fails_in_a_removed_folder_keeps_its_reason(tmp_path: Path) -
     out = tmp_path / "out"
     with pytest.raises(OSError, match="No such file"), opened(out):
         (out / str(removed(out, False)) / "file").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("/usr/bin/gensim2", ["demo", "OpenBox"]),
+        ("/lib/python3/gensim2/__main__.py", ["demo", "OpenBox"]),
+        ("my_script.py", []),
+        ("", []),
+    ],
+)
+def test_the_command_line_of_another_program_is_not_recorded(
+    program: str, words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", [program, "demo", "OpenBox"])
+    assert command_line() == words

@@ -24,6 +24,7 @@ from gensim2.data.queue import Queue
 from gensim2.data.status import NullListener, Status
 from gensim2.objects import open_library
 from gensim2.rollout import worker
+from gensim2.rollout.tally import interval
 
 Gather = Callable[..., Any]
 KILL_RUNS = Path(__file__).parents[1] / "kill" / "kill_runs.py"
@@ -52,7 +53,16 @@ def test_every_episode_has_its_row_and_those_that_hold_their_states(tmp_path: Pa
         assert store.spec().name == told.name
     used = {f"{thing.asset_class}/{thing.id}" for row in rows for thing in row.objects.values()}
     assert used <= set(dataset.record.objects)
-    assert "16 episodes of 2 tasks" in (tmp_path / "set/report.html").read_text()
+    page = (tmp_path / "set/report.html").read_text()
+    assert "16 episodes of 2 tasks" in page
+    for told in result.status.tasks:
+        low, high = interval(told.held, told.tried)
+        assert f'{told.held}</span></span>\n</td><td class="num">{low:.2f} to {high:.2f}</td>' in page
+    assert "<b>held</b>: the goal is true at the end" in page
+    assert "<b>strict</b>: held, and" in page
+    assert "open_loop" not in page
+    assert "one_plan" not in page
+    assert f"gensim2 data report {tmp_path / 'set'}" in page
 
 
 def test_states_of_failures_are_kept_where_that_is_asked_for(tmp_path: Path, gather: Gather) -> None:

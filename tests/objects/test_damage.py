@@ -124,7 +124,7 @@ def test_every_command_stands_damage(whole: Path, tmp_path: Path, capfd: pytest.
     assert cli.run(["assets", "prepare", f"box_rotate/{refused[0]}", *words]) == 1
     said, counted = capfd.readouterr().out.splitlines()
     assert said.startswith(f"box_rotate/{refused[0]}: {library}")
-    assert counted.startswith("0 objects of library lie ready")
+    assert counted.startswith("0 objects of library prepared")
     for command in (("show",), ("export", "--out", out), ("render", "--out", picture)):
         assert cli.run(["assets", command[0], f"box_rotate/{refused[0]}", *command[1:], *words]) == 2
         errors = capfd.readouterr().err

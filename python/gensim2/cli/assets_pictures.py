@@ -14,13 +14,14 @@ from gensim2.cli.output import line
 from gensim2.cli.tasks import Page
 from gensim2.cli.typed import Option
 from gensim2.core.files import check_writable, write_output
+from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 
 
 def _show(result: dict[str, Any]) -> None:
     for entry in result["refused"]:
         line(f"{entry['class']}/{entry['id']}: no picture: {entry['reason']}")
-    line(f"{result['made']} pictures made, {result['kept']} kept: {result['index']}")
+    line(f"{plural(result['made'], 'picture')} made, {result['kept']} kept: {result['index']}")
 
 
 @command(show=lambda result: line(result["picture"]))

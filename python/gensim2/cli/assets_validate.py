@@ -9,6 +9,7 @@ from gensim2.cli.options import Ending, command
 from gensim2.cli.output import line, table
 from gensim2.cli.typed import Option, count
 from gensim2.core.files import cache_dir
+from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 
 Objects = Annotated[tuple[str, ...], Option(metavar="[CLASS[/WHICH]]...")]
@@ -34,7 +35,7 @@ def object_line(entry: dict[str, Any]) -> str:
 def _show_prepared(result: dict[str, Any]) -> None:
     for entry in result["refused"]:
         line(f"{entry['class']}/{entry['id']}: {entry['reason']}")
-    line(f"{result['prepared']} objects of {result['library']} lie ready in {result['cache']}")
+    line(f"{plural(result['prepared'], 'object')} of {result['library']} prepared in {result['cache']}")
 
 
 @command(show=_show)

@@ -15,6 +15,15 @@ if TYPE_CHECKING:
     from gensim2.evaluation.benchmarking import BenchmarkResult, BothEngines
 
 
+COLUMNS = (
+    "paper, held, strict: success rates by the three verdicts; ± is the standard deviation between runs",
+    "published: success rate in the GenSim2 paper; original: success rate of the code released with the paper",
+    "partial: number of episodes in which only part of a motion was executed; replanned: in which a step was replanned",
+    "seen: objects with which the strategies were designed: train (training split) or all",
+)
+"""Explanations of the columns of the table."""
+
+
 def _show(result: dict[str, Any]) -> None:
     if "engines" not in result:
         return _show_one(result)
@@ -40,7 +49,7 @@ def _show_one(result: dict[str, Any]) -> None:
             f"{row['strict_mean']:.2f} {interval_of(row, 'strict')}",
             _figure(row["paper_figure"]),
             _figure(row["original_figure"]),
-            f"{row['partial_share']:.2f}",
+            row["partial"],
             row["replanned"],
             row["different_objects"],
             row["seen"] or "",
@@ -71,6 +80,8 @@ def _show_one(result: dict[str, Any]) -> None:
         ),
         rows,
     )
+    for words in COLUMNS:
+        line(words)
     for name, reason in result["skipped"].items():
         line(f"skipped {name}: {reason}")
     if result["arguments"]["disturbance"] is not None:

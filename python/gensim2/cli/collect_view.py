@@ -7,6 +7,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TextIO
 
+from gensim2.core.plural import plural
 from gensim2.core.progress import NullProgress
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def summary(status: Status) -> str:
         words += [f"{status.rate:.2f} a second", f"{_clock(status.left)} left"]
     words.append(f"{status.stored / 1e6:.1f} MB, {status.free / 1e9:.1f} GB free")
     if status.failed_tries:
-        words.append(f"{status.failed_tries} tries made again")
+        words.append(f"{plural(status.failed_tries, 'failed attempt')} repeated")
     return ", ".join(words)
 
 
@@ -72,9 +73,9 @@ def _picture(status: Status) -> RenderableType:
     from rich.table import Table
 
     grid = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("task", "", "tried", "held", "causes"):
+    for name in ("task", "", "episodes", "held", "causes"):
         grid.add_column(
-            name, justify="right" if name in ("tried", "held") else "left", overflow="ellipsis", no_wrap=True
+            name, justify="right" if name in ("episodes", "held") else "left", overflow="ellipsis", no_wrap=True
         )
     begun = [task for task in status.tasks if task.tried]
     for task in begun:
@@ -82,7 +83,7 @@ def _picture(status: Status) -> RenderableType:
         causes = ", ".join(f"{count} {cause}" for cause, count in task.causes.items())
         grid.add_row(escape(task.name), bar, f"{task.tried}/{task.total}", _share(task), escape(causes))
     to_come = len(status.tasks) - len(begun)
-    return Group(grid, *([f"{to_come} tasks to come"] if to_come else []), summary(status))
+    return Group(grid, *([f"{plural(to_come, 'task')} to come"] if to_come else []), summary(status))
 
 
 def _share(task: TaskStatus) -> str:

@@ -10,6 +10,7 @@ import click
 from gensim2.cli.options import command
 from gensim2.cli.output import line, table
 from gensim2.cli.typed import Count, Folder, Option, Real, Tasks, count
+from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 
 Format = Literal["maniskill", "lerobot", "zarr"]
@@ -17,7 +18,7 @@ Existing = Annotated[Path, click.Path(exists=True, file_okay=False, path_type=Pa
 
 
 def _show_count(result: dict[str, Any]) -> None:
-    line(f"{result['episodes']} episodes in {result['folder']}")
+    line(f"{plural(result['episodes'], 'episode')} in {result['folder']}")
 
 
 def _show_quality(result: dict[str, Any]) -> None:

@@ -8,13 +8,14 @@ from typing import Any
 from gensim2.cli.options import EPISODES, PLANNER, PROCESSES, Ending, command
 from gensim2.cli.output import line, show_engines
 from gensim2.cli.typed import Count
+from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 
 
 def _show(result: dict[str, Any]) -> None:
-    line(f"{result['name']}: {result['demos']} demonstrations")
+    line(f"{result['name']}: {plural(result['demos'], 'demonstration')}")
     verdicts = ", ".join(f"{result[name]} {name}" for name in ("paper", "held", "strict"))
-    line(f"of {result['episodes_run']} episodes {verdicts}; {result['cpu_s']:.1f} s of CPU")
+    line(f"of {plural(result['episodes_run'], 'episode')} {verdicts}; {result['cpu_s']:.1f} s of CPU")
     show_engines(result["name"], result["episodes_run"], result)
     for cause, count in result["causes"].items():
         line(f"{count} failed: {cause}")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import check_writable, write_output
+from gensim2.core.plural import plural
 from gensim2.core.progress import ConsoleProgress
 from gensim2.core.special_files import descriptor
 
@@ -102,7 +103,7 @@ def show_engines(name: str, episodes: int, result: dict[str, Any]) -> None:
     rates = ", ".join(f"{count} in {engine}" for engine, count in result["engines"].items())
     seeds = ", ".join(str(seed) for seed in result["disagreed"])
     differ = f"; only one engine holds seed {seeds}" if seeds else "; the engines agree in every episode"
-    line(f"{name}: of {episodes} episodes {rates} hold{differ}")
+    line(f"{name}: of {plural(episodes, 'episode')} {rates} hold{differ}")
 
 
 def number(value: float | None) -> str:

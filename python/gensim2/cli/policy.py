@@ -13,6 +13,7 @@ from gensim2.cli.options import Checkpoint, command
 from gensim2.cli.output import line, table
 from gensim2.cli.typed import File, Option
 from gensim2.core.errors import InputError
+from gensim2.core.plural import plural
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -33,8 +34,8 @@ def _show(result: dict[str, Any]) -> None:
 def _amount(data: dict[str, Any], kind: str) -> str:
     """Describe the size of the training data; keypose policies learn from planned steps, not from episodes."""
     if kind == "keypose":
-        return f"{data['frames']} examples, {data['episodes']} planned steps among them"
-    return f"{data['frames']} frames of {data['episodes']} episodes"
+        return f"{plural(data['frames'], 'example')}, {plural(data['episodes'], 'planned step')} among them"
+    return f"{plural(data['frames'], 'frame')} of {plural(data['episodes'], 'episode')}"
 
 
 def _show_export(result: dict[str, Any]) -> None:

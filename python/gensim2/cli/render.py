@@ -9,6 +9,7 @@ from gensim2.cli.options import command
 from gensim2.cli.output import line
 from gensim2.cli.typed import Option, Real, Tasks, count
 from gensim2.core.errors import InputError
+from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 
 Moved = Annotated[str | None, Option(metavar="DIR|ycb")]
@@ -24,8 +25,8 @@ def _words(text: str, option: str) -> tuple[str, ...]:
 
 def _show(result: dict[str, Any]) -> None:
     each = f" ({1e3 * result['cpu_s'] / result['frames']:.1f} ms of CPU a frame)" if result["frames"] else ""
-    line(f"{result['rendered']} episodes rendered, {result['frames']} frames{each}")
-    line(f"{result['episodes']} episodes have observations, {result['bytes'] / 1e6:.1f} MB")
+    line(f"{plural(result['rendered'], 'episode')} rendered, {plural(result['frames'], 'frame')}{each}")
+    line(f"{plural(result['episodes'], 'episode')} with observations, {result['bytes'] / 1e6:.1f} MB")
 
 
 @command("moved_assets", "workers", "time_limit", "jobs_per_worker", show=_show)

@@ -13,6 +13,7 @@ from gensim2.cli.options import EPISODES, command, is_given
 from gensim2.cli.output import line, table
 from gensim2.cli.typed import Count, Name, Option
 from gensim2.core.errors import InputError
+from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 
 Page = Annotated[Path, click.Path(path_type=Path, file_okay=False), Option(metavar="DIR")]
@@ -52,7 +53,7 @@ def _show_provenance(task: dict[str, Any]) -> None:
         line(f"proposed by {task['origin']}" + (f", prompts {task['prompts'][:12]}" if task["prompts"] else ""))
     if (found := task["verification"]) is not None:
         low, high = found["interval"]
-        objects = ", ".join(f"{count} {name}" for name, count in found["objects"].items())
+        objects = ", ".join(f"{name} ({count})" for name, count in found["objects"].items())
         held = f"{found['held']} of {found['episodes']} fresh episodes succeeded ({low:.2f} to {high:.2f})"
         line(f"verified: {held}, seed {found['seed']}, {found['instances']} objects: {objects}")
 
@@ -109,8 +110,7 @@ def _show_removed(result: dict[str, Any]) -> None:
 
 
 def _show_exported(result: dict[str, Any]) -> None:
-    count = len(result["exported"])
-    line(f"{count} task{'' if count == 1 else 's'} in {result['out']}")
+    line(f"{plural(len(result['exported']), 'task')} in {result['out']}")
 
 
 def _show_gallery(result: dict[str, Any]) -> None:
@@ -118,7 +118,7 @@ def _show_gallery(result: dict[str, Any]) -> None:
         line(f"skipped {name}: {reason}")
     for name, cause in result["without"].items():
         line(f"{name}: no episode held, the last because of: {cause}")
-    line(f"{len(result['shown'])} tasks shown: {result['index']}")
+    line(f"{plural(len(result['shown']), 'task')} shown: {result['index']}")
 
 
 @command("library", name="list", show=_show_list)

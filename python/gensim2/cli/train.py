@@ -12,6 +12,7 @@ import click
 from gensim2.cli.options import command
 from gensim2.cli.output import line
 from gensim2.cli.typed import Count, File, Folder, Option, Tasks
+from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 from gensim2.policy.config import OF_KEYPOSES, PolicyConfig, TrainConfig
 
@@ -39,8 +40,11 @@ def _show(result: dict[str, Any]) -> None:
     policy = result["policy"]
     line(f"{policy['encoder']}, {policy['text']}, {policy['head']}: {result['parameters']} weights")
     tasks = ", ".join(result["tasks"])
-    kinds = f"{result['demonstrations']} demonstrations, {result['noisy_episodes']} episodes with noise"
-    line(f"{result['steps']} steps on {result['frames']} frames ({tasks}): {kinds}, {result['relabels']} relabels")
+    kinds = (
+        f"{plural(result['demonstrations'], 'demonstration')}, {plural(result['noisy_episodes'], 'episode')} with noise"
+    )
+    data = f"{plural(result['frames'], 'frame')} ({tasks})"
+    line(f"{plural(result['steps'], 'step')} on {data}: {kinds}, {plural(result['relabels'], 'relabel')}")
     line(f"training loss {result['loss']:.4f}: the error on the data; `gensim2 evaluate` measures success")
     line(f"{result['cpu_s']:.1f} s of CPU; checkpoint: {result['folder']}")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
@@ -17,6 +18,13 @@ from gensim2.core.foreign.tree import ForeignTree, NotRegularError, refuse_speci
 from gensim2.core.record_files import read_record
 
 REMEDY = "give the same settings; to start anew, delete the folder or choose another --out"
+
+
+def command_line() -> list[str]:
+    """Return the arguments after ``gensim2``, or an empty list if another program uses the Python package."""
+    program = Path(sys.argv[0])
+    name = program.parent.name if program.name == "__main__.py" else program.stem
+    return sys.argv[1:] if name == "gensim2" else []
 
 
 class FolderLock:

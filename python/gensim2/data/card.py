@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
+from gensim2.core.plural import plural
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.columns import lerobot_name
 from gensim2.data.store import TaskStore
@@ -122,11 +123,11 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
         *(f"- {tag}" for tag in tags),
         "---",
         "",
-        f"# {episodes} demonstrations of {len(described)} manipulation tasks",
+        f"# {plural(episodes, 'demonstration')} of {plural(len(described), 'manipulation task')}",
         "",
         f"Made by gensim2 {_text_of(record.versions.get('gensim2', ''))}: planned by its keypoint solver, run and",
-        f"verified in simulation. {steps} control steps at {profile.control_hz} a second, {len(used)} different",
-        "objects.",
+        f"verified in simulation. {plural(steps, 'control step')} at {profile.control_hz} a second,",
+        f"{plural(len(used), 'different object')}.",
         "",
         *_table(
             ("task", "what", "episodes here", "tried", "held (95 % interval)", "strict", "objects"),

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import platform
+import shlex
 import shutil
 import socket
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -19,7 +19,7 @@ from typing import Any
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.pages import template
-from gensim2.core.resumable import ResumableFolder
+from gensim2.core.resumable import ResumableFolder, command_line
 from gensim2.data.card import card
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.record import DatasetRecord, ObjectUsed
@@ -29,11 +29,27 @@ from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.objects import Library
 from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.runner import EpisodeRunner
+from gensim2.rollout.tally import interval
 
 UPDATE_SECONDS = 0.5
 """Time between two status updates, s."""
 RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
 """Files that differ between runs; ``dataset.json`` determines the content of all other files."""
+
+
+LABELS = {
+    "assets": "objects",
+    "randomization": "randomization of the scenes",
+    "engine": "physics engine",
+    "open_loop": "open loop: all motions planned at the start",
+    "one_plan": "each step planned only once",
+    "attempts": "maximum number of attempts in an episode",
+    "noise": "noise on the commands of the arm (rad)",
+    "engines": "physics engines in which an episode runs",
+    "scene_source": "scene of the planner",
+    "depth_noise": "noise of the depth cameras",
+}
+"""Names on the page of the options of scenes and rollouts, for options with another name on the page."""
 
 
 def write_page(dataset: DataSet, status: Status, run: Mapping[str, Any]) -> Path:
@@ -46,11 +62,18 @@ def write_page(dataset: DataSet, status: Status, run: Mapping[str, Any]) -> Path
     Raises:
         WriteError: the folder cannot be written to.
     """
+    arguments = {LABELS.get(name, name): value for name, value in dataset.record.arguments.items()}
     licenses: dict[str, list[str]] = {}
     for name, used in dataset.record.objects.items():
         licenses.setdefault(used.license, []).append(name)
     page = template("gensim2.data", "collection.html.j2").render(
-        record=dataset.record.model_dump(), status=status, run=dict(run), licenses=licenses
+        record=dataset.record.model_dump(),
+        arguments=arguments,
+        intervals={task.name: interval(task.held, task.tried) for task in status.tasks},
+        status=status,
+        run=dict(run),
+        licenses=licenses,
+        shown=shlex.join(["gensim2", "data", "report", str(dataset.path)]),
     )
     path = dataset.path / REPORT
     write_atomic(path, page)
@@ -76,7 +99,7 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
         super().__init__(path, DATASET_JSON, record, holds="a data set", resume=resume)
         self.dataset = DataSet(path, self.record)
         self._run: dict[str, Any] = {
-            "command_line": sys.argv[1:],
+            "command_line": command_line(),
             "host": socket.gethostname(),
             "platform": platform.platform(),
             "folder": str(path.resolve()),

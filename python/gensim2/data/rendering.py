@@ -11,6 +11,7 @@ from typing import Any, Unpack
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import append, remove, remove_temporaries
+from gensim2.core.plural import plural
 from gensim2.core.processes import Execution, ExecutionArguments, Failure, Job, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.resumable import FolderLock
@@ -148,11 +149,11 @@ class _Rendering:
             frames = sum(row.control_steps + 1 for _, row in missing) * len(self._spec.cameras)
             each = PICTURE_S * frames / len(missing)
             minutes = each * len(missing) / 60 / (execution.workers or 1)
-            episodes = "1 episode" if len(missing) == 1 else f"{len(missing)} episodes"
+            episodes = plural(len(missing), "episode")
             self._progress.message(
                 f"rgb without a GPU: about {each:.0f} s per episode, {minutes:.1f} minutes for {episodes}"
             )
-        what = f"observations of {len(stores)} task{'s' if len(stores) > 1 else ''}"
+        what = f"observations of {plural(len(stores), 'task')}"
         self._progress.start(what, self._there + len(missing))
         self._progress.advance(self._there)
         rendered = frames = 0

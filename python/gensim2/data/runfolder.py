@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import itertools
 import platform
-import sys
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import Any
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_changed, write_json
 from gensim2.core.record_files import read_record
-from gensim2.core.resumable import ResumableFolder
+from gensim2.core.resumable import ResumableFolder, command_line
 from gensim2.core.yaml_files import dump_yaml
 from gensim2.data.records import RUN_SCHEMA_VERSION, CheckerRecord, Effort, RunRecord, Verification, VerificationRecord
 from gensim2.objects import Library, ObjectModel
@@ -138,7 +137,7 @@ class RunFolder(ResumableFolder[RunRecord]):
             schema_version=RUN_SCHEMA_VERSION,
             arguments=arguments,
             identity=dict(identity),
-            command_line=sys.argv[1:],
+            command_line=command_line(),
             started=_now(),
             finished=None,
             versions=versions(*_engines(arguments)),

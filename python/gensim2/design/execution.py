@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.files import remove
+from gensim2.core.plural import plural
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.demonstrations import collect, film_attempt
@@ -530,14 +531,14 @@ class PipelineRun:
             fresh, demos = (*fresh, *collected.episodes), collected.demos
             if engines := collected.tally.engines:
                 rates = ", ".join(f"{count} in {engine}" for engine, count in engines.items())
-                tried = f"{len(collected.episodes)} episodes for demonstrations"
+                tried = f"{plural(len(collected.episodes), 'episode')} for demonstrations"
                 self.notes.append(f"{task.name}: of {tried} {rates} hold, {demos} in both")
         if not (verification.kept and self.extent.demos):
             self._show_verified(task, strategies, folder, verification)
         if not verification.kept:
             self.folder.reject(task.name)
         held = f"{task.name}: {verification.tally.held} of {verification.tally.episodes} fresh episodes hold"
-        self.progress.message(held + (f", {demos} demonstrations" if verification.kept else ", not kept"))
+        self.progress.message(held + (f", {plural(demos, 'demonstration')}" if verification.kept else ", not kept"))
         self._outcomes.append(
             TaskOutcome(
                 name=task.name,

@@ -11,6 +11,7 @@ from typing import Any, Unpack
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.files import write_atomic
 from gensim2.core.pages import template
+from gensim2.core.plural import plural
 from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
@@ -225,7 +226,9 @@ def tasks_gallery(
             write_atomic(folder.path / INDEX, page)
 
         missing = sum(not shelf.is_finished for shelf in shelves)
-        progress.message(f"{missing} videos to make; each takes half a minute without a GPU, longer on busy cores")
+        progress.message(
+            f"{plural(missing, 'video')} to make; each takes half a minute without a GPU, longer on busy cores"
+        )
         progress.start("tasks", len(shelves))
         progress.advance(sum(shelf.is_finished for shelf in shelves))
         write_page()

@@ -137,6 +137,8 @@ def verified(verification: Verification, seed: int) -> Verified:
     return Verified(
         episodes=tally.episodes,
         held=tally.held,
+        paper=tally.paper,
+        strict=tally.strict,
         interval=(round(low, 4), round(high, 4)),
         seed=seed,
         instances=verification.instances,

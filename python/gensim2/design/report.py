@@ -53,7 +53,7 @@ def write_report(run_dir: Path) -> Path:
     page = template("gensim2.design", "report.html.j2").render(
         run=run.model_dump(),
         asked=summary.arguments,
-        command=" ".join(["gensim2", *run.command_line]),
+        command=" ".join(["gensim2", *run.command_line]) if run.command_line else None,
         tasks=tasks,
         rejected=rejected,
         only_reasons=reasons,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
 from gensim2.core.pages import template
+from gensim2.core.plural import plural
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.inspection import pictures
 from gensim2.objects.library.catalogue import KINDS, Library
@@ -211,7 +212,7 @@ def _card(instance: ArticulatedObject, picture: str) -> _Card:
 
 
 def _count(hulls: int) -> str:
-    return f"{hulls} hull{'' if hulls == 1 else 's'}"
+    return plural(hulls, "hull")
 
 
 def _rigid_card(rigid: RigidObject, picture: str) -> _Card:

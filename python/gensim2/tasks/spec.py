@@ -180,6 +180,8 @@ class Verified(_Value):
     Attributes:
         episodes: number of episodes.
         held: number of episodes that are successes according to the verdict ``held``.
+        paper, strict: number of successes according to the two other verdicts; None in files that were written before
+            these fields existed.
         interval: 95 % confidence interval of the success rate.
         seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
         instances: split from which the objects were taken. Objects of the splits ``"new"`` and ``"test"`` were never
@@ -189,6 +191,8 @@ class Verified(_Value):
 
     episodes: Annotated[int, Field(ge=1)]
     held: Annotated[int, Field(ge=0)]
+    paper: Annotated[int, Field(ge=0)] | None = None
+    strict: Annotated[int, Field(ge=0)] | None = None
     interval: tuple[Share, Share]
     seed: Annotated[int, Field(ge=0)]
     instances: Literal["new", "test", "all"]
@@ -199,6 +203,8 @@ class Verified(_Value):
         low, high = self.interval
         if self.held > self.episodes or not low - 1e-6 <= self.share <= high + 1e-6:
             raise ValueError("the fields 'held', 'episodes' and 'interval' contradict each other")
+        if (self.strict or 0) > self.held or (self.paper or 0) > self.episodes:
+            raise ValueError("'strict' must not exceed 'held', and 'paper' must not exceed 'episodes'")
         return self
 
     @property

@@ -15,6 +15,7 @@ from gensim2.cli.output import line, number, table
 from gensim2.cli.typed import Folder, Option, Real, count
 from gensim2.core.cores import usable_cores
 from gensim2.core.errors import InputError, Stopped
+from gensim2.core.plural import plural
 from gensim2.core.progress import ConsoleProgress, Progress
 from gensim2_robot.cli.robot_options import (
     SCENES,
@@ -40,14 +41,17 @@ def _show_calibration(result: dict[str, Any]) -> None:
             for name, each in result["cameras"].items()
         ],
     )
-    line(f"{result['poses']} poses; " + (f"file: {result['file']}" if result["file"] else "nothing was written"))
+    line(
+        f"{plural(result['poses'], 'pose')}; "
+        + (f"file: {result['file']}" if result["file"] else "nothing was written")
+    )
 
 
 def _show_noise(result: dict[str, Any]) -> None:
     from gensim2_robot.fit_noise import shown
 
     table(("parameter", "value", "pixels that tell"), shown(result["noise"], result["told"]))
-    line(f"{result['recordings']} recordings; file: {result['file']}")
+    line(f"{plural(result['recordings'], 'recording')}; file: {result['file']}")
 
 
 @command("seed", "assets", "robot", show=_show_calibration)
@@ -230,11 +234,14 @@ def _show(result: dict[str, Any]) -> None:
 
 
 def _show_replay(result: dict[str, Any]) -> None:
-    line(f"{result['questions']} questions, {result['clouds']} clouds: {len(result['different'])} arrays differ")
+    line(
+        f"{plural(result['questions'], 'question')}, {plural(result['clouds'], 'cloud')}, "
+        f"{plural(len(result['different']), 'different array')}"
+    )
     for name in result["different"][:20]:
         line(name)
     if result["missing"]:
-        line(f"{result['missing']} questions ask for pictures that are gone")
+        line(f"pictures are missing for {plural(result['missing'], 'question')}")
     for name in result["unclosed"]:
         line(f"{name} has no end: its run was killed, and what it holds was compared")
 
@@ -358,7 +365,7 @@ def replay(folder: Annotated[Path, Option(metavar="DIR")]) -> dict[str, Any] | E
 
 
 def _show_export(result: dict[str, Any]) -> None:
-    line(f"{result['frames']} frames of {result['seconds']:.1f} s")
+    line(f"{plural(result['frames'], 'frame')}, {result['seconds']:.1f} s")
     for name in result["files"]:
         line(name)
 

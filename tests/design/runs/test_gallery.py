@@ -69,20 +69,22 @@ def test_the_first_episode_that_holds_is_shown(tmp_path: Path, camera: Camera) -
 def test_the_command_of_an_own_task_names_the_library_and_figures_are_those_of_its_verification(
     tmp_path: Path, camera: Camera
 ) -> None:
-    verification = Verified(
-        episodes=20, held=19, interval=(0.76, 0.99), seed=0, instances="all", objects={"drawer": 1}
-    )
-    for name, told in (("MyDrawer", verification), ("OtherDrawer", None)):
+    former = Verified(episodes=20, held=19, interval=(0.76, 0.99), seed=0, instances="all", objects={"drawer": 1})
+    verification = former.model_copy(update={"paper": 20, "strict": 18})
+    for name, told in (("MyDrawer", verification), ("FormerDrawer", former), ("OtherDrawer", None)):
         provenance = Provenance(origin="hand", verification=told)
         files = TaskFolder(tmp_path / "shelf" / name)
         files.write_task(load_task("OpenDrawer").model_copy(update={"name": name, "provenance": provenance}))
         files.write_strategies(load_strategies("OpenDrawer"))
     with using_library(str(tmp_path / "shelf")):
-        page = made(tmp_path / "out", tasks=("MyDrawer", "OtherDrawer")).index.read_text()
+        page = made(tmp_path / "out", tasks=("MyDrawer", "FormerDrawer", "OtherDrawer")).index.read_text()
     assert f"gensim2 demo TASK --episodes 1 --seed 5 --assets builtin --library {tmp_path / 'shelf'}" in page
     mine, other = page[page.index('id="MyDrawer"') :].split('id="OtherDrawer"')
-    assert "0.95" in mine
-    assert "Not measured yet" not in mine
+    mine, before = mine.split('id="FormerDrawer"')
+    assert all(share in mine for share in (">1.00<", ">0.95 ", ">0.90<"))
+    assert "not stored" not in mine
+    assert before.count("not stored") == 2
+    assert "Not measured yet" not in mine + before
     assert "Not measured yet: gensim2 benchmark OtherDrawer measures it." in other
 
 

@@ -55,6 +55,7 @@ def test_what_is_new_is_added_with_its_verification_and_the_rest_is_named(run: P
     assert found is not None
     assert found.verification is not None
     assert (found.verification.held, found.verification.episodes, found.verification.seed) == (18, 20, 0)
+    assert (found.verification.paper, found.verification.strict) == (18, 9)
     assert found.verification.interval == (0.699, 0.9721)
     assert found.verification.objects == {"box_rotate": 4}  # from its episodes
     assert task_and_strategies(NEW)[1] == {"designed": CONFIG}
@@ -101,7 +102,7 @@ def test_by_command(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert command(["tasks", "show", NEW]) == 0
     text = capsys.readouterr().out
     assert "proposed by offline" in text
-    assert "verified: 18 of 20 fresh episodes succeeded (0.70 to 0.97), seed 0, new objects: 4 box_rotate" in text
+    assert "verified: 18 of 20 fresh episodes succeeded (0.70 to 0.97), seed 0, new objects: box_rotate (4)" in text
     archive = str(tmp_path / "mine.zip")
     assert command(["tasks", "export", NEW, "--out", archive]) == 0
     assert command(["tasks", "remove", NEW]) == 0

@@ -6,6 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from gensim2.core.errors import printable
+from gensim2.core.plural import plural
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -30,6 +31,7 @@ def template(package: str, name: str) -> Template:
     )
     templates.filters["openness"] = _openness
     templates.filters["share"] = _share
+    templates.filters["plural"] = plural
     return templates.get_template(name)
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from gensim2.core.errors import InputError
 from gensim2.core.files import new_folder
 from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 from gensim2.core.record_files import read_record
 from gensim2.objects.library.catalogue import BUILTIN as GENERATED
@@ -157,7 +158,9 @@ def plan_again(
         for one in known
     ]
     count, spent = sum(each.demonstrations for each in planned), sum(each.cpu_s for each in planned)
-    progress.message(f"{len(known)} tasks of the policy planned again: {count} plans, {spent:.0f} s of CPU")
+    progress.message(
+        f"{plural(len(known), 'task')} of the policy planned again: {plural(count, 'plan')}, {spent:.0f} s of CPU"
+    )
     return planned, spent
 
 
