@@ -23,7 +23,7 @@ from gensim2.data.observation_file import write_observation
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Film
 from gensim2.design import gallery, tasks_gallery
-from gensim2.design.report import write_report
+from gensim2.design.report import PLAN_PICTURE, write_report
 from gensim2.evaluation.benchmark_table import TaskRow
 from gensim2.evaluation.evaluating import EvaluationResult
 from gensim2.inspection import pictures
@@ -35,6 +35,7 @@ from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
 from gensim2.perception.camera import observation_cameras
 from gensim2.perception.cloud import to_steps
+from gensim2.planning.picture import SIZE
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.curves import Curves
 from gensim2.policy.evaluating import PolicyResult
@@ -72,6 +73,7 @@ def report_page(tmp_path: Path) -> Path:
     folder = run_folders.run_folder(tmp_path / "run")
     short = folder / "tasks" / "OpenDemo"
     draw_film(short / "video.mp4", short / "still.png")
+    Image.new("RGB", (2 * SIZE + 4, 560), "#ffffff").save(short / PLAN_PICTURE)
     files, task = TaskFolder(folder / "tasks" / LONG), load_task(LONG)
     files.write_task(task)
     files.write_strategies(load_strategies(LONG))

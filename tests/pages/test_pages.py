@@ -35,6 +35,15 @@ def test_a_page_has_no_faults_in_a_narrow_and_a_wide_window(kind: str, request: 
     assert not any(wrong.values()), wrong
 
 
+def test_the_text_in_the_picture_of_a_plan_is_not_reduced(report_page: Path, browser: Browser) -> None:
+    page = browser.new_page(viewport={"width": WIDTHS[0], "height": 800})
+    page.goto(report_page.as_uri())
+    sizes = page.locator(".plan img").evaluate_all("all => all.map(each => [each.clientWidth, each.naturalWidth])")
+    page.close()
+    assert sizes
+    assert all(shown >= natural > 0 for shown, natural in sizes)
+
+
 @pytest.mark.fast
 def test_a_page_without_faults_has_none(browser: Browser, tmp_path: Path) -> None:
     (tmp_path / "there.txt").write_text("no film")
