@@ -35,7 +35,7 @@ DIRECTIONS = ((-0.45, -1.0, 0.65), (-0.15, 1.0, 0.4))
 NEAREST = (1.5, 0.35)
 """Minimum distance from the centre of each view to its camera, m."""
 EDGE = 1.25
-"""Distance of the camera relative to the distance at which the view just contains hand, objects and targets."""
+"""Distance of the camera, relative to the smallest distance at which the view contains everything near the hand."""
 KEYPOINT, TOOL, TARGET, INK, BAD = "#c2410c", "#00796b", "#a21caf", "#1c2430", "#c22525"
 APART = 0.005
 """Distance (m) from every keypoint of the objects above which a target is marked by itself."""
@@ -52,10 +52,10 @@ def plan_picture(
 ) -> Image.Image:
     """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
 
-    Both views contain the whole hand, the objects of the task, and the targets. If no pose meets the constraints, the
-    picture shows the arm in the pose with the smallest violation. Object keypoints are orange, and tool keypoints are
-    green. If the target of a point constraint does not coincide with an object keypoint, the target is drawn as a
-    purple point. Keyframes that the arm does not reach are smaller than the other keyframes.
+    Both views contain the whole hand, the objects of the task, the keyframes and the targets. If no pose meets the
+    constraints, the picture shows the arm in the pose with the smallest violation. Object keypoints are orange, and
+    tool keypoints are green. If the target of a point constraint does not coincide with an object keypoint, the target
+    is drawn as a purple point. Keyframes that the arm does not reach are smaller than the other keyframes.
 
     Args:
         scene: scene in which the step was planned.
@@ -92,7 +92,9 @@ def plan_picture(
         for hull in body.hulls
     ]
     hand = [transform(links[name][1], links[name][0].vertices) for name in _hand(profile) if name in links]
-    near = np.concatenate([*seen, *hand, np.array([*places, *tool.values(), *own]).reshape(-1, 3)])
+    frames = () if plan is None else plan.keyframes
+    points = [*places, *tool.values(), *own, *(np.asarray(frame["T_base_hand"])[:3, 3] for frame in frames)]
+    near = np.concatenate([*seen, *hand, np.array(points).reshape(-1, 3)])
     middle = (near.min(axis=0) + near.max(axis=0)) / 2
     turn = scene.T_world_base[:3, :3].T
     views = []
@@ -100,10 +102,10 @@ def plan_picture(
         away = turn @ np.array(direction) / np.linalg.norm(direction)
         distance = max(nearest, EDGE * fitting_distance(near - middle, away))
         drawing = Drawing(solids, middle + distance * away, middle, SIZE)
-        for frame in () if plan is None else plan.keyframes:
+        for frame in frames:
             drawing.frame(np.asarray(frame["T_base_hand"]), 0.05 if frame["reached"] else 0.03, _frame_label(frame))
-        for points, color in ((keypoints, KEYPOINT), (tool, TOOL), (aims, TARGET)):
-            for name, place in points.items():
+        for named, color in ((keypoints, KEYPOINT), (tool, TOOL), (aims, TARGET)):
+            for name, place in named.items():
                 drawing.point(place, color, name)
         views.append(drawing.picture())
     lines = _lines(title, reason, plan)

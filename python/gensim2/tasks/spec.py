@@ -180,8 +180,8 @@ class Verified(_Value):
     Attributes:
         episodes: number of episodes.
         held: number of episodes that are successes according to the verdict ``held``.
-        paper, strict: number of successes according to the two other verdicts; None in files that were written before
-            these fields existed.
+        paper: number of successes according to the verdict ``paper``; None in files of earlier releases.
+        strict: number of successes according to the verdict ``strict``; None in files of earlier releases.
         interval: 95 % confidence interval of the success rate.
         seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
         instances: split from which the objects were taken. Objects of the splits ``"new"`` and ``"test"`` were never
