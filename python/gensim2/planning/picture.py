@@ -91,7 +91,11 @@ def plan_picture(
         for body in thing.bodies
         for hull in body.hulls
     ]
-    hand = [transform(links[name][1], links[name][0].vertices) for name in _hand(profile) if name in links]
+    hand = [
+        transform(links[name][1], links[name][0].vertices.astype(np.float64))
+        for name in _hand(profile)
+        if name in links
+    ]
     frames = () if plan is None else plan.keyframes
     points = [*places, *tool.values(), *own, *(np.asarray(frame["T_base_hand"])[:3, 3] for frame in frames)]
     near = np.concatenate([*seen, *hand, np.array(points).reshape(-1, 3)])
