@@ -15,6 +15,8 @@ from gensim2.data.video import Film
 from gensim2.design import gallery, tasks_gallery
 from gensim2.design.gallery import TasksGallery
 from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.objects import Library
+from gensim2.objects.library.export import export
 from gensim2.rollout import inputs, worker
 from gensim2.tasks.library import load_strategies, load_task, using_library
 from gensim2.tasks.spec import Provenance, Verified
@@ -86,6 +88,14 @@ def test_the_command_of_an_own_task_names_the_library_and_figures_are_those_of_i
     assert before.count("not stored") == 2
     assert "Not measured yet" not in mine + before
     assert "Not measured yet: gensim2 benchmark OtherDrawer measures it." in other
+
+
+def test_own_objects_are_named_by_their_folder(tmp_path: Path, camera: Camera, library: Library) -> None:
+    export(library.load("drawer", "1"), tmp_path / "mine")
+    found = tasks_gallery(["OpenDrawer"], out=tmp_path / "out", seed=5, assets=tmp_path / "mine", workers=0)
+    page = found.index.read_text()
+    assert f"objects from {tmp_path / 'mine'} ·" in page
+    assert "objects real" not in page
 
 
 def test_the_same_episode_is_what_demo_would_record(tmp_path: Path, camera: Camera, record: Any) -> None:
