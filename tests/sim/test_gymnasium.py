@@ -53,7 +53,9 @@ def test_values_are_the_batched_ones_without_their_batch() -> None:
     assert type(reward) is float
     assert type(terminated) is type(truncated) is bool
     assert info["openness"]["drawer"] == expected[4]["openness"]["drawer"][0]
-    assert not info["success"]
+    assert info["success"] is False
+    assert type(info["elapsed_steps"]) is int
+    assert type(info["openness"]["drawer"]) is float
     batched.close()
     plain.close()
 
@@ -212,8 +214,10 @@ def test_several_are_a_vector_environment_of_arrays(mode: str) -> None:
     if mode == "sync":
         one = gensim2.make_env("CloseBox", numpy=True, assets="builtin", obs_mode="state")
         assert np.array_equal(one.reset(seed=4)[0], obs[1])
-    obs, reward, terminated, truncated, _ = several.step(np.zeros((2, 8), dtype=np.float32))
+    obs, reward, terminated, truncated, info = several.step(np.zeros((2, 8), dtype=np.float32))
     assert isinstance(obs, np.ndarray)
+    assert info["success"].dtype == bool
+    assert info["elapsed_steps"].dtype == int
     assert obs.shape[0] == len(reward) == len(terminated) == len(truncated) == 2
     several.close()
 

@@ -13,7 +13,8 @@ from gymnasium.utils import RecordConstructorArgs
 class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Wrapper that removes the leading axis of length one from ManiSkill's values, and converts tensors to arrays.
 
-    Rewards are floats, ``terminated`` and ``truncated`` are bools. All arrays are copies.
+    Rewards are floats, ``terminated`` and ``truncated`` are bools. Single values in ``info`` are Python numbers, from
+    which a vector environment makes arrays of the same type. All arrays are copies.
 
     Args:
         env: environment whose observations, rewards, flags and pictures have a leading axis of length one.
@@ -36,12 +37,12 @@ class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment and return its first observation and information."""
         obs, info = self.env.reset(seed=seed, options=options)
-        return _unbatched(obs), _unbatched(info)
+        return _unbatched(obs), _plain(_unbatched(info))
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Execute one control step."""
         obs, reward, terminated, truncated, info = self.env.step(action)
-        return _unbatched(obs), float(reward), bool(terminated), bool(truncated), _unbatched(info)
+        return _unbatched(obs), float(reward), bool(terminated), bool(truncated), _plain(_unbatched(info))
 
     def render(self) -> Any:
         """Return the picture, (H, W, 3) uint8; None if the environment's render mode returns no picture."""
@@ -56,6 +57,13 @@ def _unbatched(value: Any) -> Any:
         array = np.asarray(value.cpu() if hasattr(value, "cpu") else value)
         return array[0].copy()
     return value
+
+
+def _plain(value: Any) -> Any:
+    """Convert NumPy scalars to Python numbers, also inside mappings. Return any other value unchanged."""
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _unbatched_space(space: gym.Space[Any]) -> gym.Space[Any]:
