@@ -62,6 +62,9 @@ def test_the_planner_is_one_of_them_on_the_scenes_of_the_benchmark(tmp_path: Pat
     theirs = gensim2.benchmark(["CloseBox"], out=tmp_path / "theirs", **common)  # type: ignore[arg-type]
     assert mine.rows[0].episodes == theirs.rows[0].episodes
     assert mine.controller["privileged"]
+    for result in (mine, theirs):
+        assert len(repr(result)) < 1000
+        assert "TaskRow(task='CloseBox', runs=1, episodes=2, paper=1.00, held=1.00" in repr(result)
 
 
 def test_what_cannot_be_evaluated_is_refused_before_anything_starts(tmp_path: Path) -> None:

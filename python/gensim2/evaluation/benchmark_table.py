@@ -33,6 +33,11 @@ class TaskRow:
     runs: int
     episodes: tuple[Episode, ...]
 
+    def __repr__(self) -> str:
+        """Describe the row in one line: the mean success rates instead of the records of all episodes."""
+        rates = ", ".join(f"{verdict}={mean(self.rates(verdict)):.2f}" for verdict in VERDICTS.values())
+        return f"TaskRow(task={self.task.name!r}, runs={self.runs}, episodes={len(self.episodes)}, {rates})"
+
     @property
     def type(self) -> TaskType:
         """Type of the task, as the paper classifies tasks."""

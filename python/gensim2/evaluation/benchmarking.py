@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -31,7 +31,7 @@ class BenchmarkResult(Table):
         provenance: commit of gensim2, date, and command.
     """
 
-    provenance: dict[str, str]
+    provenance: dict[str, str] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         return {**super().to_dict(), "provenance": self.provenance}

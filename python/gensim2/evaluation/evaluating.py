@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -35,7 +35,7 @@ class EvaluationResult(Table):
         videos: video files by task.
     """
 
-    controller: dict[str, Any]
+    controller: dict[str, Any] = field(repr=False)
     videos: dict[str, list[str]]
 
     @property

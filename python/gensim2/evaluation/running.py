@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -34,7 +34,7 @@ class Told(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Table of the success rates of tasks.
+    """Table of the success rates of tasks. Its ``repr`` leaves out the settings, which ``to_dict`` contains.
 
     Attributes:
         run_dir: run folder.
@@ -48,11 +48,11 @@ class Table:
     """
 
     run_dir: str
-    arguments: dict[str, Any]
-    versions: dict[str, str]
+    arguments: dict[str, Any] = field(repr=False)
+    versions: dict[str, str] = field(repr=False)
     rows: tuple[TaskRow, ...]
     skipped: dict[str, str]
-    speeds: dict[str, float | None]
+    speeds: dict[str, float | None] = field(repr=False)
     cpu_s: float
 
     def to_dict(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ INVALID = "invalid"
 
 @dataclass(frozen=True)
 class StepPlan:
-    """Result of planning a step.
+    """Result of planning a step. Its ``repr`` leaves out the motions, which have thousands of numbers.
 
     Attributes:
         status, reason: status and reason that the solver returned; the status is ``"no_grasp"`` if no grasp is usable.
@@ -45,16 +45,16 @@ class StepPlan:
 
     status: str
     reason: str
-    plan: kpam.Plan | None
-    schedule: Schedule | None
-    after: Scene | None
+    plan: kpam.Plan | None = field(repr=False)
+    schedule: Schedule | None = field(repr=False)
+    after: Scene | None = field(repr=False)
     picks: str | None = None
     width: float | None = None
     force: float | None = None
-    T_object_hand: Array | None = None
+    T_object_hand: Array | None = field(default=None, repr=False)
     touches: str | None = None
-    whole: kpam.Plan | None = None
-    foreseen: Foreseen | None = None
+    whole: kpam.Plan | None = field(default=None, repr=False)
+    foreseen: Foreseen | None = field(default=None, repr=False)
 
     @property
     def is_solved(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -40,7 +40,7 @@ class SolvedStep:
 
     name: str
     strategy: str
-    scene: Scene
+    scene: Scene = field(repr=False)
     found: StepPlan
 
     def to_dict(self) -> dict[str, Any]:

@@ -170,6 +170,13 @@ def test_solve_of_a_folder_is_solve_of_the_task(tmp_path: Path) -> None:
     assert [step["name"] for step in by_name["steps"]] == ["open"]
 
 
+def test_the_repr_of_a_result_of_solve_is_short() -> None:
+    words = repr(solve("OpenDrawer", seed=1, assets="builtin"))
+    assert len(words) < 1000
+    for part in ("task='OpenDrawer'", "name='open'", "strategy=", "status=", "'solved'", "reason="):
+        assert part in words
+
+
 def test_no_plan_at_all_ends_with_1(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     config = _config()
     config["constraint_list"][0]["target_offset"] = [0.0, 0.0, 5.0]
