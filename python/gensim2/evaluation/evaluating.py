@@ -66,6 +66,8 @@ def evaluate(
 ) -> EvaluationResult:
     """Run a controller in the same scenes as a benchmark with the same seed, and judge success by the same verdicts.
 
+    A script must call this function below ``if __name__ == "__main__":``, because worker processes import the script.
+
     Example:
         ```python
         result = gensim2.evaluate("mine.py:Policy", ["CloseBox"], arguments={"weights": "policy.pt"}, episodes=50)

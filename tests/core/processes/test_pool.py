@@ -230,7 +230,8 @@ def test_workers_end_with_the_parent(tmp_path: Path, ending: str) -> None:
     assert not any(_runs(pid) for pid in workers)
 
 
-def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
+@pytest.mark.parametrize("first", ["", "Execution(1), open('output', 'x')"])
+def test_a_script_without_a_guard_is_told_so(tmp_path: Path, first: str) -> None:
     script = tmp_path / "unguarded.py"
     script.write_text(
         textwrap.dedent(
@@ -238,14 +239,18 @@ def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
             import sys
             sys.path.insert(0, {str(Path(jobs.__file__).parent)!r})
             import process_jobs as jobs
-            from gensim2.core.processes import Job, WorkerPool
+            from gensim2.core.processes import Execution, Job, WorkerPool
 
+            {first}
             with WorkerPool(1) as pool:
                 list(pool.map_unordered(jobs.square, [Job(0, (3, 0.0))]))
             """
         )
     )
-    result = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=False)
+    result = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, timeout=120, check=False, cwd=tmp_path
+    )
     assert result.returncode != 0
-    assert "WorkerStartError" in result.stderr
+    assert result.stderr.count("Traceback") == 1, "the worker process prints nothing"
+    assert "WorkerStartError" in result.stderr.splitlines()[-1]
     assert '__name__ == "__main__"' in result.stderr

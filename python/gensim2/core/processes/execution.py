@@ -8,6 +8,7 @@ from typing import Any, TypedDict
 
 from gensim2.core.errors import InputError, brief
 from gensim2.core.processes.executor import Executor, Failure
+from gensim2.core.processes.fork_server import end_unguarded_worker
 from gensim2.core.processes.pool import JOBS_PER_WORKER, TIME_LIMIT, WorkerPool
 
 LONGEST_TIME_LIMIT = 1e6
@@ -50,6 +51,7 @@ class Execution:
     jobs_per_worker: int = JOBS_PER_WORKER
 
     def __post_init__(self) -> None:
+        end_unguarded_worker()  # before the caller uses its output folder, which the parent process has locked
         if self.ray is not None:
             from gensim2.core.processes.ray import check_address
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import multiprocessing
 import os
 import signal
 import sys
 from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
+
+WORKER = "gensim2 worker"
+"""Name of every worker process."""
 
 _registered_in: int | None = None
 """Id of the process that ends the fork server at exit; its forked children must not end the server."""
@@ -34,6 +38,22 @@ def start_fork_server() -> None:
         forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_unguarded_worker() -> None:
+    """End this process without a message if it is a worker process that is still importing the main script.
+
+    A worker process imports the main script. If the script lacks the line ``if __name__ == "__main__":``, this import
+    starts the script's work again. The parent process then raises an error with the remedy, and a traceback from each
+    worker process would only hide this error.
+
+    Raises:
+        SystemExit: this process is such a worker process.
+    """
+    process = multiprocessing.current_process()
+    # multiprocessing sets this attribute during the import, and has no public name for it.
+    if process.name == WORKER and getattr(process, "_inheriting", False):
+        raise SystemExit(1)
 
 
 def forget_piped_script() -> None:

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.processes.executor import TRIES, Executor, Failure, Job, Outcome, Tries, WorkerStartError, received
-from gensim2.core.processes.fork_server import ignore_interrupts, start_fork_server
+from gensim2.core.processes.fork_server import WORKER, end_unguarded_worker, ignore_interrupts, start_fork_server
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
@@ -131,7 +131,7 @@ class Worker:
             raise WorkerStartError(
                 f"a worker process ended before its first job ({fate}). Each worker imports the main script, "
                 'so the script must start its workers below `if __name__ == "__main__":`'
-            )
+            ) from None
         return self.give_up(number, f"the worker process died ({fate})")
 
     def _start(self) -> None:
@@ -153,9 +153,10 @@ def start_process(
     Raises:
         WorkerStartError: the process cannot be started.
     """
+    end_unguarded_worker()
     for number in range(TRIES):
         ours, theirs = _CONTEXT.Pipe(duplex)
-        process = _CONTEXT.Process(target=target, args=(theirs, *arguments), daemon=True)
+        process = _CONTEXT.Process(target=target, args=(theirs, *arguments), name=WORKER, daemon=True)
         try:
             start_fork_server()
             process.start()
