@@ -69,7 +69,7 @@ def _show(result: dict[str, Any]) -> None:
         (
             row["name"],
             f"{row['held_mean']:.2f} ({row['interval'][0]:.2f} to {row['interval'][1]:.2f})",
-            *(_rate(row[f"{name}_mean"]) for name in ("blind", "shuffled", "no_op", "expert")),
+            *(_control(row, name) for name in ("blind", "shuffled", "no_op", "expert")),
             row["demonstrations"],
             row["steps"],
             f"{row['cpu_s']:.0f}",
@@ -82,8 +82,9 @@ def _show(result: dict[str, Any]) -> None:
     line(f"report: {Path(result['out']) / 'report.html'}")
 
 
-def _rate(value: float | None) -> str:
-    return "" if value is None else f"{value:.2f}"
+def _control(row: dict[str, Any], name: str) -> str:
+    mean, episodes = row[f"{name}_mean"], row["control_episodes"]
+    return "" if mean is None else f"{round(mean * episodes)} of {episodes}"
 
 
 @command(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from gensim2.core.pages import template
 from gensim2.data.films import film_index
 from gensim2.policy.curves import read_curves
 from gensim2.policy.train import TRAINING
+from gensim2.rollout.tally import interval
 
 if TYPE_CHECKING:
     from gensim2.evaluation.benchmark_table import TaskRow
@@ -26,8 +27,10 @@ NAMED = 3
 CONTROLS = {"blind_mean": "blind", "shuffled_mean": "shuffled", "no_op_mean": "no-op", "expert_mean": "expert"}
 """Titles of columns for control experiments; only measured columns are shown."""
 EXPLAINED = {
-    "blind_mean": "the policy with its point cloud blanked out. A policy that uses its cloud fails here.",
-    "shuffled_mean": "the policy with the point clouds of other scenes. A policy that uses its cloud fails here.",
+    "blind_mean": "the policy with its point cloud blanked out. A policy that uses its cloud fails in most episodes.",
+    "shuffled_mean": "the policy with the point clouds of other scenes. A policy that uses its cloud succeeds less often "
+    "here than with its own clouds. It may still succeed in some episodes, because objects of a class have similar "
+    "positions.",
     "no_op_mean": "an arm that does not move. Its success rate should be 0, otherwise the task solves itself.",
     "expert_mean": "the planner that made the training data, on the same scenes: what the policy could reach.",
 }
@@ -59,6 +62,7 @@ def write_page(result: LearnResult) -> Path:
         rows=told["tasks"],
         measured=[(n, words) for n, words in CONTROLS.items() if any(row[n] is not None for row in told["tasks"])],
         explained=EXPLAINED,
+        control=_control,
         named=NAMED,
         record=result.record.model_dump(),
         controls=min(controls, default=0),
@@ -69,6 +73,16 @@ def write_page(result: LearnResult) -> Path:
     )
     write_atomic(out / REPORT, page)
     return out / REPORT
+
+
+def _control(row: Mapping[str, Any], name: str) -> str:
+    """Return the number of successes of a control experiment with its 95 % interval; empty if it was not run."""
+    if row[name] is None:
+        return ""
+    episodes = row["control_episodes"]
+    successes = round(row[name] * episodes)
+    low, high = interval(successes, episodes)
+    return f"{successes} of {episodes} ({low:.2f} to {high:.2f})"
 
 
 def _failures(row: TaskRow) -> list[dict[str, Any]]:

@@ -60,6 +60,8 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert (out / "evaluation" / "tasks" / "CloseBox" / "video_000000.mp4").exists()
     assert 'src="evaluation/tasks/CloseBox/video_000000.mp4"' in page
     assert "CloseBox" in page
+    assert "1 of 1 (0.21 to 1.00)" in page, "the control expert with its number of episodes and interval"
+    assert "1 of 1" in capfd.readouterr().out
     assert "<polyline" in page
     policy = PolicyCheckpoint.load(out)
     assert policy.data.tasks == ("CloseBox",)
