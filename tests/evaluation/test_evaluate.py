@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 import gensim2
+from gensim2.cli import evaluate as command
 from gensim2.cli.main import run
 from gensim2.core.errors import InputError
 from gensim2.data.films import DOT, PAPER, SIZE
 from gensim2.rollout.config import DEFAULT_ROLLOUT
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec, planner_spec
+from gensim2.rollout.record import Cause
 from gensim2.tasks.library import load_strategies, load_task
 
 CONTROLLERS = Path(__file__).parents[1] / "rollout" / "controllers.py"
@@ -80,6 +82,22 @@ def test_what_cannot_be_evaluated_is_refused_before_anything_starts(tmp_path: Pa
     assert not (tmp_path / "out").exists()
     with pytest.raises(ControllerError, match="inside a function"):
         gensim2.evaluate(type("Local", (), {"__qualname__": "f.<locals>.Local"}), "CloseBox", assets="builtin")
+
+
+@pytest.mark.parametrize(("stop", "shown"), [("controller", True), ("goal", False)])
+def test_time_over_names_the_guide_if_the_controller_must_stop(
+    stop: str, shown: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    row = {
+        "name": "CloseBox", "episodes": 5, "different_objects": 5, "causes": {Cause.TIME_OVER.value: 2},
+        **{f"{verdict}_mean": 0.6 for verdict in ("success", "held", "strict")},
+        **{f"{verdict}_interval": (0.23, 0.88) for verdict in ("success", "held", "strict")},
+    }  # fmt: skip
+    told = {"tasks": [row], "episodes_per_second": {"CloseBox": None}, "controller": {"target": "mine.py:Policy"}}
+    command._show(told | {"arguments": {"stop": stop}, "skipped": {}, "videos": {}, "cpu_s": 1.0, "run_dir": "run"})
+    page, _, place = command.STOP_GUIDE.partition("#")
+    assert ("time over: the controller did not stop" in capfd.readouterr().out) == shown
+    assert f"## {place.replace('-', ' ').capitalize()}" in (Path(__file__).parents[2] / page).read_text()
 
 
 def table(out: Path, *words: str) -> dict[str, Any]:

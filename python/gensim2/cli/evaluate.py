@@ -15,6 +15,8 @@ from gensim2.cli.typed import Count, Option, count
 from gensim2.core.errors import InputError
 from gensim2.core.progress import Progress
 
+STOP_GUIDE = "docs/guides/controllers.md#when-an-episode-ends"
+
 
 def _arguments(text: str) -> dict[str, Any]:
     try:
@@ -27,6 +29,8 @@ def _arguments(text: str) -> dict[str, Any]:
 
 
 def _show(result: dict[str, Any]) -> None:
+    from gensim2.rollout.record import Cause
+
     speeds = result["episodes_per_second"]
     rows = [
         (
@@ -42,6 +46,8 @@ def _show(result: dict[str, Any]) -> None:
     line(f"{result['controller']['target']}, episodes end by the {result['arguments']['stop']}")
     heads = ("task", "episodes", "paper (95 %)", "held (95 %)", "strict (95 %)", "objects", "episodes/s", "causes")
     table(heads, rows)
+    if result["arguments"]["stop"] == "controller" and any(Cause.TIME_OVER in row["causes"] for row in result["tasks"]):
+        line(f"{Cause.TIME_OVER}: the controller did not stop before the time limit ({STOP_GUIDE})")
     for control, found in result.get("controls", {}).items():
         for row in found:
             line(f"{control}: {row['name']}: {row['held_mean']:.2f} {interval_of(row, 'held')} of {row['episodes']}")

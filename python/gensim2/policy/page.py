@@ -28,9 +28,9 @@ CONTROLS = {"blind_mean": "blind", "shuffled_mean": "shuffled", "no_op_mean": "n
 """Titles of columns for control experiments; only measured columns are shown."""
 EXPLAINED = {
     "blind_mean": "the policy with its point cloud blanked out. A policy that uses its cloud fails in most episodes.",
-    "shuffled_mean": "the policy with the point clouds of other scenes. A policy that uses its cloud succeeds less often "
-    "here than with its own clouds. It may still succeed in some episodes, because objects of a class have similar "
-    "positions.",
+    "shuffled_mean": "the policy with the point clouds of other scenes. A policy that uses its cloud succeeds less "
+    "often here than with its own clouds. It may still succeed in some episodes, because objects of a class have "
+    "similar positions.",
     "no_op_mean": "an arm that does not move. Its success rate should be 0, otherwise the task solves itself.",
     "expert_mean": "the planner that made the training data, on the same scenes: what the policy could reach.",
 }
