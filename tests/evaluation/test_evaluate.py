@@ -88,12 +88,16 @@ def test_what_cannot_be_evaluated_is_refused_before_anything_starts(tmp_path: Pa
 def test_time_over_names_the_guide_if_the_controller_must_stop(
     stop: str, shown: bool, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    row = {
+    row: dict[str, Any] = {
         "name": "CloseBox", "episodes": 5, "different_objects": 5, "causes": {Cause.TIME_OVER.value: 2},
         **{f"{verdict}_mean": 0.6 for verdict in ("success", "held", "strict")},
         **{f"{verdict}_interval": (0.23, 0.88) for verdict in ("success", "held", "strict")},
     }  # fmt: skip
-    told = {"tasks": [row], "episodes_per_second": {"CloseBox": None}, "controller": {"target": "mine.py:Policy"}}
+    told: dict[str, Any] = {
+        "tasks": [row],
+        "episodes_per_second": {"CloseBox": None},
+        "controller": {"target": "mine.py:Policy"},
+    }
     command._show(told | {"arguments": {"stop": stop}, "skipped": {}, "videos": {}, "cpu_s": 1.0, "run_dir": "run"})
     page, _, place = command.STOP_GUIDE.partition("#")
     assert ("time over: the controller did not stop" in capfd.readouterr().out) == shown
