@@ -92,3 +92,18 @@ def test_progress_sends_no_control_characters_to_a_terminal() -> None:
     said = stream.getvalue()
     assert "b\n\\x1b]0;title\\x07 [bold]c[/bold]\n" in said
     assert "pictures of \\u202eevil\\x1b[31m: 0/1" in said
+
+
+def test_a_long_stage_in_a_file_prints_its_remaining_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, stream = [0.0], StringIO()
+    monkeypatch.setattr("gensim2.core.progress.time.monotonic", lambda: now[0])
+    with ConsoleProgress(stream) as progress:
+        progress.start("observations", 10)
+        progress.advance(0)
+        for seconds in (20.0, *[4.0] * 9):  # the first step includes the start of the workers
+            now[0] += seconds
+            progress.advance()
+    assert stream.getvalue().splitlines() == [
+        "observations: 4/10, about 0:00:24 left",
+        "observations: 10/10 in 56.0 s",
+    ]

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,12 @@ import pytest
 from disks import can_mount, on_disk
 from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
 
+from gensim2.cli.collect_view import CollectionView
 from gensim2.core.errors import InputError, NotRunError, WriteError
 from gensim2.core.seeding import scene_seeds
 from gensim2.data import DataSet
 from gensim2.data.queue import Queue
-from gensim2.data.status import NullListener, Status
+from gensim2.data.status import NullListener, Status, TaskStatus
 from gensim2.objects import open_library
 from gensim2.rollout import worker
 from gensim2.rollout.tally import interval
@@ -259,6 +261,41 @@ def test_whoever_watches_is_told(gather: Gather) -> None:
     assert (watcher.last.tried, watcher.last.total, watcher.last.ran) == (16, 16, 16)
     assert watcher.last.stored > 0
     assert watcher.last.free > 0
+
+
+def test_the_estimate_leaves_out_the_start_of_the_workers(gather: Gather, monkeypatch: pytest.MonkeyPatch) -> None:
+    now, lengths = [100.0], iter([35.0, *[2.0] * 15])  # the first episode waits for its worker
+    real = Queue._counted
+
+    def counted(queue: Queue, *arguments: Any) -> None:
+        now[0] += next(lengths)
+        real(queue, *arguments)
+
+    monkeypatch.setattr(Queue, "_counted", counted)
+    monkeypatch.setattr("gensim2.data.queue.time.monotonic", lambda: now[0])
+    heard: list[Status] = []
+
+    class Watcher(NullListener):
+        def update(self, status: Status) -> None:
+            heard.append(status)
+
+    gather(listener=Watcher(), workers=0)
+    assert [(status.tried, status.left) for status in heard[:4]] == [(0, None), (1, None), (2, 28.0), (3, 26.0)]
+
+
+def test_a_collection_prints_when_it_begins_and_as_soon_as_it_can_estimate() -> None:
+    stream = StringIO()
+
+    def status(tried: int, pace: float | None) -> Status:
+        return Status((TaskStatus("CloseBox", 50, tried, tried, tried, {}),), tried, 38.0, 1, 1, 0, pace)
+
+    with CollectionView(stream) as view:
+        for tried, pace in ((0, None), (1, None), (4, 2.5), (5, 2.5), (50, 2.5)):
+            view.update(status(tried, pace))
+    said = stream.getvalue().splitlines()
+    assert [line.split(" ")[0] for line in said] == ["0/50", "4/50", "50/50"]
+    assert "an estimate of the time follows" in said[0]
+    assert "0.40 a second, about 0:01:55 left" in said[1]
 
 
 def test_a_full_disk_ends_it_at_once_and_keeps_what_is_finished(

@@ -263,7 +263,13 @@ def test_the_first_episodes_alone_are_observed_where_so_many_are_asked_for(
     assert heard == [("observations of 1 task", 1), ("observations of 1 task", 1)]
 
 
-def test_how_long_pictures_take_is_said_before(store: TaskStore, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("modalities", "begin"),
+    [(("rgb",), "rgb without a GPU"), (("pointcloud",), "pointcloud"), (("depth", "rgb"), "rgb, depth without a GPU")],
+)
+def test_how_long_pictures_take_is_said_before(
+    store: TaskStore, monkeypatch: pytest.MonkeyPatch, modalities: Any, begin: str
+) -> None:
     listener = Messages()
 
     def render_episode(*_: Any) -> Rendered:
@@ -271,8 +277,6 @@ def test_how_long_pictures_take_is_said_before(store: TaskStore, monkeypatch: py
         return Rendered(1, 1, 0.0)
 
     monkeypatch.setattr(rendering, "render_episode", render_episode)
-    render(store.folder.parent, spec=ObservationSpec(("rgb",)), workers=0, progress=listener)
+    render(store.folder.parent, spec=ObservationSpec(modalities), workers=0, progress=listener)
     (said,) = listener.messages
-    assert re.fullmatch(
-        r"rgb without a GPU: about \d+ s per episode, \d+\.\d minutes for (1 episode|\d+ episodes)", said
-    )
+    assert re.fullmatch(rf"{begin}: about \d+\.\d s per episode, \d:\d\d:\d\d for (1 episode|\d+ episodes)", said)

@@ -47,6 +47,9 @@ def test_a_run_by_a_simulated_clock_says_what_came_of_it(tmp_path: Path, capfd: 
     said = capfd.readouterr().out
     assert "frozen" in said
     assert "no command exceeded a limit" in said
+    folder = tmp_path / "log"
+    assert f"next: gensim2 robot export {folder} --out {folder}-film makes a film" in said
+    assert f"next: gensim2 robot replay {folder} checks" in said
     assert cli.run(["robot", "replay", str(tmp_path / "log"), "--json", str(out)]) == 0
     again = json.loads(out.read_text())
     assert again["different"] == []

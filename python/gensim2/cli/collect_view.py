@@ -8,15 +8,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self, TextIO
 
 from gensim2.core.plural import plural
-from gensim2.core.progress import NullProgress
+from gensim2.core.progress import LINE_SECONDS, NullProgress, clock
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from gensim2.data.status import Status, TaskStatus
-
-LINE_SECONDS = 30.0
-"""Seconds between progress lines if the output is not a terminal."""
 
 
 class CollectionView(NullProgress):
@@ -28,7 +25,7 @@ class CollectionView(NullProgress):
 
         self._console = Console(file=stream or sys.stderr, highlight=False)
         self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None
-        self._said = time.monotonic()
+        self._said, self._has_estimate = float("-inf"), False
 
     def __enter__(self) -> Self:
         if self._live is not None:
@@ -45,8 +42,10 @@ class CollectionView(NullProgress):
         """Show the status."""
         if self._live is not None:
             self._live.update(_picture(status), refresh=True)
-        elif time.monotonic() - self._said > LINE_SECONDS or status.tried == status.total:
-            self._said = time.monotonic()
+            return
+        is_first_estimate = status.left is not None and not self._has_estimate
+        if is_first_estimate or status.tried == status.total or time.monotonic() - self._said > LINE_SECONDS:
+            self._said, self._has_estimate = time.monotonic(), status.left is not None
             self.message(summary(status))
 
     def message(self, text: str) -> None:
@@ -58,8 +57,10 @@ def summary(status: Status) -> str:
     """Return one line with the number of episodes, rate, remaining time and size."""
     held = sum(task.held for task in status.tasks)
     words = [f"{status.tried}/{status.total} episodes", f"{held} held"]
-    if status.rate is not None and status.left is not None:
-        words += [f"{status.rate:.2f} a second", f"{_clock(status.left)} left"]
+    if status.left is not None and status.pace is not None:
+        words += [f"{1 / max(status.pace, 1e-9):.2f} a second", f"about {clock(status.left)} left"]
+    elif status.tried < status.total:
+        words.append("an estimate of the time follows after two episodes of each worker")
     words.append(f"{status.stored / 1e6:.1f} MB, {status.free / 1e9:.1f} GB free")
     if status.failed_tries:
         words.append(f"{plural(status.failed_tries, 'failed attempt')} repeated")
@@ -88,9 +89,3 @@ def _picture(status: Status) -> RenderableType:
 
 def _share(task: TaskStatus) -> str:
     return f"{task.held / task.tried:.0%}"
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}"

@@ -15,6 +15,17 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
 
+LINE_SECONDS = 30.0
+"""Seconds between progress lines if the output is not a terminal."""
+
+
+def clock(seconds: float) -> str:
+    """Return a duration as hours, minutes and seconds, such as ``0:01:30``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"
+
+
 class Progress(Protocol):
     """Listener to which a long function reports its progress. The function has one or more stages, which run one after
     the other.
@@ -72,7 +83,7 @@ class NamedProgress:
 
 class ConsoleProgress:
     """Progress listener that prints to standard error. On a terminal it shows progress bars; in a file or a pipe it
-    prints one line for each stage.
+    prints a line every 30 s with an estimate of the remaining time, and one line at the end of each stage.
 
     The listener is a context manager. When the ``with`` block ends, also by an exception or Ctrl-C, the listener ends
     the last stage.
@@ -109,7 +120,8 @@ class ConsoleProgress:
         self._description: str | None = None
         self._done = 0
         self._total: int | None = None
-        self._started = 0.0
+        self._started = self._said = 0.0
+        self._first: tuple[int, float] | None = None
 
     def __enter__(self) -> Self:
         if self._bars is not None:
@@ -142,7 +154,8 @@ class ConsoleProgress:
         """Start a stage; the bar of the previous stage stays visible in its final state."""
         self._finish()
         self._description, self._done, self._total = printable(description), 0, total
-        self._started = time.monotonic()
+        self._started = self._said = time.monotonic()
+        self._first = None
         if self._bars is not None:
             from rich.markup import escape
 
@@ -152,10 +165,29 @@ class ConsoleProgress:
         self._done += steps
         if self._bars is not None and self._stage is not None:
             self._bars.advance(self._stage, steps)
+        elif self._description is not None and steps:
+            self._show_line(time.monotonic())
 
     def message(self, text: str) -> None:
         """Print a line above the bars."""
         self._console.print(printable(text), markup=False)
+
+    def _show_line(self, now: float) -> None:
+        """Print a line with the remaining time, unless the last line is recent."""
+        if self._first is None:
+            # The first step includes the start of the workers, so the estimate of the remaining time leaves it out.
+            self._first = self._done, now
+        if now - self._said < LINE_SECONDS or self._done == self._total:
+            return
+        self._said = now
+        done, since = self._first
+        left = ""
+        if self._total is not None and self._done > done:
+            left = f", about {clock((self._total - self._done) * (now - since) / (self._done - done))} left"
+        self._console.print(f"{self._description}: {self._counted()}{left}", markup=False)
+
+    def _counted(self) -> str:
+        return f"{self._done}/{self._total}" if self._total is not None else f"{self._done}"
 
     def _finish(self) -> None:
         if self._description is None:
@@ -163,7 +195,6 @@ class ConsoleProgress:
         if self._bars is not None and self._stage is not None:
             self._bars.stop_task(self._stage)
         else:
-            counted = f"{self._done}/{self._total}" if self._total is not None else f"{self._done}"
             seconds = time.monotonic() - self._started
-            self._console.print(f"{self._description}: {counted} in {seconds:.1f} s", markup=False)
+            self._console.print(f"{self._description}: {self._counted()} in {seconds:.1f} s", markup=False)
         self._description, self._stage = None, None

@@ -136,6 +136,7 @@ class Queue:
         self._record = folder.dataset.record
         self._tasks = [self._queue(one) for one in given]
         self._ran, self._begin, self._told = 0, time.monotonic(), 0.0
+        self._warm: float | None = None
         self._evaluator: EpisodeRunner | None = None
         self._objects: dict[str, ObjectUsed] = {}
         for task in self._tasks:
@@ -183,7 +184,17 @@ class Queue:
             sum(task.size for task in self._tasks),
             shutil.disk_usage(self._folder.path).free,
             self._evaluator.failed_tries if self._evaluator is not None else 0,
+            self._pace(),
         )
+
+    def _pace(self) -> float | None:
+        """Return the mean time between two episodes, s, after the first episode of each worker.
+
+        Workers that start together also finish together, so the first mean needs a second episode of each worker.
+        """
+        if self._evaluator is None or self._warm is None or self._ran < 2 * self._evaluator.workers:
+            return None
+        return (time.monotonic() - self._warm) / (self._ran - self._evaluator.workers)
 
     def _read(self) -> set[str]:
         """Read the finished episodes and return the names of tasks that are complete."""
@@ -208,6 +219,8 @@ class Queue:
         for task in self._tasks:
             if task.is_done and task.name not in whole:
                 self._finish(task)
+        if not all(task.is_done for task in self._tasks):
+            self._tell(at_once=True)
         try:
             run_queues(self._tasks, evaluator, self._counted)
         finally:
@@ -215,6 +228,8 @@ class Queue:
 
     def _counted(self, task: TaskQueue) -> None:
         self._ran += 1
+        if self._evaluator is not None and self._ran == self._evaluator.workers:
+            self._warm = time.monotonic()
         self._tell()
         if task.is_done:
             self._finish(task)

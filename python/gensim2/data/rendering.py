@@ -13,7 +13,7 @@ from gensim2.core.errors import InputError
 from gensim2.core.files import append, remove, remove_temporaries
 from gensim2.core.plural import plural
 from gensim2.core.processes import Execution, ExecutionArguments, Failure, Job, results
-from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.progress import NULL_PROGRESS, Progress, clock
 from gensim2.core.resumable import FolderLock
 from gensim2.data.dataset import DataSet
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
@@ -32,8 +32,8 @@ ERRORS_LOG = "render.log"
 
 PRELOAD = ("gensim2.data.observing", "trimesh", "embreex.rtcore_scene", "fpsample", "scipy.spatial")
 
-PICTURE_S = 0.04
-"""Time that the renderer takes for one picture of one camera without a GPU, s."""
+PICTURE_S, RAYS_S = 0.04, 0.0025
+"""Time for one picture of one camera, s: rgb from the renderer without a GPU, and ray-cast depth with its points."""
 
 
 @dataclass(frozen=True)
@@ -145,13 +145,13 @@ class _Rendering:
             Job(number, (store.folder, row, scenes[store.name], self._spec))
             for number, (store, row) in enumerate(missing)
         )
-        if missing and "rgb" in self._spec.modalities:
-            frames = sum(row.control_steps + 1 for _, row in missing) * len(self._spec.cameras)
-            each = PICTURE_S * frames / len(missing)
-            minutes = each * len(missing) / 60 / (execution.workers or 1)
+        frames = sum(row.control_steps + 1 for _, row in missing) * len(self._spec.cameras)
+        if total := frames * (PICTURE_S * ("rgb" in self._spec.modalities) + RAYS_S * self._spec.casts):
             episodes = plural(len(missing), "episode")
+            without = " without a GPU" if "rgb" in self._spec.modalities else ""
             self._progress.message(
-                f"rgb without a GPU: about {each:.0f} s per episode, {minutes:.1f} minutes for {episodes}"
+                f"{', '.join(self._spec.modalities)}{without}: about {total / len(missing):.1f} s per episode, "
+                f"{clock(total / (execution.workers or 1))} for {episodes}"
             )
         what = f"observations of {plural(len(stores), 'task')}"
         self._progress.start(what, self._there + len(missing))

@@ -53,6 +53,8 @@ class Status:
         free: free disk space, bytes.
         failed_tries: number of attempts in this run that failed because a process died, hung or raised an unexpected
             exception.
+        pace: mean time between two finished episodes of this run, s, without the start of the workers and the first
+            episode of each worker; None before the second episode of each worker.
     """
 
     tasks: tuple[TaskStatus, ...]
@@ -61,6 +63,7 @@ class Status:
     stored: int
     free: int
     failed_tries: int
+    pace: float | None = None
 
     @property
     def total(self) -> int:
@@ -80,7 +83,7 @@ class Status:
     @property
     def left(self) -> float | None:
         """Estimated remaining time, s; None if unknown."""
-        return (self.total - self.tried) / self.rate if self.rate else None
+        return None if self.pace is None else (self.total - self.tried) * self.pace
 
 
 class Listener(Progress, Protocol):

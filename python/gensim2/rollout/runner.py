@@ -44,6 +44,7 @@ class EpisodeRunner:
 
     Attributes:
         failed_tries: number of times that a job failed. A job that is repeated can fail several times.
+        workers: number of processes that run jobs at the same time; 1 if Ray chooses the number.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class EpisodeRunner:
     ) -> None:
         self.scene, self.rollout = scene, rollout
         self.failed_tries = 0
+        self.workers = execution.workers or 1
         self._progress, self._log = progress, log
         scenes = scene.in_engines(rollout.engines)
         self._executor = execution.executor(

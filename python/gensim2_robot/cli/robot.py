@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import signal
 import time
 from pathlib import Path
@@ -230,7 +231,11 @@ def _show(result: dict[str, Any]) -> None:
     for halt in result["halts"]:
         line(f"{halt['state']} within {number(halt['detected_to_stopped_ms'])} ms: {halt['reason']}")
     if result["log"] is not None:
-        line(f"log: {result['log']}")
+        log = str(result["log"])
+        line(f"log: {log}")
+        line(f"next: {shlex.join(['gensim2', 'robot', 'export', log, '--out', f'{log}-film'])} makes a film of the log")
+        replay = shlex.join(["gensim2", "robot", "replay", log])
+        line(f"next: {replay} checks that the logged pictures give the same point clouds and actions again")
 
 
 def _show_replay(result: dict[str, Any]) -> None:
