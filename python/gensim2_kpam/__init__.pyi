@@ -186,7 +186,13 @@ class Shape:
 
     @staticmethod
     def box(half_extents: Numbers, pose: Numbers | None = None) -> Shape:
-        """Return a box with half extents (3,), m, along the axes of ``pose`` (4, 4); default: the body frame."""
+        """Return a box with half extents (3,), m, along the axes of ``pose`` (4, 4); default: the body frame.
+
+        Example:
+            ```python
+            table = Shape.box([0.4, 0.6, 0.02])  # 0.8 m x 1.2 m x 0.04 m
+            ```
+        """
     @staticmethod
     def sphere(radius: float, center: Numbers | None = None) -> Shape:
         """Return a sphere with ``radius`` (m) around ``center`` (3,), m; default: the origin of the body frame."""

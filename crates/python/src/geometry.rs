@@ -244,6 +244,8 @@ pub(crate) struct PyShape(pub Vec<Convex>);
 
 #[pymethods]
 impl PyShape {
+    /// Returns a box with half extents (3,), m, along the axes of `pose` (4, 4); default: the body frame. For example,
+    /// `Shape.box([0.2, 0.1, 0.05])` is 0.4 m x 0.2 m x 0.1 m large.
     #[staticmethod]
     #[pyo3(name = "box", signature = (half_extents, pose = None))]
     fn cuboid(half_extents: &Bound<'_, PyAny>, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
@@ -252,6 +254,8 @@ impl PyShape {
         one(Convex::cuboid([half.x, half.y, half.z], &pose))
     }
 
+    /// Returns a sphere with `radius` (m) around `center` (3,), m; default: the origin of the body frame. For example,
+    /// `Shape.sphere(0.05)` has a diameter of 0.1 m.
     #[staticmethod]
     #[pyo3(signature = (radius, center = None))]
     fn sphere(radius: f64, center: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
@@ -259,21 +263,23 @@ impl PyShape {
         one(Convex::ball(radius, Point3::from(center)))
     }
 
-    /// Capsule along the z axis of `pose`; `length` is the distance between the centres of its caps (m).
+    /// Returns a capsule with `radius` (m) along the z axis of `pose` (4, 4); default: the body frame. `length` (m) is
+    /// the distance between the centres of the caps: `Shape.capsule(0.05, 0.6)` is 0.7 m long.
     #[staticmethod]
     #[pyo3(signature = (radius, length, pose = None))]
     fn capsule(radius: f64, length: f64, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         one(Convex::capsule(radius, length, &convert::optional_pose(pose, "pose")?))
     }
 
-    /// Cylinder along the z axis of `pose`, approximated by a circumscribed prism of 32 sides.
+    /// Returns a cylinder with `radius` and `length` (m) along the z axis of `pose` (4, 4); default: the body frame. It
+    /// is approximated by a circumscribed prism of 32 sides. For example, `Shape.cylinder(0.05, 0.6)` is 0.6 m long.
     #[staticmethod]
     #[pyo3(signature = (radius, length, pose = None))]
     fn cylinder(radius: f64, length: f64, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         one(Convex::cylinder(radius, length, &convert::optional_pose(pose, "pose")?))
     }
 
-    /// Convex hull of (N, 3) points in the body frame.
+    /// Returns the convex hull of (N, 3) points (m, body frame).
     #[staticmethod]
     fn convex_hull(py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Self> {
         let points = convert::points(points, "points")?;
@@ -283,7 +289,8 @@ impl PyShape {
         one(interruptible(py, Cancel::new(), move |_| Convex::hull(&points))?)
     }
 
-    /// Surface of triangles (M, 3) over vertices (N, 3). A body entirely inside does not collide with the surface.
+    /// Returns a surface of triangles (M, 3), indices from 0, over vertices (N, 3), m. A body entirely inside does not
+    /// collide with the surface.
     #[staticmethod]
     fn mesh(py: Python<'_>, vertices: &Bound<'_, PyAny>, triangles: &Bound<'_, PyAny>) -> PyResult<Self> {
         let vertices = convert::points(vertices, "vertices")?;
@@ -312,7 +319,7 @@ impl PyShape {
         Ok(Self(out))
     }
 
-    /// Point cloud (N, 3), in which each point is a sphere of `radius` (m). An empty cloud is no obstacle.
+    /// Returns a point cloud (N, 3), m, in which each point is a sphere of `radius` (m). An empty cloud is no obstacle.
     #[staticmethod]
     fn point_cloud(py: Python<'_>, points: &Bound<'_, PyAny>, radius: f64) -> PyResult<Self> {
         let points = convert::points(points, "points")?;
