@@ -463,7 +463,7 @@ class Scene:
                 hand keep the value of ``q_start``.
             link: link that must reach the goal pose; default: the hand.
             margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start or the goal
-                keep that smaller distance.
+                keep that smaller distance. Links that are closer in every configuration must only not collide.
             samples: maximum number of random samples of the search.
             seed: seed of the random samples.
             velocity_scale: fraction of the velocity limits that the motion may use, above 0, at most 1.

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 import gensim2_kpam as kpam
 from gensim2.core.seeding import rng
@@ -162,3 +165,31 @@ def test_checks_in_a_batch_are_single_checks_and_full_measurement(panda: kpam.Ro
     apart = np.asarray(wanted) > 0
     np.testing.assert_allclose(distances[apart], np.asarray(wanted)[apart], atol=1e-7)
     np.testing.assert_array_equal(distances < 0, np.asarray(wanted) < 0)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        ([0.07, 0.13, -2.24, 2.82, -1.18, -0.48], [2.06, -1.73, 0.31, -2.97, 1.59, 0.24]),
+        ([-1.07, -0.43, -1.24, -0.29, -2.3, -0.61], [-1.86, -2.24, 1.57, -1.38, -0.09, 3.02]),
+        ([-2.48, -0.96, -0.75, 1.42, 0.97, -0.43], [2.31, -0.97, 1.95, -0.99, 0.27, -1.91]),
+    ],
+)
+def test_links_that_are_always_close_do_not_block_motions(start: list[float], goal: list[float]) -> None:
+    """Two links of this UR5 are 0.5 to 0.8 mm apart, and closer between the start and the goal than at both."""
+    ur5 = Path(__file__).parents[2] / "examples" / "robots" / "ur5.urdf"
+    scene = kpam.Scene(kpam.Robot.from_urdf(ur5, hand_link="flange"))
+    motion = scene.plan_to(start, goal, samples=3000)
+    assert motion.status == "solved", motion.reason
+    assert motion.trajectory is not None
+    assert [pair[:2] for pair in motion.nearer] == [("base_link", "upper_arm_link")]
+    for row in scene.check(motion.trajectory.sample_every(0.01), MARGIN - 2e-4):
+        for pair in row:
+            assert pair["bodies"] == ("base_link", "upper_arm_link")
+            assert pair["distance"] > 0.0
+
+
+@pytest.mark.parametrize("name", ["box", "sphere", "capsule", "cylinder", "convex_hull", "mesh", "point_cloud"])
+def test_the_help_of_each_shape_states_its_unit(name: str) -> None:
+    text = getattr(kpam.Shape, name).__doc__
+    assert "(m)" in text or ", m" in text or "(m," in text

@@ -18,7 +18,8 @@ const MAX_SEED: usize = 1_000_000;
 #[non_exhaustive]
 pub struct TransitOptions {
     /// Minimum distance (m) between the bodies of each checked pair along the whole motion, 5 mm by default. A pair
-    /// that is closer at the start or at a goal keeps the smaller distance.
+    /// that is closer at the start or at a goal keeps the smaller distance. Links that are closer in every configuration
+    /// must only not collide.
     pub margin: f64,
     /// Maximum number of random samples of a search.
     pub samples: usize,
@@ -107,7 +108,7 @@ pub struct Motion {
     pub goal: usize,
     /// Vertices of the path that the motion follows; each vertex has one entry for each joint.
     pub corners: Vec<Vec<f64>>,
-    /// Pairs closer than the margin at the start or at the reached goal, with the distance that the motion keeps.
+    /// Pairs closer than the margin at the start or at the reached goal, with their distance there.
     pub nearer: Vec<Approached>,
     /// Number of configurations checked for collisions.
     pub checks: u64,
