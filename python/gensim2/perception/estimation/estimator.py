@@ -149,6 +149,13 @@ class _Record(BaseModel):
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
+def _stored(network: SceneNetwork) -> dict[str, torch.Tensor]:
+    """Return the weights as the file contains them, with 16 bits each. This halves the file; the rounding moves an
+    estimate by far less than its error.
+    """
+    return {name: value.detach().half().contiguous() for name, value in network.state_dict().items()}
+
+
 def estimator_folder(place: Path | str) -> Path:
     """Return an estimator's folder; ``"builtin"`` stands for the estimator that comes with the package.
 
@@ -201,20 +208,20 @@ class SceneEstimator:
         record = read_record(Path(folder) / ESTIMATOR_JSON, _Record, _REMEDY)
         path = Path(folder) / record.file
         network = SceneNetwork(len(record.classes))
-        expected = {name: Shape.of(value) for name, value in network.state_dict().items()}
+        expected = {name: Shape.of(value) for name, value in _stored(network).items()}
         require_shapes(path, read_shapes(path, MAX_BYTES, _REMEDY), expected, _REMEDY)
         network.load_state_dict(read_tensors(path, MAX_BYTES, record.sha256, _REMEDY))
         return cls(network.eval(), record.classes, profile, record.scales)
 
     def save(self, folder: Path) -> None:
-        """Write ``estimator.json`` and the weights atomically.
+        """Write ``estimator.json`` and the weights atomically. The weights are stored with 16 bits each.
 
         Raises:
             WriteError: the folder cannot be written to.
         """
         from safetensors.torch import save
 
-        content = save({name: value.contiguous().clone() for name, value in self.network.state_dict().items()})
+        content = save(_stored(self.network))
         digest = hashlib.sha256(content).hexdigest()
         name = f"weights-{digest[:16]}.safetensors"
         write_atomic(folder / name, content)
