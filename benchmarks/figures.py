@@ -28,7 +28,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, Field
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import write_atomic, write_json
+from gensim2.core.files import write_atomic
 from gensim2.core.pages import template
 from gensim2.core.record_files import read_record
 from gensim2.evaluation.benchmark_table import by_instance
@@ -332,7 +332,9 @@ def put_in(results: Sequence[Path], out: Path, archive: Path, only: bool) -> Non
         raise InputError("two files contain the same task with the same condition", field="results")
     found = before.with_rows(rows)
     put_into_archive(archive, counted)
-    write_json(out, found.model_dump(mode="json"))
+    # One row a line: a changed row is one line of a diff, and the file is half as large as indented JSON.
+    rows = ",\n".join(row.model_dump_json() for row in found.rows)
+    write_atomic(out, f'{{"schema_version":1,"rows":[\n{rows}\n]}}\n')
     print(f"{len(rows)} rows in, {len(found.rows)} in {out}")
 
 
