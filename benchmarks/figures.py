@@ -333,8 +333,8 @@ def put_in(results: Sequence[Path], out: Path, archive: Path, only: bool) -> Non
     found = before.with_rows(rows)
     put_into_archive(archive, counted)
     # One row a line: a changed row is one line of a diff, and the file is half as large as indented JSON.
-    rows = ",\n".join(row.model_dump_json() for row in found.rows)
-    write_atomic(out, f'{{"schema_version":1,"rows":[\n{rows}\n]}}\n')
+    lines = ",\n".join(row.model_dump_json() for row in found.rows)
+    write_atomic(out, f'{{"schema_version":1,"rows":[\n{lines}\n]}}\n')
     print(f"{len(rows)} rows in, {len(found.rows)} in {out}")
 
 
