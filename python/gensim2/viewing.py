@@ -94,8 +94,7 @@ def view(
     viser_module()
     found = of_recording(Path(what), task, episode, _location(scene.get("assets")))
     if found is None:
-        if task is not None or episode is not None:
-            raise InputError("is an option for data sets only", field="task" if task is not None else "episode")
+        require_no_selection(task, episode)
         found = of_task(str(what), seed, **scene)
     return serve(found, spec or ObservationSpec(), host=host, port=port)
 
@@ -128,6 +127,18 @@ def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
     return Shown(f"{given.spec.name}, seed {seed}: {ended}", given.scene, recording, plans)
 
 
+def require_no_selection(task: str | None, index: int | None) -> None:
+    """Raise an error if a task or an episode is selected, although the input is not the folder of a data set.
+
+    Raises:
+        InputError: ``task`` or ``index`` is given.
+    """
+    for name, value in (("task", task), ("episode", index)):
+        if value is not None:
+            remedy = f"give the folder of a data set, or omit {name}"
+            raise InputError("selects from the folder of a data set only", field=name, remedy=remedy)
+
+
 def of_recording(place: Path, task: str | None, index: int | None, assets: Path | str | None = None) -> Shown | None:
     """Read a recorded episode. ``place`` is the folder of a data set, whose arguments are those of :func:`of_data_set`,
     or the file of an episode in a data set. The result is None if ``place`` is neither.
@@ -136,6 +147,7 @@ def of_recording(place: Path, task: str | None, index: int | None, assets: Path 
         InputError: the episode does not exist, or cannot be read.
     """
     if place.suffix == ".h5":
+        require_no_selection(task, index)
         return of_file(place, assets)
     return of_data_set(place, task, index, assets) if (place / DATASET_JSON).exists() else None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,12 +15,13 @@ from playwright.sync_api import Browser, Page
 pytest.importorskip("viser")
 pytest.importorskip("mani_skill")
 
+from gensim2.core.errors import InputError
 from gensim2.perception import CloudSettings, ObservationSpec
 from gensim2.rollout.recording import Recorder
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks import load_task
-from gensim2.viewing import Shown, serve
+from gensim2.viewing import Shown, serve, view
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +74,11 @@ def test_the_cloud_is_there_and_the_console_has_no_error(address: str, browser: 
     drawn = (np.abs(cloud - nothing).max(axis=-1) > 20).sum()
     assert drawn > 200, "the points of the cloud"
     assert (np.abs(everything - cloud).max(axis=-1) > 20).sum() > 5 * drawn, "robot, table and drawer"
+
+
+@pytest.mark.parametrize("selection", [{"task": "OpenBox"}, {"episode": 0}])
+def test_a_selection_beside_an_episode_file_is_refused(selection: dict[str, str | int], tmp_path: Path) -> None:
+    [field] = selection
+    with pytest.raises(InputError, match="selects from the folder of a data set only") as error:
+        view(tmp_path / "OpenBox" / "episodes" / "000000.h5", **selection)  # type: ignore[arg-type]
+    assert error.value.field == field

@@ -98,7 +98,7 @@ impl Failure {
                 format!("no motion to {} from the start velocity keeps the joint limits", label(*keyframe))
             }
             Self::Unproven { keyframe } => {
-                format!("the motion to {} was not yet proven collision-free", label(*keyframe))
+                format!("the planner was stopped before the motion to {} was complete", label(*keyframe))
             }
         }
     }

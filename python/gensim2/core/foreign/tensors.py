@@ -33,7 +33,13 @@ class Shape(NamedTuple):
         """Return data type and shape of a tensor, which may be on PyTorch's meta device."""
         import torch
 
-        names = {torch.float16: "F16", torch.float32: "F32", torch.float64: "F64", torch.int64: "I64", torch.bool: "BOOL"}
+        names = {
+            torch.float16: "F16",
+            torch.float32: "F32",
+            torch.float64: "F64",
+            torch.int64: "I64",
+            torch.bool: "BOOL",
+        }
         return Shape(names[tensor.dtype], tuple(tensor.shape))
 
     def __str__(self) -> str:

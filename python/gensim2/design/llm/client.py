@@ -196,7 +196,8 @@ class Client:
             remedy = None if known else "check the model's name, and the end of --base-url, which is usually /v1"
             return InputError(message, field="designer", remedy=remedy)
         if isinstance(error, library.APITimeoutError):
-            return ModelError(f"{self.endpoint}: no answer within {given.timeout:g} s, {self._tries()}")
+            longer = "; if the model is slow, set a larger timeout in the file of --model-config"
+            return ModelError(f"{self.endpoint}: no answer within {given.timeout:g} s, {self._tries()}{longer}")
         if isinstance(error, library.APIConnectionError):
             cause = one_line(str(error.__cause__ or error))
             return ModelError(f"{self.endpoint}: cannot be reached, {self._tries()}: {cause}")
