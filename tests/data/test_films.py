@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from gensim2.data.close_up import CloseUp
+from gensim2.data.close_up import TEXT, CloseUp
 from gensim2.data.films import DOT, PAPER, dotted, film_index, film_path
 from gensim2.perception import Camera
 from gensim2.perception.raycast.drawing import AMBIENT, SKY, Drawing
@@ -70,6 +70,7 @@ def test_the_close_up_shows_the_fingertips_from_the_side_where_nothing_hides_the
     assert not drawn[:-62].any()
     assert not drawn[:, :-62].any()
     assert len(np.unique(drawn[-60:, -60:].reshape(-1, 3), axis=0)) > 50
+    assert (drawn[-60:-44, -60:] == TEXT).all(axis=-1).any(), "the close-up has a title"
     tips = close_up._scene.see(close_up._scene.poses(first)[0], {env.profile.hand_link: np.eye(4)})[0].camera
     assert tips.T_base_camera[:3, 1] @ [0, 0, 1] > 0.8, "the fingers point down in the picture"
 

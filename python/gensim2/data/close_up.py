@@ -27,6 +27,9 @@ FIELD_OF_VIEW = float(np.deg2rad(45))
 BLOCKED = 0.06
 """A surface hides the fingertips if it is nearer to the camera than they are by more than this distance (m)."""
 FRAME, FRAME_WIDTH = (40, 46, 56), 2
+TEXT, OUTLINE = (235, 238, 242), (24, 26, 30)
+TEXT_HEIGHT, SMALL_TEXT_HEIGHT = 14, 11
+"""Height of the title of a frame and of a close-up, pixels."""
 
 
 class CloseUp:
@@ -60,8 +63,24 @@ class CloseUp:
             self._side = 1 - self._side
         drawn, edge = picture.copy(), self._size + FRAME_WIDTH
         drawn[-edge:, -edge:] = FRAME
-        drawn[-self._size :, -self._size :] = shaded(views[self._side])
+        drawn[-self._size :, -self._size :] = titled(shaded(views[self._side]), "fingertips", SMALL_TEXT_HEIGHT)
         return drawn
+
+
+def titled(picture: Frame, title: str, height: int = TEXT_HEIGHT) -> Frame:
+    """Return a copy of a picture with a title in the upper left corner.
+
+    Args:
+        picture: picture (H, W, 3).
+        title: text of one line.
+        height: height of the text, pixels.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.fromarray(picture)
+    font = ImageFont.load_default(height)
+    ImageDraw.Draw(image).text((height // 2, height // 2 - 1), title, TEXT, font, stroke_width=2, stroke_fill=OUTLINE)
+    return np.asarray(image)
 
 
 def _camera(profile: RobotProfile, side: float, size: int) -> Camera:

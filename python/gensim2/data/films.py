@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import replacing
-from gensim2.data.close_up import CloseUp
+from gensim2.data.close_up import CloseUp, titled
 from gensim2.data.episode_file import read_episode
 from gensim2.data.observing import objects_of
 from gensim2.data.video import write_video
@@ -38,7 +38,7 @@ FRAMES_PER_SECOND = 10
 EYE, TARGET = (-0.45, -1.15, 0.75), (-0.13, -0.07, 0.2)
 """Position of the camera, and the point it looks at (world frame, m); most open doors show their inside to it."""
 FIELD_OF_VIEW = float(np.deg2rad(40))
-PAPER, INK = (24, 26, 30), (235, 238, 242)
+PAPER = (24, 26, 30)
 DOT = 2
 """Half the width of the square that represents a point, pixels."""
 
@@ -124,7 +124,7 @@ def _frames(
         states = state_at(recording.env_states, step)
         picture = close_up.onto(shaded(solid.see(poses[step])[0]), states)
         if observer is None:
-            yield _titled(picture, "camera")
+            yield titled(picture, "camera")
             continue
         try:
             cloud = observer.observe(states, step, commands[step]).cloud
@@ -132,18 +132,8 @@ def _frames(
             cloud = None
         points = np.zeros((0, 3)) if cloud is None else cloud.xyz
         colours = np.zeros((0, 3), np.uint8) if cloud is None else cloud.rgb
-        shown = _titled(picture, "camera"), _titled(dotted(points, colours, camera), "point cloud of the controller")
+        shown = titled(picture, "camera"), titled(dotted(points, colours, camera), "point cloud of the controller")
         yield np.concatenate(shown, axis=1)
-
-
-def _titled(picture: Frame, title: str) -> Frame:
-    """Write ``title`` into the upper left corner of a picture."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    image = Image.fromarray(picture)
-    font = ImageFont.load_default(14)
-    ImageDraw.Draw(image).text((8, 6), title, INK, font, stroke_width=2, stroke_fill=PAPER)
-    return np.asarray(image)
 
 
 def film_camera(profile: RobotProfile) -> Camera:
