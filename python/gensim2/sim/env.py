@@ -197,6 +197,7 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def max_episode_steps(self) -> int:
+        """Maximum number of control steps of an episode."""
         return self.profile.steps(self.task.max_seconds)
 
     @property
@@ -299,6 +300,7 @@ class GenSim2Env(RaycastObservations):
         )
 
     def scene_state(self) -> Scene:
+        """Return the scene in the planner's form."""
         return read_scene(self._robot, self.parts)
 
     def evaluate(self) -> dict[str, Any]:

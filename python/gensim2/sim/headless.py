@@ -65,6 +65,8 @@ class HeadlessEnv(SceneAccessMixin):
 
     Example:
         ```python
+        import numpy as np
+
         env = gensim2.HeadlessEnv("OpenDrawer", assets="builtin")
         env.reset(seed=7)
         env.step(np.append(env.initial_state.start[:7], 1.0))  # targets of the arm's joints in rad; gripper -1..1
@@ -101,6 +103,7 @@ class HeadlessEnv(SceneAccessMixin):
 
     @property
     def max_episode_steps(self) -> int:
+        """Maximum number of control steps of an episode."""
         return self.profile.steps(self.task.max_seconds)
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
@@ -167,6 +170,7 @@ class HeadlessEnv(SceneAccessMixin):
         return self._scene.pressing_force()
 
     def wait(self) -> None:
+        """Execute one control step without a command; the arm keeps its targets."""
         assert self.initial_state
         self._advance()
 
@@ -218,15 +222,18 @@ class HeadlessEnv(SceneAccessMixin):
 
     @property
     def success(self) -> bool:
+        """Whether the success criteria of the task are met now."""
         return all_hold(self.task.success, self.measure())
 
     @property
     def is_finite(self) -> bool:
+        """Whether all values of the simulation are finite."""
         robot = self._scene.robot
         arm = robot is None or bool(np.isfinite(robot.q).all())
         return arm and all(part.is_finite for part in self.parts.values())
 
     def touched(self) -> frozenset[str]:
+        """Return the names of the objects that the robot touches."""
         assert self._reader
         return self._scene.touched()
 
@@ -241,6 +248,7 @@ class HeadlessEnv(SceneAccessMixin):
         return self._reader.qvel
 
     def scene_state(self) -> Scene:
+        """Return the scene in the planner's form."""
         return read_scene(self._reader, self._parts)
 
     def state(self) -> dict[str, dict[str, Row]]:
