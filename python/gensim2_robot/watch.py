@@ -125,7 +125,7 @@ class Watch:
     def run(self, now: float) -> None:
         """Enter the state ``running``, in which the controller may move the arm."""
         self._require(State.ARMED)
-        self._change(now, State.RUNNING, "begun")
+        self._change(now, State.RUNNING, "episode started")
 
     def rest(self, now: float, reason: str = "episode over") -> None:
         self._require(State.ARMED, State.RUNNING)

@@ -290,12 +290,14 @@ def test_a_collection_prints_when_it_begins_and_as_soon_as_it_can_estimate() -> 
         return Status((TaskStatus("CloseBox", 50, tried, tried, tried, {}),), tried, 38.0, 1, 1, 0, pace)
 
     with CollectionView(stream) as view:
-        for tried, pace in ((0, None), (1, None), (4, 2.5), (5, 2.5), (50, 2.5)):
+        for tried, pace in ((0, None), (1, None), (4, 2.5), (5, 2.5), (50, 2.5), (50, 2.4)):
             view.update(status(tried, pace))
     said = stream.getvalue().splitlines()
     assert [line.split(" ")[0] for line in said] == ["0/50", "4/50", "50/50"]
     assert "an estimate of the time follows" in said[0]
-    assert "0.40 a second, about 0:01:55 left" in said[1]
+    assert "0.40 a second without the start of the workers, about 0:01:55 left" in said[1]
+    assert "left" not in said[2]
+    assert "a second" not in said[2]
 
 
 def test_a_full_disk_ends_it_at_once_and_keeps_what_is_finished(

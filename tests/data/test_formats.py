@@ -15,6 +15,7 @@ import pyarrow.parquet
 import pytest
 import zarr
 from kill_runs import contents
+from messages import Messages
 
 from gensim2.core.errors import InputError, WriteError
 from gensim2.core.sealed_file import HEADER_SIZE
@@ -27,10 +28,12 @@ from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
 from gensim2.data.observation_file import write_observation
 from gensim2.data.selection import Selection
+from gensim2.data.store import ROWS
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import to_steps
 from gensim2.perception.observation import Proprioception
 from gensim2.robots import robot
+from gensim2.rollout.episode_log import log_line
 
 SmallDisk = Callable[..., AbstractContextManager[None]]
 
@@ -56,6 +59,31 @@ def test_episodes_come_back_byte_for_byte(dataset: DataSet, to: Format, tmp_path
     assert [row.index for row in back.task("CloseBox").rows()] == [
         row.index for row in dataset.task("CloseBox").rows() if row.held
     ]
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_only_an_export_of_all_episodes_is_complete(dataset: DataSet, to: Format, tmp_path: Path) -> None:
+    """An export without the failed episodes, or without one of the tasks, is incomplete."""
+    record = dataset.record
+    for name in record.tasks:
+        rows = list(dataset.task(name).rows())
+        assert 0 < sum(row.held for row in rows) < len(rows)
+    export(dataset.path, tmp_path / "out", to)
+    import_(tmp_path / "out", tmp_path / "back", to)
+    assert record.complete
+    assert not DataSet.open(tmp_path / "back").record.complete
+    # Make a data set that contains only successful episodes: two of each task.
+    for name in record.tasks:
+        store = dataset.task(name)
+        rows = [row for row in store.rows() if row.held][:2]
+        (store.folder / ROWS).write_bytes(b"".join(log_line(row) for row in rows))
+    DataSet(dataset.path, record.model_copy(update={"episodes": 2})).save()
+    export(dataset.path, tmp_path / "whole", to)
+    import_(tmp_path / "whole", tmp_path / "again", to)
+    assert DataSet.open(tmp_path / "again").record.complete
+    export(dataset.path, tmp_path / "part", to, Selection(tasks=("CloseBox",)))
+    import_(tmp_path / "part", tmp_path / "third", to)
+    assert not DataSet.open(tmp_path / "third").record.complete
 
 
 def test_frames_of_each_format_are_those_of_the_episodes(dataset: DataSet, tmp_path: Path) -> None:
@@ -106,6 +134,13 @@ def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_p
     assert stored.shape[1:] == (16, 6)
     assert np.allclose(stored[..., 3:], 0.2)
     assert np.allclose(stored[..., :3], clouds[rows[0].index][:-1], atol=1e-3)  # stored with rounding
+    for to, name in (("zarr", "z"), ("lerobot", "l")):
+        listener = Messages()
+        import_(tmp_path / name, tmp_path / f"back_{name}", to, progress=listener)
+        (text,) = listener.messages
+        assert "observations" in text
+        assert "point_cloud" in text
+        assert "`gensim2 render`" in text
     with pytest.raises(InputError, match="some of the episodes have observations"):
         export(dataset.path, tmp_path / "both", "zarr")
 

@@ -284,14 +284,14 @@ def test_the_page_shows_robot_cloud_next_actions_and_clocks() -> None:
             assert answer.status == 200
         page.state(ArmState(1.0, q, np.zeros(9), 3.0))
         page.answer(1.0, ControllerAnswer(0, actions, seen={CLOUD: cloud}, cloud_ms=31.0, acting_ms=7.0))
-        page.change(1.0, "running", "begun")
+        page.change(1.0, "running", "episode started")
         page.clocks(1.0, 0.002, {"left": 0.04})
         page.draw()
         np.testing.assert_allclose(page._cloud.points, cloud[:, :3], atol=1e-3)
         tool = PROFILE.model.forward_kinematics(q, PROFILE.tool_link)[:3, 3]
         assert page._next.points.shape == (2, 3), "the target that is no number is not drawn"
         np.testing.assert_allclose(page._next.points[0], tool, atol=1e-3)
-        for word in ("running: begun", "2.0 ms late", "left 40 ms", "ready 31 ms", "force 3 N"):
+        for word in ("running: episode started", "2.0 ms late", "left 40 ms", "ready 31 ms", "force 3 N"):
             assert word in page._said.content
         names = {name: handle for (_, handle), name in zip(page._links, page.shown, strict=True)}
         hand = PROFILE.model.forward_kinematics(q, "panda_hand")[:3, 3]

@@ -28,7 +28,7 @@ def _show(result: dict[str, Any]) -> None:
     for task in result["tasks"]:
         show_engines(task["name"], task["tried"], task)
     rate = result["episodes_per_second"]
-    speed = f", {rate:.2f} episodes a second" if rate is not None else ""
+    speed = f", {rate:.2f} episodes a second including the start of the workers" if rate is not None else ""
     line(f"{result['held']} of {result['episodes']} episodes hold; {result['bytes'] / 1e6:.1f} MB{speed}")
     line(f"report: {Path(result['folder']) / 'report.html'}")
 

@@ -25,7 +25,7 @@ class CollectionView(NullProgress):
 
         self._console = Console(file=stream or sys.stderr, highlight=False)
         self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None
-        self._said, self._has_estimate = float("-inf"), False
+        self._said, self._has_estimate, self._is_over = float("-inf"), False, False
 
     def __enter__(self) -> Self:
         if self._live is not None:
@@ -43,8 +43,11 @@ class CollectionView(NullProgress):
         if self._live is not None:
             self._live.update(_picture(status), refresh=True)
             return
+        if self._is_over:
+            return
+        self._is_over = status.tried == status.total
         is_first_estimate = status.left is not None and not self._has_estimate
-        if is_first_estimate or status.tried == status.total or time.monotonic() - self._said > LINE_SECONDS:
+        if is_first_estimate or self._is_over or time.monotonic() - self._said > LINE_SECONDS:
             self._said, self._has_estimate = time.monotonic(), status.left is not None
             self.message(summary(status))
 
@@ -54,13 +57,17 @@ class CollectionView(NullProgress):
 
 
 def summary(status: Status) -> str:
-    """Return one line with the number of episodes, rate, remaining time and size."""
+    """Return one line with the number of episodes, rate, remaining time and size. The rate excludes the start of the
+    workers, and is left out at the end: the result of the collection states the rate of the whole run.
+    """
     held = sum(task.held for task in status.tasks)
     words = [f"{status.tried}/{status.total} episodes", f"{held} held"]
-    if status.left is not None and status.pace is not None:
-        words += [f"{1 / max(status.pace, 1e-9):.2f} a second", f"about {clock(status.left)} left"]
-    elif status.tried < status.total:
-        words.append("an estimate of the time follows after two episodes of each worker")
+    if status.tried < status.total:
+        if status.left is not None and status.pace is not None:
+            rate = f"{1 / max(status.pace, 1e-9):.2f} a second without the start of the workers"
+            words += [rate, f"about {clock(status.left)} left"]
+        else:
+            words.append("an estimate of the time follows after two episodes of each worker")
     words.append(f"{status.stored / 1e6:.1f} MB, {status.free / 1e9:.1f} GB free")
     if status.failed_tries:
         words.append(f"{plural(status.failed_tries, 'failed attempt')} repeated")

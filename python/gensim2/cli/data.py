@@ -98,7 +98,7 @@ def import_(
     """Restore a data set from an export.
 
     FOLDER is a folder that `gensim2 data export` wrote. The restored episodes are byte for byte the same as before the
-    export.
+    export. Rendered observations are not restored: use `gensim2 render` to add them again.
 
     Args:
         of: Format of FOLDER.

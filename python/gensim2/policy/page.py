@@ -35,6 +35,11 @@ EXPLAINED = {
     "expert_mean": "the planner that made the training data, on the same scenes: what the policy could reach.",
 }
 """Description of each control experiment."""
+DEMONSTRATIONS = {
+    True: "planned task steps on which the policy was trained; a scene gives one for each step of its task",
+    False: "successful simulated episodes on which the policy was trained",
+}
+"""Description of the demonstrations of a policy, by whether the policy learns from plans."""
 _WIDTH, _HEIGHT = 280.0, 100.0
 
 
@@ -65,6 +70,7 @@ def write_page(result: LearnResult) -> Path:
         control=_control,
         named=NAMED,
         record=result.record.model_dump(),
+        demonstrations=DEMONSTRATIONS[result.record.is_of_plans],
         controls=min(controls, default=0),
         seen_objects=told["seen_objects"],
         curves=curves,

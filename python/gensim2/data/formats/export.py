@@ -169,8 +169,11 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """Return the contents of ``dataset.json`` for an export of the chosen tasks. The field ``complete`` is false,
-    because an export does not contain all episodes of the data set.
+    """Return the contents of ``dataset.json`` for an export of the chosen tasks. The field ``complete`` is true if the
+    data set is complete and the export contains all its episodes.
     """
-    tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
-    return dataset.record.model_copy(update={"tasks": tasks, "complete": False})
+    record = dataset.record
+    tasks = {store.name: record.tasks[store.name] for store, _ in chosen}
+    count = sum(len(rows) for _, rows in chosen)
+    whole = record.complete and count == record.episodes * len(record.tasks)
+    return record.model_copy(update={"tasks": tasks, "complete": whole})

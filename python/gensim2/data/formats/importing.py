@@ -40,7 +40,8 @@ PRELOAD = ("gensim2.data.formats.importing", "zarr")
 def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROGRESS) -> int:
     """Make a data set from an export of :func:`~gensim2.data.formats.export.export` and return the number of episodes.
 
-    The imported episodes are byte-identical to the exported episodes. They are read in a subprocess, so a script must
+    The imported episodes are byte-identical to the exported episodes. Observations are not imported; a message says so,
+    and :func:`~gensim2.data.rendering.render` adds them again. The episodes are read in a subprocess, so a script must
     call this function below ``if __name__ == "__main__":``.
 
     Args:
@@ -103,7 +104,7 @@ def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
 def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress) -> int:
     """Compare an export's frames with its original episodes and return the number of episodes."""
     profile = robot(dataset.record.scene.robot)
-    count = 0
+    count, observed = 0, dict[str, None]()
     for store, row, stored in read_back(dataset, progress):
         assert stored.recording is not None  # episodes that were read have a recording
         theirs = next(found, None)
@@ -122,12 +123,18 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
                 remedy="export again",
             )
         count += 1
+        observed |= dict.fromkeys(name for name in theirs.columns if name not in ours.columns)
     if next(found, None) is not None:
         wrong = (
             f"episode {count} is missing from {NATIVE}/, which has {count} episodes, so the exported files or the "
             f"original in {NATIVE}/ were changed"
         )
         raise InputError(wrong, file=path, remedy="export again")
+    if observed:
+        progress.message(
+            f"the observations of {path} ({', '.join(observed)}) are not imported: `gensim2 render` adds observations "
+            "to the imported data set"
+        )
     return count
 
 
