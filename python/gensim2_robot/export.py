@@ -32,6 +32,7 @@ from gensim2_robot.log_messages import (
     WatchMessage,
 )
 from gensim2_robot.log_reader import messages
+from gensim2_robot.watch import State
 
 Frame = npt.NDArray[np.uint8]
 
@@ -40,15 +41,15 @@ FRAMES_PER_SECOND = 10
 HEIGHT, CAPTION = 240, 24
 """Height of a camera's picture and of a line of text in the video, pixels; their sum is a multiple of 16."""
 SHARES = (1 / 6, 1 / 2, 5 / 6)
-"""Moments that the picture shows, as shares of the motion of the arm's joints in the log."""
+"""Moments that the picture shows, as shares of the motion of the arm's joints in the first episode."""
 GREY = {"r": 0.8, "g": 0.8, "b": 0.8, "a": 1.0}
 
 
 def export(folder: Path, out: Path) -> dict[str, Any]:
     """Write a video of a log, a picture of three moments, and a Foxglove file with a layout.
 
-    The picture shows the moments at which the arm has made a sixth, a half and five sixths of its motion. If the arm
-    never moves, these are shares of the time.
+    The picture shows the moments of the first episode at which the arm has made a sixth, a half and five sixths of its
+    motion. If the arm never moves, these are shares of the time.
 
     Args:
         folder: folder of the log.
@@ -107,6 +108,8 @@ class _Film:
         self.times: list[float] = []
         self._cameras: tuple[CameraRecord, ...] = ()
         self._seen: set[str] = set()
+        self._begin: int | None = None  # first frame of the first episode
+        self._end: int | None = None  # number of frames at the end of the first episode
         self._final = ""  # state of the watchdog at the end of the log
         self._q: npt.NDArray[np.float64] | None = None
         self._motion = 0.0
@@ -121,6 +124,10 @@ class _Film:
             self._cameras = tuple(message.cameras)
         elif isinstance(message, WatchMessage):
             self._final = _said(message)
+            if message.state == State.RUNNING and self._begin is None:
+                self._begin = len(self.times)
+            elif message.state == State.IDLE and self._begin is not None and self._end is None:
+                self._end = len(self.times)
         elif isinstance(message, ArmMessage):
             if np.isfinite(message.q).all():
                 self._motion += 0.0 if self._q is None else float(np.abs(message.q - self._q).sum())
@@ -135,13 +142,17 @@ class _Film:
                 self._motions.append(self._motion)
 
     def moments(self, shares: Sequence[float]) -> set[int]:
-        """Return the frames at which the joints have made given shares of their motion, after the first pass.
+        """Return the frames at which the joints have made given shares of their motion in the first episode, after the
+        first pass. In a log without an episode, these are shares of the whole motion.
 
         If the joints never move, the shares are shares of the time.
         """
-        motion = np.array(self._motions if self._motions[-1] > self._motions[0] else self.times)
+        whole = slice(self._begin, self._end)
+        episode = whole if self.times[whole] else slice(None)
+        motions, times = self._motions[episode], self.times[episode]
+        motion = np.array(motions if motions[-1] > motions[0] else times)
         wanted = motion[0] + np.array(shares) * (motion[-1] - motion[0])
-        return {int(frame) for frame in np.searchsorted(motion, wanted)}
+        return {(episode.start or 0) + int(frame) for frame in np.searchsorted(motion, wanted)}
 
     def frames(self, folder: Path) -> Iterator[Frame]:
         """Yield the video frame for each time in ``self.times``, in a second pass over the log."""

@@ -96,11 +96,13 @@ def test_time_over_names_the_guide_if_the_controller_must_stop(
     told: dict[str, Any] = {
         "tasks": [row],
         "episodes_per_second": {"CloseBox": None},
-        "controller": {"target": "mine.py:Policy"},
+        "controller": {"target": "mine.py:Policy", "arguments": {"url": "ws://127.0.0.1:8321"}},
     }
     command._show(told | {"arguments": {"stop": stop}, "skipped": {}, "videos": {}, "cpu_s": 1.0, "run_dir": "run"})
     page, _, place = command.STOP_GUIDE.partition("#")
-    assert ("time over: the controller did not stop" in capfd.readouterr().out) == shown
+    printed = capfd.readouterr().out
+    assert "mine.py:Policy(url='ws://127.0.0.1:8321')" in printed
+    assert ("time over: the controller did not stop" in printed) == shown
     assert f"## {place.replace('-', ' ').capitalize()}" in (Path(__file__).parents[2] / page).read_text()
 
 

@@ -30,9 +30,17 @@ SECONDS = 2.0
 PANDA = robot("panda")
 
 
-def _log(folder: Path, *, pictures: bool = True, ends: bool = False, moves: Sequence[int] = ()) -> Path:
+def _log(
+    folder: Path,
+    *,
+    pictures: bool = True,
+    ends: bool = False,
+    moves: Sequence[int] = (),
+    episodes: Sequence[int] = (),
+) -> Path:
     """A log of two seconds: cameras whose pictures become brighter, one cloud, and an arm that moves from some pictures
-    to the next ones and otherwise rests.
+    to the next ones and otherwise rests. At the pictures ``episodes`` an episode starts and ends by turns; without them
+    an episode lasts from the first picture on.
     """
     (first, *_) = simulated_cameras(PANDA, 320, 240)
     cameras = [CameraRecord.of(replace(first, name=name)) for name in NAMES]
@@ -43,7 +51,11 @@ def _log(folder: Path, *, pictures: bool = True, ends: bool = False, moves: Sequ
     log.answer(0.0, ControllerAnswer(1, np.zeros((1, 8), np.float32), seen={"point_cloud": cloud}))
     for number in range(round(10 * SECONDS) + 1):
         time = 0.1 * number
-        log.change(time, "running", f"step {number}")
+        if not episodes:
+            log.change(time, "running", f"step {number}")
+        elif number in episodes:
+            starts = episodes.index(number) % 2 == 0
+            log.change(time, *(("running", "episode started") if starts else ("idle", "episode over")))
         log.state(ArmState(time, joints + 0.1 * sum(each < number for each in moves), np.zeros(9), 1.5))
         for name in NAMES if pictures else ():
             colors = np.full((240, 320, 3), 10 * number, np.uint8)
@@ -72,6 +84,13 @@ def test_the_still_shows_moments_in_which_the_arm_acts(tmp_path: Path) -> None:
     export(_log(tmp_path / "log", moves=(13, 14, 15)), tmp_path / "out")
     still = imageio.imread(tmp_path / "out" / STILL)
     assert [int(still[288 * row + 150, 480, 0]) for row in range(3)] == [140, 150, 160]
+
+
+def test_the_still_shows_one_episode(tmp_path: Path) -> None:
+    """The arm moves in both episodes, and most in the second one."""
+    export(_log(tmp_path / "log", moves=(2, 3, 4, 8, 12, 13, 14, 15, 16), episodes=(1, 7, 10)), tmp_path / "out")
+    still = imageio.imread(tmp_path / "out" / STILL)
+    assert [int(still[288 * row + 150, 480, 0]) for row in range(3)] == [30, 40, 50]
 
 
 def test_the_last_picture_of_the_film_names_the_state_at_the_end(tmp_path: Path) -> None:

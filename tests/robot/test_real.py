@@ -25,10 +25,12 @@ from gensim2.robots import robot
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.inputs import read_task_input
 from gensim2_robot import real
+from gensim2_robot.cli.robot import _show
 from gensim2_robot.clocks import SimulatedClock
 from gensim2_robot.config import CameraSource, Delays, LineConfig
 from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.drivers.logged import LoggedCameras
+from gensim2_robot.line import LoopFigures
 from gensim2_robot.log import Log
 from gensim2_robot.log_messages import About, PictureMessage
 from gensim2_robot.log_reader import about_of, messages, replay
@@ -37,9 +39,9 @@ from gensim2_robot.opening import prepare
 from gensim2_robot.pipes import SLOTS
 from gensim2_robot.real import open_cameras
 from gensim2_robot.run import run
-from gensim2_robot.session import PATIENCE
+from gensim2_robot.session import PATIENCE, result
 from gensim2_robot.simulated import simulated_cameras
-from gensim2_robot.watch import State, WatchRules
+from gensim2_robot.watch import State, Watch, WatchRules
 
 PROFILE = robot("panda")
 HOME = np.array(PROFILE.reset_qpos[:7])
@@ -268,6 +270,17 @@ def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> Non
         prepare(given, LineConfig(policy=ControllerSpec(f"{__file__}:SeesKeypoints")))
     with pytest.raises(InputError, match="can only be injected into simulated devices"):
         prepare(given, LineConfig(policy=STILL, dry=True, **REAL), [Fault("camera-frozen", 1.0)])
+
+
+def test_times_of_the_table_name_their_clock(capsys: pytest.CaptureFixture[str]) -> None:
+    about = About(robot="panda", language="close it", observation=ObservationSpec().to_dict(), cameras=[])
+    figures = LoopFigures(periods=[0.1], picture_age_ms=[60.0], encoding_ms=[482.0])
+    found = result(about, None, Watch(), figures, [])
+    for scheduling, is_said in (("simulated", True), ("other", False)):
+        _show({**found, "scheduling": scheduling})
+        printed = capsys.readouterr().out
+        assert "age of the pictures in the point cloud" in printed
+        assert ("computing times are in real time; the other rows are in simulated time" in printed) == is_said
 
 
 def test_the_page_shows_robot_cloud_next_actions_and_clocks() -> None:

@@ -28,6 +28,12 @@ def _arguments(text: str) -> dict[str, Any]:
     return found
 
 
+def _named(controller: dict[str, Any]) -> str:
+    """Return the class of a controller and its arguments, such as the address of a policy server."""
+    given = ", ".join(f"{name}={value!r}" for name, value in controller["arguments"].items())
+    return f"{controller['target']}({given})" if given else str(controller["target"])
+
+
 def _show(result: dict[str, Any]) -> None:
     from gensim2.rollout.record import Cause
 
@@ -43,7 +49,7 @@ def _show(result: dict[str, Any]) -> None:
         )
         for row in result["tasks"]
     ]
-    line(f"{result['controller']['target']}, episodes end by the {result['arguments']['stop']}")
+    line(f"{_named(result['controller'])}, episodes end by the {result['arguments']['stop']}")
     heads = ("task", "episodes", "paper (95 %)", "held (95 %)", "strict (95 %)", "objects", "episodes/s", "causes")
     table(heads, rows)
     if result["arguments"]["stop"] == "controller" and any(Cause.TIME_OVER in row["causes"] for row in result["tasks"]):

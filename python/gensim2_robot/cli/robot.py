@@ -220,14 +220,16 @@ def _show(result: dict[str, Any]) -> None:
     names = {
         "periods_ms": "period",
         "overrun_ms": "overrun",
-        "clouds_ms": "pictures to cloud",
-        "picture_age_ms": "age of the pictures then",
-        "acting_ms": "controller",
+        "picture_age_ms": "age of the pictures in the point cloud",
+        "clouds_ms": "computing the point cloud",
+        "acting_ms": "computing the action",
     }
     table(
         heads,
         [(said, *(number(result[name][key]) for key in ("p50", "p99", "worst"))) for name, said in names.items()],
     )
+    if result["scheduling"] == "simulated":
+        line("computing times are in real time; the other rows are in simulated time")
     for halt in result["halts"]:
         line(f"{halt['state']} within {number(halt['detected_to_stopped_ms'])} ms: {halt['reason']}")
     if result["log"] is not None:
@@ -380,9 +382,9 @@ def export(folder: Annotated[Path, Option(metavar="DIR")], *, out: Folder) -> di
     """Make a video, a picture and a Foxglove file from a log.
 
     The command writes four files. film.mp4 is a video with all cameras side by side. still.png is one picture of three
-    moments, at which the arm has made a sixth, a half and five sixths of its motion. foxglove.mcap contains images, the
-    point cloud, the robot, the joints and the watchdog's state, and foxglove_layout.json is a layout to import in
-    Foxglove.
+    moments of the first episode, at which the arm has made a sixth, a half and five sixths of its motion. foxglove.mcap
+    contains images, the point cloud, the robot, the joints and the watchdog's state, and foxglove_layout.json is a
+    layout to import in Foxglove.
 
     Args:
         out: Folder to write to.

@@ -62,6 +62,8 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert "CloseBox" in page
     assert "1 of 1 (0.21 to 1.00)" in page, "the control expert with its number of episodes and interval"
     assert "1 of 1" in capfd.readouterr().out
+    assert "<b>demonstrations</b>: planned task steps" in page
+    assert "<b>steps</b>: gradient steps" in page
     assert "<polyline" in page
     policy = PolicyCheckpoint.load(out)
     assert policy.data.tasks == ("CloseBox",)
@@ -378,6 +380,7 @@ def test_the_page_of_added_tasks_is_of_one_policy() -> None:
             named=3,
             record={"policy": "keypose", "seed": 0, "multi_task": False, "settings": {}, **begun},
             controls=0,
+            demonstrations="planned steps",
             measured=[],
             seen_objects=[],
             curves={},
