@@ -36,3 +36,4 @@ def test_the_notebook_runs(tmp_path: Path) -> None:
     assert said("measured = ").strip().endswith("0.0")
     assert said("to_thread").strip() == "True"
     assert (tmp_path / "runs/box/report.html").is_file()
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
