@@ -141,9 +141,10 @@ def teach_by_plans(
     record.data_cpu_s[key] = spent + sum(each.cpu_s for each in planned[known:])
     for each in planned[known:]:
         plans = f"{each.demonstrations} plans in {each.scenes} scenes"
+        done = f"{_done_at_start(each)} already done at the start"
         left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
         of = f" ({each.record.scene['instances']})" if beside else ""
-        progress.message(f"{each.record.task}{of}: {plans}, {left_out}, {each.cpu_s:.0f} s of CPU")
+        progress.message(f"{each.record.task}{of}: {plans} ({done}, {left_out}), {each.cpu_s:.0f} s of CPU")
     policy = _hearing(config, record, len(group)) if begun is None else begun.config
     _decide_steps(
         record, key, len(group), lambda: seconds_a_step(source, policy, training, read_devices(device)), out, progress
@@ -156,6 +157,12 @@ def teach_by_plans(
     for each in planned:
         taught[each.record.task] += each.demonstrations
     return dict(taught), trained
+
+
+def _done_at_start(planned: Planned) -> int:
+    """Return the number of scenes in which the task was done at the start, so that no step was planned."""
+    seeds, is_step = planned.arrays["seed"], planned.arrays["way"] >= 0
+    return len(np.setdiff1d(seeds[~is_step], seeds[is_step]))
 
 
 def teach_by_episodes(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -61,7 +62,12 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert 'src="evaluation/tasks/CloseBox/video_000000.mp4"' in page
     assert "CloseBox" in page
     assert "1 of 1 (0.21 to 1.00)" in page, "the control expert with its number of episodes and interval"
-    assert "1 of 1" in capfd.readouterr().out
+    printed = capfd.readouterr()
+    assert "1 of 1" in printed.out
+    pattern = r"CloseBox: (\d+) plans in (\d+) scenes \((\d+) already done at the start, (\d+) without a plan"
+    (counts,) = re.findall(pattern, printed.err)
+    plans, scenes, done, failed = map(int, counts)
+    assert plans + done + failed == scenes == 3
     assert "<b>demonstrations</b>: planned task steps" in page
     assert "<b>steps</b>: gradient steps" in page
     assert "<polyline" in page
@@ -356,6 +362,12 @@ def test_a_task_without_a_plan_is_refused_also_where_some_scenes_are_done(
     monkeypatch.setattr(teachers, "plan_scenes", lambda *_, **__: replace(planned, arrays=done))
     with pytest.raises(InputError, match=r"tasks\.CloseBox: none of its 4 scenes could be planned"):
         learning.learn("CloseBox", out=tmp_path, assets="builtin", minutes=0.001, workers=0)
+
+
+def test_scenes_that_are_done_at_the_start_are_counted() -> None:
+    """Scene 1 has a planned step, scene 2 is done at the start, and a later step of scene 3 has no plan."""
+    arrays = {"seed": np.array([1, 1, 2, 3]), "way": np.array([0, -1, -1, 0])}
+    assert teachers._done_at_start(replace(made_up(2), arrays=arrays)) == 1
 
 
 def test_a_run_keeps_its_demonstrations(tmp_path: Path) -> None:
