@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gensim2.cli.benchmark import _show
+from gensim2.cli.benchmark import COLUMNS, _show
 
 RESULT: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "former" / "benchmark.json").read_text())
 
@@ -21,5 +21,14 @@ def test_partial_and_replanned_are_counts_and_columns_are_explained(capsys: pyte
     cells = dict(zip((word.strip() for word in head if word), (word.strip() for word in row if word), strict=False))
     assert "0.75" not in said
     assert "3" in cells.values()
-    for column in ("published", "original", "partial", "replanned", "seen"):
-        assert f"{column}: " in said
+    legend = said.partition("CPU; episodes")[2]
+    for column in filter(None, (word.strip().partition(" (")[0] for word in head)):
+        assert column in ("task", "episodes") or f"{column}: " in legend or f"{column}, " in legend
+
+
+def test_columns_of_both_engines_are_explained_once(capsys: pytest.CaptureFixture[str]) -> None:
+    one = {**RESULT, "groups": []}
+    _show({"engines": {"sapien": one, "mujoco": one}, "compared": []})
+    said = capsys.readouterr().out
+    for words in COLUMNS:
+        assert said.count(words) == 1

@@ -15,7 +15,7 @@ import run_folders
 
 from gensim2.core.errors import InputError
 from gensim2.data.runfolder import TaskFolder
-from gensim2.design.report import write_report
+from gensim2.design.report import PLAN_PICTURE, write_report
 from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.tally import interval
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
@@ -121,6 +121,34 @@ def test_every_reference_is_a_file_of_the_run_folder(run_dir: Path) -> None:
     assert "tasks/OpenDemo/still.png" in references
     for reference in references:
         assert (run_dir / reference).is_file()
+
+
+def test_the_advice_links_to_films_and_to_candidates_of_the_page(run_dir: Path) -> None:
+    shutil.rmtree(run_dir / "tasks")
+    film = run_dir / "rejected" / "LiftDemo" / "failed_000004.mp4"
+    film.touch()
+    path = write_report(run_dir)
+    assert {"rejected/LiftDemo/failed_000004.mp4", "#LiftDemo"} <= set(_parse(path).references)
+    advice = path.read_text().partition("No task was kept")[2].partition("</section>")[0]
+    assert '<a href="rejected/LiftDemo/failed_000004.mp4">LiftDemo, failed_000004.mp4</a>' in advice
+    assert '<a href="#LiftDemo">LiftDemo</a>' in advice
+    assert str(run_dir) not in advice
+
+
+def test_films_and_plan_of_a_failed_search_name_the_candidate(run_dir: Path) -> None:
+    folder = run_dir / "rejected" / "LiftDemo"
+    (folder / "verification.json").unlink()
+    for name in ("failed_000000.mp4", PLAN_PICTURE):
+        (folder / name).touch()
+    card = write_report(run_dir).read_text().partition('id="LiftDemo"')[2]
+    assert "the best candidate: hook candidate 0: tip" in card
+    assert "Candidate: hook candidate 0: tip" in card
+
+
+def test_the_verdicts_are_explained(run_dir: Path) -> None:
+    text = write_report(run_dir).read_text()
+    assert text.count("Success has three definitions, called verdicts.") == 1
+    assert all(f"<b>{name}</b>: " in text for name in ("paper", "held", "strict"))
 
 
 def test_text_from_files_is_escaped(run_dir: Path) -> None:

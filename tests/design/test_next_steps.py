@@ -24,8 +24,9 @@ def run_dir(tmp_path: Path) -> Path:
 def test_causes_of_the_verification_decide(run_dir: Path) -> None:
     (run_dir / "rejected" / "LiftDemo" / "failed_000003.mp4").write_bytes(b"")
     found = next_steps(run_dir)
-    assert found[0].endswith(str(run_dir / "rejected" / "LiftDemo" / "failed_000003.mp4"))
-    assert found[2].startswith("most failures have the cause 'contact slipped': give the hand something to grip")
+    assert str(found[0]).endswith(str(run_dir / "rejected" / "LiftDemo" / "failed_000003.mp4"))
+    assert str(found[1]).endswith(str(run_dir / "report.html"))
+    assert found[2].words.startswith("most failures have the cause 'contact slipped': give the hand something to grip")
 
 
 def searched(run_dir: Path, *stages: StageResult) -> list[str]:
@@ -34,7 +35,7 @@ def searched(run_dir: Path, *stages: StageResult) -> list[str]:
     (folder / "verification.json").unlink(missing_ok=True)
     result = CandidateResult(Candidate("hook", {"open": {"designed": run_folders.CONFIG}}, {}), stages)
     write_design(folder, Design((result,), None, ("no candidate held in physics",)))
-    return next_steps(run_dir)[1:-1]
+    return [step.words for step in next_steps(run_dir)[1:-1]]
 
 
 def test_causes_of_plans_count_only_if_no_episode_was_simulated(run_dir: Path) -> None:

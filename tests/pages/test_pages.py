@@ -44,6 +44,17 @@ def test_the_text_in_the_picture_of_a_plan_is_not_reduced(report_page: Path, bro
     assert all(shown >= natural > 0 for shown, natural in sizes)
 
 
+@pytest.mark.parametrize(("width", "shown"), [(WIDTHS[0], True), (WIDTHS[1], False)])
+def test_a_picture_wider_than_the_window_has_a_hint_to_scroll(
+    width: int, shown: bool, report_page: Path, browser: Browser
+) -> None:
+    page = browser.new_page(viewport={"width": width, "height": 800})
+    page.goto(report_page.as_uri())
+    scrolls = page.locator(".plan").first.evaluate("each => each.scrollWidth > each.clientWidth")
+    assert scrolls == page.locator(".sideways").first.is_visible() == shown
+    page.close()
+
+
 @pytest.mark.fast
 def test_a_page_without_faults_has_none(browser: Browser, tmp_path: Path) -> None:
     (tmp_path / "there.txt").write_text("no film")

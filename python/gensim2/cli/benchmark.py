@@ -16,17 +16,21 @@ if TYPE_CHECKING:
 
 
 COLUMNS = (
-    "paper, held, strict: success rates by the three verdicts; ± is the standard deviation between runs",
+    "paper, held, strict: success rates by the three verdicts, with 95 % confidence intervals; ± is the standard "
+    "deviation between runs",
     "published: success rate in the GenSim2 paper; original: success rate of the code released with the paper",
     "partial: number of episodes in which only part of a motion was executed; replanned: in which a step was replanned",
+    "objects: number of different objects in the episodes, over all classes of the task",
     "seen: objects with which the strategies were designed: train (training split) or all",
+    "episodes/s: speed of this call, by the wall time; causes: number of failed episodes by cause of failure",
 )
 """Explanations of the columns of the table."""
 
 
 def _show(result: dict[str, Any]) -> None:
     if "engines" not in result:
-        return _show_one(result)
+        _show_one(result)
+        return _explain()
     for engine, one in result["engines"].items():
         line(f"engine {engine}:")
         _show_one(one)
@@ -36,6 +40,16 @@ def _show(result: dict[str, Any]) -> None:
     ]
     one, other = result["engines"]
     table(("task", "episodes", f"held in {one}", f"in {other}", "p (Fisher)", f"only {one}", f"only {other}"), rows)
+    _explain()
+    line(
+        f"p (Fisher): p-value of Fisher's exact test of equal success rates; only {one}, only {other}: seeds whose "
+        "episode holds in this engine alone"
+    )
+
+
+def _explain() -> None:
+    for words in COLUMNS:
+        line(words)
 
 
 def _show_one(result: dict[str, Any]) -> None:
@@ -80,8 +94,6 @@ def _show_one(result: dict[str, Any]) -> None:
         ),
         rows,
     )
-    for words in COLUMNS:
-        line(words)
     for name, reason in result["skipped"].items():
         line(f"skipped {name}: {reason}")
     if result["arguments"]["disturbance"] is not None:

@@ -93,16 +93,25 @@ class Candidate:
         steps: for each step, a mapping from names to strategies, with the preferred strategy first. If the task is
             kept, its steps use the same names. Several steps may use the same strategy.
         provenance: origin of the strategies: search parameters, or prompt and answer.
+        labels: phrase that describes a strategy, by its name. Strategies whose names describe them are not included.
     """
 
     label: str
     steps: dict[str, Strategies]
     provenance: dict[str, Any]
+    labels: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def strategies(self) -> Strategies:
         """Return the strategies of all steps by name, as a task folder stores them."""
         return {name: data for strategies in self.steps.values() for name, data in strategies.items()}
+
+    def described(self, strategy: str) -> str:
+        """Return the label of a strategy, or its name if it has no label. If the label describes the whole candidate,
+        return an empty text.
+        """
+        label = self.labels.get(strategy, strategy)
+        return "" if label == self.label else label
 
     def of(self, task: TaskSpec) -> TaskSpec:
         """Return a copy of ``task`` whose steps refer to this candidate's strategies."""

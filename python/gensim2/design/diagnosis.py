@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,21 +50,25 @@ class Diagnosis:
         return f"{self.count} times: {self.words}"
 
 
-def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagnosis, ...]:
+def diagnoses(
+    failures: Iterable[tuple[str, Mapping[str, Any]]], described: Callable[[str], str] = str
+) -> tuple[Diagnosis, ...]:
     """Group failed trials by the kind of failure. Return up to ``KEPT`` kinds of failure, the most frequent first.
 
     Args:
         failures: cause and measured values of each failed trial. The values of a simulated episode are its
             ``diagnosis``. The values of a plan are its ``detail``, its ``step`` and its ``strategy``.
+        described: function that returns the description of a strategy for its name. An empty description is omitted.
+            Default: the name.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
     example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}
     for cause, numbers in failures:
-        key = (numbers.get("step"), cause, str(numbers.get("strategy", "")))
+        key = (numbers.get("step"), cause, described(str(numbers.get("strategy") or "")))
         counts[key] += 1
         example.setdefault(key, numbers)
     return tuple(
-        Diagnosis(key[0], key[1], in_words(key[1], example[key]), count, example[key])
+        Diagnosis(key[0], key[1], in_words(key[1], {**example[key], "strategy": key[2]}), count, example[key])
         for key, count in counts.most_common(KEPT)
     )
 
@@ -96,12 +100,21 @@ def _of_plan(detail: Mapping[str, Any]) -> list[str]:
         facts.append(f"the keyframe {detail['unreached']} is not reached")
     for each in detail.get("collisions", ()):
         first, second = each["bodies"]
+        verb = "overlap by" if each["distance"] < 0 else "come within"
         facts.append(
-            f"{first} and {second} come within {1000 * each['distance']:.0f} mm on the way to {each['toward']}"
+            f"{first} and {second} {verb} {_millimetres(abs(each['distance']))} on the way to {each['toward']}"
         )
     if detail.get("touches"):
-        facts.append(f"it touches too early: {detail['touches']}")
+        plan = "the plan is complete, but it" if set(detail) == {"touches"} else "the plan"
+        facts.append(
+            f"{plan} lets the hand touch its target before the actuation pose, because without this contact planning "
+            f"fails: {detail['touches']}"
+        )
     return facts
+
+
+def _millimetres(length: float) -> str:
+    return f"{1000 * length:.0f} mm" if length >= 5e-4 or length == 0 else "less than 1 mm"
 
 
 def _length(residual: Mapping[str, Any], name: str = "residual") -> str:

@@ -427,7 +427,7 @@ class PipelineRun:
             best = record.candidates[0]
             self._show_best(task, folder, best.steps)
             words = next((stage.diagnoses[0].words for stage in best.stages[::-1] if stage.diagnoses), best.cause)
-            return record.notes[-1] + (f"; the best candidate: {words}" if words else "")
+            return record.notes[-1] + (f"; the best candidate, {best.label!r}: {words}" if words else "")
         return record.steps, effort
 
     def _show_best(self, task: TaskSpec, folder: TaskFolder, ways: StepStrategies) -> None:

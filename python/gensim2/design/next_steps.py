@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from gensim2.core.record_files import read_record
@@ -47,7 +48,27 @@ _OF_OTHER_CAUSES = (
 )
 
 
-def next_steps(run_dir: Path) -> list[str]:
+@dataclass(frozen=True)
+class NextStep:
+    """Advice after a run that kept no task.
+
+    Attributes:
+        words: the advice.
+        files: files that the user should open: films, or the folders of the tasks that the report shows.
+        report: the report, if the user should read it there; otherwise None.
+    """
+
+    words: str
+    files: tuple[Path, ...] = ()
+    report: Path | None = None
+
+    def __str__(self) -> str:
+        if self.report is not None:
+            return f"{self.words} in {self.report}"
+        return f"{self.words}: {', '.join(map(str, self.files))}" if self.files else self.words
+
+
+def next_steps(run_dir: Path) -> list[NextStep]:
     """Return advice after a run that kept no task, most important first, from the files of the run folder.
 
     Raises:
@@ -58,18 +79,18 @@ def next_steps(run_dir: Path) -> list[str]:
     searched = [folder for folder in folders if read_design(folder) is not None]
     if folders and not searched and summary.arguments.command == "design":
         return [
-            "correct task.yaml as the reason of the rejection says",
-            f"then delete {run_dir} or choose another --out, and run the command again",
+            NextStep("correct task.yaml as the reason of the rejection says"),
+            NextStep(f"then delete {run_dir} or choose another --out, and run the command again"),
         ]
     found = []
     if films := [film for folder in searched for film in sorted(folder.glob("failed_*.mp4"))[:1]]:
-        found.append(f"watch the videos of failed episodes: {', '.join(map(str, films[:3]))}")
-    found.append(f"read the causes and the residuals of the plans in {run_dir / 'report.html'}")
+        found.append(NextStep("watch the videos of failed episodes", tuple(films[:3])))
+    found.append(NextStep("read the causes and the residuals of the plans", tuple(searched), run_dir / "report.html"))
     causes: Counter[str] = Counter()
     for folder in searched:
         causes.update(_causes(TaskFolder(folder)))
-    found += _of_causes(causes)
-    found.append("write a strategy by hand and plan it: gensim2 solve")
+    found += map(NextStep, _of_causes(causes))
+    found.append(NextStep("write a strategy by hand and plan it: gensim2 solve"))
     return found
 
 

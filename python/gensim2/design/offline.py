@@ -212,9 +212,8 @@ def _end(criterion: Criterion) -> float:
 
 def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
     step = task.steps[0]
-    return Candidate(
-        manipulation.label, {step.name: {step.strategies[0]: manipulation.config()}}, manipulation.provenance()
-    )
+    name, label = step.strategies[0], manipulation.label
+    return Candidate(label, {step.name: {name: manipulation.config()}}, manipulation.provenance(), {name: label})
 
 
 def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
@@ -232,11 +231,13 @@ def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
     the first of these strategies for which it finds a plan.
     """
     ways: Strategies = {}
+    labels = {}
     for number, result in enumerate(group, 1):
         ((name, data),) = result.candidate.strategies.items()
-        ways[name if name != step.strategies[0] else f"{name}_{number}"] = data
-    label = " or else ".join(result.candidate.label for result in group)
-    return Candidate(label, {step.name: ways}, {"team": [result.candidate.provenance for result in group]})
+        own = name if name != step.strategies[0] else f"{name}_{number}"
+        ways[own], labels[own] = data, result.candidate.label
+    label = " or else ".join(labels.values())
+    return Candidate(label, {step.name: ways}, {"team": [result.candidate.provenance for result in group]}, labels)
 
 
 def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
@@ -268,5 +269,6 @@ def _reordered(results: Sequence[CandidateResult]) -> list[Candidate]:
         items = list(result.candidate.steps[blamed].items())
         for order in itertools.islice(itertools.permutations(items[:3]), 1, 4):
             steps: dict[str, Any] = {**result.candidate.steps, blamed: dict([*order, *items[3:]])}
-            found.append(Candidate(f"{result.candidate.label}; {blamed} reordered", steps, {"blamed": blamed}))
+            label = f"{result.candidate.label}; {blamed} reordered"
+            found.append(Candidate(label, steps, {"blamed": blamed}, result.candidate.labels))
     return found

@@ -19,7 +19,7 @@ from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import JSON_NAME
 from gensim2.design.designs import DesignRecord, StageRecord, read_design
 from gensim2.design.model_report import ModelReport
-from gensim2.design.next_steps import next_steps
+from gensim2.design.next_steps import NextStep, next_steps
 from gensim2.rollout.episode_log import ATTEMPTS, read_log
 from gensim2.rollout.record import Episode, StrictMiss
 from gensim2.rollout.tally import Tally, interval
@@ -63,11 +63,18 @@ def write_report(run_dir: Path) -> Path:
         shown=SHOWN_CANDIDATES,
         model=model.of_run(),
         unfilmed=_why_unfilmed(run, run_dir),
-        advice=next_steps(run_dir),
+        advice=[(step.words, _links(step, run_dir)) for step in next_steps(run_dir)],
     )
     path = run_dir / "report.html"
     write_atomic(path, page)
     return path
+
+
+def _links(step: NextStep, run_dir: Path) -> list[tuple[str, str]]:
+    """Return the target and the text of each link that the report shows for an advice."""
+    if step.report is not None:
+        return [(f"#{folder.name}", folder.name) for folder in step.files]
+    return [(path.relative_to(run_dir).as_posix(), f"{path.parent.name}, {path.name}") for path in step.files]
 
 
 @contextlib.contextmanager
@@ -94,6 +101,8 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
     recorded = folder / JSON_NAME
     recording = read_record(recorded, RecordingSummary, "delete the file and resume") if recorded.exists() else None
     verification = files.verification()
+    design = read_design(files.path)
+    best = design.candidates[0].label if design is not None and design.candidates else None
     logged = TaskStore(folder).logged() or read_log(folder / ATTEMPTS)
     return {
         "name": spec.name if spec is not None else folder.name,
@@ -105,11 +114,12 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
         "checker": files.checker(),
         "verification": _verification(verification, spec),
         "collection": _figures(logged, spec) if logged else None,
-        "design": _design(read_design(files.path)),
+        "design": _design(design),
+        "best": best,
         "model": model.of_task(spec.name if spec is not None else folder.name),
         "video": _beside(folder, "video.mp4"),
         "still": _beside(folder, "still.png"),
-        "films": _films(folder, logged if verification is None else verification.episodes),
+        "films": _films(folder, logged if verification is None else verification.episodes, best),
         "plan": _beside(folder, PLAN_PICTURE),
         "demos": len(recording.episodes) if recording is not None else 0,
         "env_id": recording.env_info.env_id if recording is not None else None,
@@ -117,7 +127,7 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
     }
 
 
-def _films(folder: Path, episodes: Sequence[Episode]) -> list[tuple[str, str]]:
+def _films(folder: Path, episodes: Sequence[Episode], best: str | None) -> list[tuple[str, str]]:
     """Return the path (in the run folder) and the caption of each video of a task.
 
     The video of the first demonstration is omitted, because the report shows it separately.
@@ -129,7 +139,7 @@ def _films(folder: Path, episodes: Sequence[Episode]) -> list[tuple[str, str]]:
             continue
         caption = {"video": f"demonstration {number}", "held": "held", "failed": "failed"}[word]
         if word == "failed" and not episodes:
-            caption = "the best candidate"
+            caption = f"the best candidate: {best}" if best else "the best candidate"
         elif word != "video" and int(number) < len(episodes):
             episode = episodes[int(number)]
             caption = f"seed {episode.seed}: {'held' if episode.held else episode.cause}"

@@ -207,7 +207,10 @@ class Search:
                         len(seeds),
                         sum(score for score, _, _ in planned) / len(seeds),
                         merge_causes([cause for _, cause, _ in planned]),
-                        diagnoses=diagnoses((cause, numbers) for _, cause, numbers in planned if cause is not None),
+                        diagnoses=diagnoses(
+                            ((cause, numbers) for _, cause, numbers in planned if cause is not None),
+                            candidate.described,
+                        ),
                     ),
                 ),
             )
@@ -238,7 +241,8 @@ class Search:
         for owner, episode in zip(owners, episodes_run, strict=True):
             grouped[owner].append(episode)
         updated = [
-            replace(result, stages=(*result.stages, _stage(grouped[index]))) for index, result in enumerate(results)
+            replace(result, stages=(*result.stages, _stage(result.candidate, grouped[index])))
+            for index, result in enumerate(results)
         ]
         return self._sorted(updated)
 
@@ -323,7 +327,7 @@ def _compared(standing: Sequence[CandidateResult]) -> str:
     return f"{told}; {len(equal)} more are equal within the noise ({others})"
 
 
-def _stage(episodes: Sequence[Episode]) -> StageResult:
+def _stage(candidate: Candidate, episodes: Sequence[Episode]) -> StageResult:
     by_object: dict[str, tuple[int, int]] = {}
     for episode in episodes:
         instance = next(iter(episode.objects.values())).id
@@ -335,6 +339,6 @@ def _stage(episodes: Sequence[Episode]) -> StageResult:
         sum(episode.held for episode in episodes) / len(episodes),
         merge_causes([str(episode.cause) for episode in episodes if episode.cause is not None]),
         sum(episode.strict for episode in episodes) / len(episodes),
-        diagnoses((str(e.cause), e.diagnosis) for e in episodes if e.cause is not None),
+        diagnoses(((str(e.cause), e.diagnosis) for e in episodes if e.cause is not None), candidate.described),
         by_object,
     )

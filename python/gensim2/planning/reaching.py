@@ -29,7 +29,8 @@ class Reach:
         problem: solved problem.
         plan: plan of the solver.
         clearance: requested clearance, m.
-        touches: body that the approach has to touch before the actuation pose; None if the approach touches nothing.
+        touches: reason why planning with a clearance failed, if ``plan`` permits the hand to touch the target before
+            the actuation pose; otherwise None.
     """
 
     problem: kpam.KeypointProblem

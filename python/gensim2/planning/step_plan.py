@@ -37,7 +37,8 @@ class StepPlan:
         width: distance between the finger pads at the grasp of ``picks``, m.
         force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
-        touches: body that the hand has to touch before the actuation pose, or None.
+        touches: reason why planning failed without contact before the actuation pose; None if ``plan`` permits no such
+            contact.
         whole: if ``plan`` is a shortened motion, the failed plan of the complete motion; otherwise None.
         foreseen: plan of a later step that uses the grasped object as its tool. This plan starts from the predicted
             scene ``after``. None if no such plan was made.
@@ -72,9 +73,7 @@ class StepPlan:
         return 2 if not self.is_solved else 0 if self.touches is None else 1
 
     def detail(self) -> dict[str, Any]:
-        """Return the reasons why no complete motion was found (residuals, keyframe, collisions), or the name of the
-        body that the hand has to touch before the actuation pose.
-        """
+        """Return the reasons why no complete motion was found (residuals, keyframe, collisions), and ``touches``."""
         touches = {} if self.touches is None else {"touches": self.touches}
         plan = self.whole or self.plan
         if plan is None or self.is_solved:

@@ -319,7 +319,8 @@ class LLMDesigner:
             f"{name}: {in_words(config)}" if len(steps) > 1 else in_words(config) for name, config in written.items()
         ]
         ways = {name: dict(each) for name, each in steps.items()}
-        return Candidate(f"{label}: {'; '.join(told)}"[:400], ways, {"by": self.name, "round": round})
+        labels = {name: in_words(config) for step in written for name, config in ways[step].items()}
+        return Candidate(f"{label}: {'; '.join(told)}"[:400], ways, {"by": self.name, "round": round}, labels)
 
 
 def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
