@@ -21,6 +21,7 @@ from .results import CpuTimes as CpuTimes
 from .results import GraspQuality as GraspQuality
 from .results import Guess as Guess
 from .results import Keyframe as Keyframe
+from .results import LinkPair as LinkPair
 from .results import MotionStatus as MotionStatus
 from .results import Refined as Refined
 from .results import Residual as Residual
@@ -65,17 +66,28 @@ class Robot:
     """
 
     @staticmethod
-    def from_urdf(path: File, *, hand_link: str, srdf: File | None = None, base_link: str | None = None) -> Robot:
-        """Read a URDF and its collision meshes.
+    def from_urdf(
+        path: File,
+        *,
+        hand_link: str,
+        srdf: File | None = None,
+        base_link: str | None = None,
+        package_dirs: Sequence[File] = (),
+    ) -> Robot:
+        """Read a URDF and its collision meshes (.stl, .ply, .obj, .dae, .glb, .gltf).
 
         Args:
-            path: URDF file. Mesh paths are relative to its folder, ``package://`` paths to it or a folder above.
+            path: URDF file. Mesh paths are relative to its folder.
             hand_link: link that carries the tool. The joints between ``base_link`` and this link are planned. Poses
                 and tool keypoints refer to the frame of this link, and moving joints below it are fingers.
             srdf: SRDF file. Pairs of ``disable_collisions``, and links of ``disable_default_collisions`` except the
                 pairs of ``enable_collisions``, are not checked for collision. Without an SRDF file, neighbouring
-                links and links that overlap at the middle of their joint ranges are not checked.
+                links and links that overlap in at least 95 % of random configurations are not checked; see
+                :meth:`self_collisions`.
             base_link: link of the base frame; default: the only link without a parent.
+            package_dirs: folders in which ``package://`` paths are searched: folders of ROS packages, or packages
+                themselves. Further folders are those in the environment variables ``ROS_PACKAGE_PATH`` and
+                ``AMENT_PREFIX_PATH``, and the folders above the URDF.
 
         Raises:
             UrdfError: a file cannot be read or used: a limit is missing, a name is misspelt or unknown, or xacro is
@@ -85,6 +97,44 @@ class Robot:
             ```python
             robot = kpam.Robot.from_urdf("ur5.urdf", hand_link="flange")
             print(robot.joint_names)
+            ```
+        """
+    def self_collisions(
+        self, *, samples: int = 1000, seed: int = 0, always: float = 0.95, srdf: File | None = None
+    ) -> list[LinkPair]:
+        """Return how often each pair of links overlaps in random configurations, and whether motions check the pair.
+
+        Motions check all pairs except adjacent links, links that always overlap, and the pairs that the robot's SRDF
+        disables. Links that were never seen to overlap are checked, because random configurations prove nothing about
+        the others.
+
+        Args:
+            samples: number of random configurations within the joint limits.
+            seed: seed of the random configurations.
+            always: fraction of the configurations, above 0 and at most 1. Links that overlap in at least this fraction
+                get the relation "always".
+            srdf: SRDF file to write. It disables the checks of all pairs whose field ``checked`` is False.
+
+        Returns:
+            One dict for each pair of links with collision shapes.
+
+        Raises:
+            ProblemError: an argument is out of range, or the file cannot be written.
+
+        Example:
+            ```python
+            for pair in robot.self_collisions(srdf="fetch.srdf"):
+                if not pair["checked"]:
+                    print(pair["links"], pair["relation"], pair["fraction"])
+            ```
+        """
+    def apply_mimic(self, q: Numbers) -> Array:
+        """Return joints (n,) or (N, n) in which every mimic joint has the value that follows from its source.
+
+        Example:
+            ```python
+            q[robot.joint_names.index("finger_joint")] = 0.4
+            q = robot.apply_mimic(q)  # all fingers are at the place of the drive joint
             ```
         """
     @property
@@ -98,8 +148,8 @@ class Robot:
         """Names of all links."""
     @property
     def unchecked_pairs(self) -> list[tuple[str, str]]:
-        """Pairs of links that are not checked against each other because they overlap when every joint is at the middle
-        of its range; an SRDF would tell whether they may touch."""
+        """Pairs of links that are not checked against each other because they overlap in at least 95 % of random
+        configurations and no SRDF was given. See :meth:`self_collisions`."""
     @property
     def lower(self) -> Array:
         """(n,) lower joint limits, rad or m; minus infinity for continuous joints."""
@@ -140,12 +190,16 @@ class Robot:
             Torques of the same shape as ``q``, N m (N for sliding joints).
         """
     def forward_kinematics(self, q: Numbers, link: str | None = None) -> Array:
-        """Compute the pose of ``link`` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4)."""
+        """Compute the pose of ``link`` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4).
+
+        The entries of mimic joints in ``q`` are ignored: these joints follow their sources.
+        """
     def jacobian(self, q: Numbers, link: str | None = None) -> Array:
         """Compute the Jacobian of ``link`` (default: the hand) in base axes.
 
         Linear velocity of its origin comes first, then angular velocity. Joints (n,) give (6, n), and joints
-        (N, n) give (N, 6, n). Units are m or rad per rad or m.
+        (N, n) give (N, 6, n). Units are m or rad per rad or m. The motion of mimic joints belongs to the columns of
+        their sources; their own columns are zero.
         """
 
 class SolverConfig:

@@ -4,7 +4,7 @@ A status is a string: ``plan.status == "solved"`` and ``plan.status is Status.SO
 """
 
 from enum import StrEnum
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +83,18 @@ class Keyframe(TypedDict):
     T_base_hand: Array
     """Pose (4, 4) of the hand in the base frame."""
     reached: bool
+
+
+class LinkPair(TypedDict):
+    """Two links of a robot, and how often they overlap in random configurations."""
+
+    links: tuple[str, str]
+    relation: Literal["adjacent", "always", "sometimes", "never"]
+    """"adjacent" if a joint connects the links; otherwise how often they overlap."""
+    fraction: float
+    """Fraction of the random configurations in which the links overlap, 0 to 1."""
+    checked: bool
+    """Whether motions are checked for collisions of the two links."""
 
 
 class Collision(TypedDict):

@@ -96,7 +96,7 @@ pub unsafe extern "C" fn kpam_scene_load(
         let (urdf, hand) = unsafe { (text(urdf, "urdf")?, text(hand_link, "hand_link")?) };
         // SAFETY: guaranteed by the caller.
         let srdf = if srdf.is_null() { None } else { Some(unsafe { text(srdf, "srdf") }?) };
-        let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, None)
+        let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, None, &[])
             .map_err(|e| Fault(kpam_status::KPAM_FILE, e.to_string()))?;
         Scene::new(Arc::new(robot), Vec::new(), Vec::new()).map(kpam_scene).map_err(Fault::invalid)
     };

@@ -140,8 +140,8 @@ impl RobotBuilder {
         self
     }
 
-    /// Disables the collision check between two links. Neighbours, and links that overlap when every joint is at the
-    /// middle of its range, are not checked anyway.
+    /// Disables the collision check between two links. Neighbours, and links that overlap in almost all configurations,
+    /// are not checked anyway.
     pub fn disabled_collisions(mut self, one: impl Into<String>, other: impl Into<String>) -> Self {
         self.free.push((one.into(), other.into()));
         self

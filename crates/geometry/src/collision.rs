@@ -399,26 +399,3 @@ pub fn checked_pairs(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> V
     }
     pairs
 }
-
-/// Returns the pairs of links that overlap at the given poses.
-pub(crate) fn overlapping_pairs(robot: &Robot, poses: Vec<Pose>) -> Vec<(usize, usize)> {
-    let shapes = MovingShapes::new(robot.links().iter().map(|l| l.shapes.as_slice()));
-    let pairs = checked_pairs(robot, |_, _| true);
-    let all: Vec<usize> = (0..shapes.len()).collect();
-    let every: Vec<usize> = (0..pairs.len()).collect();
-    let mut scratch = Scratch::default();
-    shapes.place(&all, &mut scratch, |placed| *placed = poses);
-    let mut out = Vec::new();
-    shapes.near_pairs(
-        &pairs,
-        &every,
-        &mut scratch,
-        f64::INFINITY,
-        |_| 0.0,
-        |index, _| {
-            out.push(pairs[index]);
-            true
-        },
-    );
-    out
-}

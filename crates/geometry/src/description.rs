@@ -6,7 +6,7 @@ use std::collections::{HashMap, HashSet};
 use serde::Serialize;
 
 use crate::xml::{self, Element};
-use crate::{Pose, UrdfError, pose_from_xyz_rpy};
+use crate::{Pose, UrdfError, mesh_path, pose_from_xyz_rpy};
 
 /// Maximum number of links of a robot; a file with more counts as damaged.
 const MAX_LINKS: usize = 10_000;
@@ -285,41 +285,9 @@ fn geometry(shape: &Element<'_>) -> Result<Geometry, UrdfError> {
         _ => {
             let filename = shape.required("filename")?.to_owned();
             let scale = shape.numbers("scale")?.unwrap_or([1.0; 3]);
-            Geometry::Mesh { paths: mesh_paths(&filename), filename, scale }
+            Geometry::Mesh { paths: mesh_path::candidates(&filename), filename, scale }
         }
     })
-}
-
-/// Returns candidate paths of a mesh relative to the URDF's folder: as written; a URI without its scheme and package;
-/// with URI escapes decoded; with slashes in place of backslashes.
-fn mesh_paths(filename: &str) -> Vec<String> {
-    let (scheme, inside) = filename.split_once("://").map_or(("", filename), |(s, rest)| (s, rest));
-    let mut out = match scheme.to_ascii_lowercase().as_str() {
-        "package" | "model" => {
-            let package = inside.trim_start_matches('/');
-            let rest = package.split_once(['/', '\\']).map(|(_, rest)| rest.to_owned());
-            std::iter::once(package.to_owned()).chain(rest).collect()
-        }
-        "file" => vec![inside.strip_prefix("localhost/").map_or(inside.to_owned(), |path| format!("/{path}"))],
-        _ => vec![filename.to_owned()],
-    };
-    if !scheme.is_empty() {
-        out.extend(out.clone().iter().filter(|p| p.contains('%')).map(|p| unescaped(p)));
-    }
-    out.extend(out.clone().iter().filter(|p| p.contains('\\')).map(|p| p.replace('\\', "/")));
-    out
-}
-
-/// Decodes the escapes of a URI, such as `%20`.
-fn unescaped(text: &str) -> String {
-    let (bytes, mut out) = (text.as_bytes(), Vec::with_capacity(text.len()));
-    let mut i = 0;
-    while i < bytes.len() {
-        let code = text.get(i + 1..i + 3).filter(|_| bytes[i] == b'%').and_then(|hex| u8::from_str_radix(hex, 16).ok());
-        out.push(code.unwrap_or(bytes[i]));
-        i += if code.is_some() { 3 } else { 1 };
-    }
-    String::from_utf8_lossy(&out).into_owned()
 }
 
 fn rgba(material: &Element<'_>) -> Result<Option<[f64; 4]>, UrdfError> {
@@ -516,17 +484,6 @@ mod tests {
         assert!(with(r#"<xacro:include filename="b"/>"#).unwrap_err().message.contains("<xacro:include>"));
         assert_eq!(with("<x:link/><gazebo/>").unwrap().links.len(), 1);
         assert!(Description::parse("<sdf/>", "a.urdf").unwrap_err().message.contains("<robot>"));
-    }
-
-    #[test]
-    fn mesh_names_are_paths_and_uris() {
-        assert_eq!(mesh_paths("a/b.stl"), ["a/b.stl"]);
-        assert_eq!(mesh_paths("package://arm/m/b.stl"), ["arm/m/b.stl", "m/b.stl"]);
-        assert_eq!(mesh_paths("file:///m/a%20b.stl"), ["/m/a%20b.stl", "/m/a b.stl"]);
-        assert_eq!(mesh_paths("FILE://localhost/b.stl"), ["/b.stl"]);
-        assert_eq!(mesh_paths("m\\b.stl"), ["m\\b.stl", "m/b.stl"]);
-        let mixed = ["arm\\m\\b.stl", "m\\b.stl", "arm/m/b.stl", "m/b.stl"];
-        assert_eq!(mesh_paths("package://arm\\m\\b.stl"), mixed);
     }
 
     #[test]

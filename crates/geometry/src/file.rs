@@ -39,7 +39,9 @@ mod tests {
     fn devices_and_folders_are_never_read() {
         assert!(refusal("/dev/zero", "1 1 1").contains("mesh /dev/zero is not a regular file"));
         assert!(refusal("/", "1 1 1").contains("is not a regular file"));
-        assert!(Robot::from_urdf("/dev/zero", None, "l", None).unwrap_err().to_string().contains("is not a regular"));
+        assert!(
+            Robot::from_urdf("/dev/zero", None, "l", None, &[]).unwrap_err().to_string().contains("is not a regular")
+        );
     }
 
     #[test]

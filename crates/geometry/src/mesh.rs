@@ -1,11 +1,11 @@
-//! Reads the vertices of surfaces from STL (binary and text), PLY (binary and text) and OBJ files.
+//! Reads the vertices of surfaces from STL and PLY (binary and text), OBJ, COLLADA and glTF files.
 
 use std::path::Path;
 
 use nalgebra::Point3;
 
 use crate::obj::Obj;
-use crate::{file, ply};
+use crate::{dae, file, gltf, ply};
 
 /// Returns the vertices of a mesh's faces, or the reason why they cannot be read. Vertices that no face uses are
 /// dropped.
@@ -16,7 +16,11 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
         "stl" => stl(&bytes),
         "obj" => Obj::read(&bytes).map(|obj| used(&obj.vertices, obj.groups.iter().flat_map(|(_, faces)| faces))),
         "ply" => ply::read(&bytes).map(|(vertices, faces)| used(&vertices, &faces)),
-        _ => Err(format!("collision meshes are read from .stl, .ply and .obj, not .{extension}; convert it")),
+        "dae" => dae::read(&bytes),
+        "glb" | "gltf" => gltf::read(&bytes, path),
+        _ => Err(format!(
+            "collision meshes are read from .stl, .ply, .obj, .dae, .glb and .gltf, not .{extension}; convert it"
+        )),
     }
     .map_err(|e| format!("{}: {e}", path.display()))?;
     if vertices.is_empty() {

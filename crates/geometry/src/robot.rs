@@ -1,6 +1,6 @@
 //! The kinematic tree: poses of links, and the pairs of links that are checked for collision.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Rotation3, Translation3};
@@ -10,7 +10,7 @@ use crate::checked::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::{
     Chain, ChainFrames, Cover, Description, Joint, JointCountError, JointKind, Link, Mimic, Pose, RobotBuilder,
-    RobotError, UrdfError, file, srdf, urdf, xml,
+    RobotError, UrdfError, checked_pairs, file, srdf, urdf, xml,
 };
 
 /// A robot arm: a tree of links and joints.
@@ -24,18 +24,28 @@ pub struct Robot {
     chain: Chain,
     /// Sorted pairs of links (lower index first) that are never checked for collision.
     allowed: Vec<(usize, usize)>,
-    /// The pairs of `allowed` that are unchecked only because they overlap at the middle of all joint ranges.
+    /// The pairs of `allowed` that are unchecked only because they overlap in almost all configurations.
     #[serde(default)]
     unchecked: Vec<(usize, usize)>,
+    /// Spheres around the links.
     #[serde(skip)]
-    cover: Covered,
+    cover: Computed<Arc<Cover>>,
+    /// Checked pairs of links that are close in all configurations, with their largest distance.
+    #[serde(skip)]
+    pub(crate) close: Computed<Vec<((usize, usize), f64)>>,
 }
 
-/// Spheres around the links, computed on first use and ignored in comparisons.
-#[derive(Debug, Clone, Default)]
-struct Covered(OnceLock<Arc<Cover>>);
+/// A value that is computed on first use and ignored in comparisons.
+#[derive(Debug, Clone)]
+pub(crate) struct Computed<T>(pub OnceLock<T>);
 
-impl PartialEq for Covered {
+impl<T> Default for Computed<T> {
+    fn default() -> Self {
+        Self(OnceLock::new())
+    }
+}
+
+impl<T> PartialEq for Computed<T> {
     fn eq(&self, _: &Self) -> bool {
         true
     }
@@ -46,9 +56,11 @@ checked_when_read!(Robot);
 impl Robot {
     /// Reads a URDF with its collision meshes, and the pairs of links that an SRDF disables.
     ///
-    /// Mesh paths are relative to the URDF's folder; `package://` paths are also searched in the folders above it.
-    /// Without an SRDF, neighbouring links and pairs that overlap at the middle of all joint ranges are not checked
-    /// against each other.
+    /// Mesh paths are relative to the URDF's folder. Files of packages (`package://`) are searched in `package_dirs`,
+    /// which are folders of packages or packages themselves, in the folders that the environment variables
+    /// `ROS_PACKAGE_PATH` and `AMENT_PREFIX_PATH` list, and in the folders above the URDF.
+    /// Without an SRDF, neighbouring links and links that overlap in almost all configurations
+    /// ([`Robot::self_collisions`]) are not checked against each other.
     ///
     /// # Errors
     /// A file is unreadable or malformed, a link is unknown, the links form a loop, limits are missing or inverted, an
@@ -58,6 +70,7 @@ impl Robot {
         srdf: Option<&Path>,
         hand_link: &str,
         base_link: Option<&str>,
+        package_dirs: &[PathBuf],
     ) -> Result<Self, UrdfError> {
         let path = path.as_ref();
         let text = read_text(path)?;
@@ -68,6 +81,7 @@ impl Robot {
             srdf.as_ref().map(|(text, file)| (text.as_str(), file.as_str())),
             hand_link,
             base_link,
+            package_dirs,
         )
     }
 
@@ -83,7 +97,7 @@ impl Robot {
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        Self::of_texts(text, file.as_ref(), srdf.map(|text| (text, "SRDF")), hand_link, base_link)
+        Self::of_texts(text, file.as_ref(), srdf.map(|text| (text, "SRDF")), hand_link, base_link, &[])
     }
 
     /// Creates the robot from the text of a URDF, and from the text and file name of an SRDF.
@@ -93,9 +107,10 @@ impl Robot {
         srdf: Option<(&str, &str)>,
         hand_link: &str,
         base_link: Option<&str>,
+        package_dirs: &[PathBuf],
     ) -> Result<Self, UrdfError> {
         let description = Description::parse(text, &path.display().to_string())?;
-        let mut robot = urdf::build(&description, path, hand_link, base_link)?;
+        let mut robot = urdf::build(&description, path, hand_link, base_link, package_dirs)?;
         if let Some((text, file)) = srdf {
             let known = description.links.iter().map(|l| l.name.as_str()).collect();
             robot.allowed = srdf::disabled_pairs(text, file, &known, &robot.links)?;
@@ -125,12 +140,13 @@ impl Robot {
     /// Creates a robot from valid links and joints.
     pub(crate) fn assemble(name: String, links: Vec<Link>, joints: Vec<Joint>, hand: usize) -> Self {
         let chain = Chain::new(&links, &joints, hand);
-        let unchecked = Vec::new();
-        Self { name, links, joints, hand, chain, allowed: Vec::new(), unchecked, cover: Covered::default() }
+        let (allowed, unchecked) = (Vec::new(), Vec::new());
+        let (cover, close) = (Computed::default(), Computed::default());
+        Self { name, links, joints, hand, chain, allowed, unchecked, cover, close }
     }
 
     /// Creates a robot from parts that are not validated. Links are never checked against each other if they are a pair
-    /// of `allowed`, are neighbours, or overlap when all joints are at the middle of their ranges.
+    /// of `allowed`, are neighbours, or overlap in almost all configurations.
     pub(crate) fn of_parts(
         name: String,
         links: Vec<Link>,
@@ -139,8 +155,9 @@ impl Robot {
         allowed: Vec<(usize, usize)>,
     ) -> Result<Self, RobotError> {
         // The chain is empty until the tree has been validated.
-        let (unchecked, cover) = (Vec::new(), Covered::default());
-        let mut robot = Self { name, links, joints, hand, chain: Chain::default(), allowed, unchecked, cover };
+        let (chain, unchecked) = (Chain::default(), Vec::new());
+        let (cover, close) = (Computed::default(), Computed::default());
+        let mut robot = Self { name, links, joints, hand, chain, allowed, unchecked, cover, close };
         robot.check_tree()?;
         robot.chain = Chain::new(&robot.links, &robot.joints, hand);
         robot.allow_neighbours(true);
@@ -205,40 +222,32 @@ impl Robot {
     }
 
     /// Disables checks between neighbours, which touch by construction. With `and_overlapping`, also disables those
-    /// between links that overlap at the middle of all joint ranges.
+    /// between links that overlap in almost all configurations.
     pub(crate) fn allow_neighbours(&mut self, and_overlapping: bool) {
+        self.allowed.extend(self.neighbours());
+        self.allowed.sort_unstable();
+        self.allowed.dedup();
+        if and_overlapping {
+            self.unchecked = self.always_overlapping(&checked_pairs(self, |_, _| true));
+            self.allowed.extend_from_slice(&self.unchecked);
+            self.allowed.sort_unstable();
+        }
+    }
+
+    /// Returns the pairs of links (lower index first) that a joint connects, or that only links without shapes separate.
+    pub(crate) fn neighbours(&self) -> Vec<(usize, usize)> {
+        let mut out = Vec::new();
         for (i, link) in self.links.iter().enumerate() {
-            // Between two links that touch, there may be links without shapes.
             let mut above = link.parent;
             while let Some(p) = above {
-                self.allowed.push((p, i));
+                out.push((p, i));
                 if !self.links[p].shapes.is_empty() {
                     break;
                 }
                 above = self.links[p].parent;
             }
         }
-        if and_overlapping {
-            let mut middle: Vec<f64> = (0..self.joints.len()).map(|j| self.middle_of_range(j)).collect();
-            self.apply_mimic(&mut middle);
-            let mut poses = Vec::new();
-            self.place_links(&middle, &mut poses);
-            let overlapping = crate::collision::overlapping_pairs(self, poses);
-            self.unchecked = overlapping.into_iter().filter(|pair| !self.allowed.contains(pair)).collect();
-            self.allowed.extend_from_slice(&self.unchecked);
-        }
-        self.allowed.sort_unstable();
-        self.allowed.dedup();
-    }
-
-    /// Middle of an independent joint's range; for an unbounded range, the permitted value closest to zero.
-    fn middle_of_range(&self, j: usize) -> f64 {
-        let joint = &self.joints[j];
-        let (lower, upper) = match self.range(j) {
-            Some((lower, upper)) if lower <= upper => (lower, upper),
-            _ => (joint.lower, joint.upper),
-        };
-        if lower.is_finite() && upper.is_finite() { 0.5 * (lower + upper) } else { 0.0_f64.max(lower).min(upper) }
+        out
     }
 
     /// Name of the robot in the URDF.
@@ -277,8 +286,8 @@ impl Robot {
         (link < self.links.len()).then(|| Chain::new(&self.links, &self.joints, link))
     }
 
-    /// Pairs of links (lower index first) that are not checked only because they overlap when every joint is at the
-    /// middle of its range; an SRDF would tell whether they may touch.
+    /// Pairs of links (lower index first) that are not checked only because they overlap in almost all configurations;
+    /// an SRDF would tell whether they may touch.
     #[must_use]
     pub fn unchecked_pairs(&self) -> &[(usize, usize)] {
         &self.unchecked
@@ -347,7 +356,7 @@ impl Robot {
         Ok(())
     }
 
-    fn place_links(&self, q: &[f64], out: &mut Vec<Pose>) {
+    pub(crate) fn place_links(&self, q: &[f64], out: &mut Vec<Pose>) {
         out.clear();
         for link in &self.links {
             let pose = match link.parent {

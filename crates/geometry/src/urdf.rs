@@ -7,10 +7,16 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::description::{Description, Geometry, InertialDescription, JointDescription, Origin, ShapeDescription};
 use crate::link::FURTHEST;
-use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mimic};
+use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mesh_path, mimic};
 
-/// Builds the robot from the links below `base`, by default the root.
-pub(crate) fn build(model: &Description, path: &Path, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
+/// Builds the robot from the links below `base`, by default the root. `package_dirs` are folders of ROS packages.
+pub(crate) fn build(
+    model: &Description,
+    path: &Path,
+    hand: &str,
+    base: Option<&str>,
+    package_dirs: &[PathBuf],
+) -> Result<Robot, UrdfError> {
     let file = path.display().to_string();
     let file = file.as_str();
     let fail = |field: &str, message: String| UrdfError::new(file, field, message);
@@ -99,7 +105,8 @@ pub(crate) fn build(model: &Description, path: &Path, hand: &str, base: Option<&
                 (parent, origin(file, &format!("joint {}: origin", spec.name), &spec.origin)?)
             }
         };
-        let shapes = link.collisions.iter().map(|spec| shape(spec, &folder, file)).collect::<Result<_, _>>()?;
+        let shapes =
+            link.collisions.iter().map(|spec| shape(spec, &folder, package_dirs, file)).collect::<Result<_, _>>()?;
         let inertia = link.inertial.as_ref().map(|spec| inertia(spec, &link.name, file)).transpose()?.flatten();
         links.push(Link {
             name: link.name.clone(),
@@ -224,7 +231,7 @@ fn origin(file: &str, field: &str, origin: &Origin) -> Result<Pose, UrdfError> {
     Ok(origin.pose())
 }
 
-fn shape(spec: &ShapeDescription, folder: &Path, file: &str) -> Result<Convex, UrdfError> {
+fn shape(spec: &ShapeDescription, folder: &Path, package_dirs: &[PathBuf], file: &str) -> Result<Convex, UrdfError> {
     let fail = |message: String| UrdfError::new(file, &spec.field, message);
     let pose = &origin(file, &format!("{}: origin", spec.field), &spec.origin)?;
     let built = match &spec.geometry {
@@ -240,21 +247,15 @@ fn shape(spec: &ShapeDescription, folder: &Path, file: &str) -> Result<Convex, U
                     "a factor is 0; use factors other than 0",
                 ));
             }
-            let vertices = mesh::read(&resolve(filename, paths, folder)).map_err(|why| fail(format!("mesh {why}")))?;
+            let vertices = mesh_path::resolve(filename, paths, folder, package_dirs)
+                .and_then(|path| mesh::read(&path))
+                .map_err(|why| fail(format!("mesh {why}")))?;
             let points: Vec<_> =
                 vertices.iter().map(|v| pose * Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2])).collect();
             Convex::hull(&points)
         }
     };
     built.map_err(|e| fail(e.to_string()))
-}
-
-/// Returns the first path at which a file exists; package paths are also searched in the folders above the URDF.
-fn resolve(filename: &str, paths: &[String], folder: &Path) -> PathBuf {
-    let above = if filename.contains("://") { usize::MAX } else { 1 };
-    let places = folder.ancestors().take(above).flat_map(|place| paths.iter().map(move |path| place.join(path)));
-    let first = paths.first().map(|path| folder.join(path)).unwrap_or_default();
-    places.into_iter().find(|path| path.is_file()).unwrap_or(first)
 }
 
 #[cfg(test)]

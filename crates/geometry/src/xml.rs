@@ -55,7 +55,7 @@ pub(crate) fn parse<'t>(text: &'t str, file: &str) -> Result<Document<'t>, UrdfE
 }
 
 /// Returns an error for text with too many or too deeply nested elements.
-fn check_size(text: &str) -> Result<(), String> {
+pub(crate) fn check_size(text: &str) -> Result<(), String> {
     let (mut depth, mut count) = (0_usize, 0_usize);
     let mut rest = text;
     while let Some(open) = rest.find('<') {

@@ -94,7 +94,7 @@ pub(crate) fn warnings(robot: &Robot, model: &Model, options: &Options) -> Vec<S
         let names: Vec<_> =
             unchecked.iter().map(|(a, b)| format!("{} and {}", links[*a].name(), links[*b].name())).collect();
         out.push(format!(
-            "not checked for collisions with each other, because they overlap at the middle of all joint ranges and there is no SRDF: {}",
+            "not checked for collisions with each other, because they overlap in almost all configurations and there is no SRDF: {}",
             names.join(", ")
         ));
     }

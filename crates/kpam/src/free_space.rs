@@ -1,7 +1,7 @@
 //! Searches a collision-free motion between two joint vectors: the straight segment if possible, otherwise a path by
 //! RRT-Connect (Kuffner and LaValle, 2000) with shortcuts. The same problem always gives the same path.
 
-use gensim2_geometry::Robot;
+use gensim2_geometry::{Draws, Robot};
 
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, World};
@@ -85,26 +85,6 @@ fn between(n: usize, a: &Row, b: &Row, s: f64) -> Row {
         out[v] = a[v] + s * (b[v] - a[v]);
     }
     out
-}
-
-/// The random number generator SplitMix64; its numbers depend on the seed only.
-pub(crate) struct Draws(u64);
-
-impl Draws {
-    /// Creates the generator for one use (`purpose`) of random numbers, with the problem's seed.
-    pub fn of(purpose: u64, seed: usize) -> Self {
-        Self(purpose ^ ((seed as u64) << 32))
-    }
-
-    /// Returns a random number uniformly distributed in 0..1.
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^= z >> 31;
-        (z >> 11) as f64 / (1u64 << 53) as f64
-    }
 }
 
 /// Reason why no collision-free motion was found.

@@ -32,7 +32,7 @@ pub struct JointMap {
 
 impl JointMap {
     /// Creates a map with the independent joints `indices` of a robot as variables. Joints that they do not drive keep
-    /// the values in `rest`, a joint vector of the whole robot.
+    /// the values in `rest`, a joint vector of the whole robot, except that mimic joints follow their sources.
     pub(crate) fn new(robot: &Robot, indices: Vec<usize>, rest: &[f64]) -> Self {
         let mut driven = Vec::new();
         for (link, joint) in robot.links().iter().enumerate().filter_map(|(l, link)| Some((l, link.joint()?))) {
@@ -43,7 +43,9 @@ impl JointMap {
                 driven.push(DrivenJoint { joint, variable, factor, offset, link });
             }
         }
-        Self { rest: rest.to_vec(), indices, driven }
+        let mut rest = rest.to_vec();
+        robot.apply_mimic(&mut rest);
+        Self { rest, indices, driven }
     }
 
     /// Creates a map in which every joint is a variable of its own.

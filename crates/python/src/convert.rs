@@ -1,6 +1,6 @@
 //! Conversion between Python and Rust values, with errors that name the argument.
 
-use gensim2_geometry::{Pose, pose_from_matrix, pose_to_matrix};
+use gensim2_geometry::{Pose, Robot, pose_from_matrix, pose_to_matrix};
 use nalgebra::{Matrix4, Point3, Vector3};
 use numpy::{PyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods, ndarray};
 use pyo3::IntoPyObjectExt;
@@ -260,6 +260,22 @@ impl JointRows {
             return Err(problem_error("q", "has an entry that is not finite"));
         }
         Ok(Self { data, n, count })
+    }
+
+    /// Reads one joint vector of a robot; mimic joints get the values that follow from their sources.
+    pub fn one(value: &Bound<'_, PyAny>, robot: &Robot) -> PyResult<Vec<f64>> {
+        let mut q = vector(value, "q", Some(robot.joints().len()))?;
+        robot.apply_mimic(&mut q);
+        Ok(q)
+    }
+
+    /// Reads joint vectors of a robot; mimic joints get the values that follow from their sources.
+    pub fn of_robot(value: &Bound<'_, PyAny>, robot: &Robot) -> PyResult<Self> {
+        let mut out = Self::of(value, robot.joints().len())?;
+        if out.n > 0 {
+            out.data.chunks_mut(out.n).for_each(|q| robot.apply_mimic(q));
+        }
+        Ok(out)
     }
 
     /// The joint vectors; no rows if the robot has no joints.

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use gensim2_geometry::{Chain, ChainFrames, Convex, DynamicsScratch, Pose, Robot, ShapeError};
+use gensim2_geometry::{ALWAYS, Chain, ChainFrames, Convex, DynamicsScratch, Pose, Robot, SAMPLES, ShapeError};
 use gensim2_kpam::{Body, Cancel, ObjectJoint, ObjectJointKind, Role};
 use nalgebra::{Point3, Vector3};
 use numpy::{PyArray2, PyArray3, ndarray};
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, from_shape, from_urdf, problem_error};
@@ -16,6 +16,9 @@ use crate::interrupt::interruptible;
 
 /// Shapes with at least this many parts are created in pieces; signals are handled before each piece.
 pub(crate) const LONG: usize = 8192;
+
+/// Maximum number of random configurations of a robot.
+const MAX_SAMPLES: usize = 1_000_000;
 
 /// Converts triangles (M, 3, 3) and spheres (K, 4) of shapes to NumPy arrays.
 fn surface<'py>(py: Python<'py>, shapes: &[Convex]) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
@@ -41,14 +44,68 @@ pub(crate) struct PyRobot(pub Arc<Robot>);
 #[pymethods]
 impl PyRobot {
     /// Reads a URDF and its collision meshes: `Robot.from_urdf("ur5.urdf", hand_link="flange")`. `hand_link` carries
-    /// the tool; `srdf` names pairs of links that may touch; `base_link` is the base frame (default: the only root). An
-    /// unusable file raises a `UrdfError` that names the link or joint.
+    /// the tool; `srdf` names pairs of links that may touch; `base_link` is the base frame (default: the only root);
+    /// `package_dirs` are folders of packages named by `package://` paths. An unusable file raises a `UrdfError` that
+    /// names the link or joint.
     #[staticmethod]
-    #[pyo3(name = "from_urdf", signature = (path, *, hand_link, srdf = None, base_link = None))]
-    fn read_urdf(path: PathBuf, hand_link: &str, srdf: Option<PathBuf>, base_link: Option<&str>) -> PyResult<Self> {
-        Robot::from_urdf(path, srdf.as_deref(), hand_link, base_link)
+    #[pyo3(name = "from_urdf", signature = (path, *, hand_link, srdf = None, base_link = None, package_dirs = Vec::new()))]
+    fn read_urdf(
+        py: Python<'_>,
+        path: PathBuf,
+        hand_link: &str,
+        srdf: Option<PathBuf>,
+        base_link: Option<&str>,
+        package_dirs: Vec<PathBuf>,
+    ) -> PyResult<Self> {
+        py.detach(|| Robot::from_urdf(path, srdf.as_deref(), hand_link, base_link, &package_dirs))
             .map(|r| Self(Arc::new(r)))
             .map_err(|e| from_urdf(&e))
+    }
+
+    /// Lists all pairs of links with shapes, and how often they overlap in random configurations: dicts `links`,
+    /// `relation` ("adjacent", "always", "sometimes", "never"), `fraction`, `checked`. With `srdf`, the pairs that are
+    /// not checked are written to this SRDF file.
+    #[pyo3(signature = (*, samples = SAMPLES, seed = 0, always = ALWAYS, srdf = None))]
+    fn self_collisions<'py>(
+        &self,
+        py: Python<'py>,
+        samples: usize,
+        seed: usize,
+        always: f64,
+        srdf: Option<PathBuf>,
+    ) -> PyResult<Bound<'py, PyList>> {
+        if !(1..=MAX_SAMPLES).contains(&samples) {
+            return Err(problem_error("samples", format!("must be 1 to {MAX_SAMPLES}, not {samples}")));
+        }
+        if !(always > 0.0 && always <= 1.0) {
+            return Err(problem_error("always", format!("must be above 0 and at most 1, not {always}")));
+        }
+        let pairs = py.detach(|| self.0.self_collisions(samples, seed, always));
+        if let Some(path) = srdf {
+            std::fs::write(&path, self.0.srdf(&pairs))
+                .map_err(|e| problem_error("srdf", format!("{} cannot be written: {e}", path.display())))?;
+        }
+        let out = PyList::empty(py);
+        let name = |link: usize| self.0.links()[link].name();
+        for pair in &pairs {
+            let d = PyDict::new(py);
+            d.set_item("links", (name(pair.links.0), name(pair.links.1)))?;
+            d.set_item("relation", pair.relation.name())?;
+            d.set_item("fraction", pair.fraction)?;
+            d.set_item("checked", pair.checked)?;
+            out.append(d)?;
+        }
+        Ok(out)
+    }
+
+    /// Returns joints (n,) or (N, n) in which every mimic joint has the value that follows from its source.
+    fn apply_mimic<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let q = JointRows::of_robot(q, &self.0)?;
+        let rows: Vec<Vec<f64>> = q.rows().map(<[f64]>::to_vec).collect();
+        match q.count {
+            None => Ok(convert::array1(py, &rows[0]).into_any()),
+            Some(_) => Ok(convert::array2(py, &rows, self.0.joints().len()).into_any()),
+        }
     }
 
     #[getter]
@@ -61,7 +118,7 @@ impl PyRobot {
         self.0.joints().iter().map(|j| j.name().to_owned()).collect()
     }
 
-    /// Pairs of links that are not checked because they overlap when all joints are at the middle of their ranges.
+    /// Pairs of links that are not checked because they overlap in almost all configurations, if no SRDF was given.
     #[getter]
     fn unchecked_pairs(&self) -> Vec<(String, String)> {
         let name = |link: usize| self.0.links()[link].name().to_owned();
@@ -158,7 +215,7 @@ impl PyRobot {
         q: &Bound<'py, PyAny>,
         link: Option<&str>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let q = JointRows::of(q, self.0.joints().len())?;
+        let q = JointRows::of_robot(q, &self.0)?;
         let chain = self.chain(link)?;
         let mut frames = ChainFrames::default();
         let mut out = Vec::with_capacity(q.rows().len() * 16);
@@ -175,9 +232,13 @@ impl PyRobot {
     #[pyo3(signature = (q, link = None))]
     fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
         let n = self.0.joints().len();
-        let q = JointRows::of(q, n)?;
+        let q = JointRows::of_robot(q, &self.0)?;
         let chain = self.chain(link)?;
-        let columns: Vec<usize> = chain.joint_indices().collect();
+        // A mimic joint moves with its source, so its motion belongs to the column of the source.
+        let columns: Vec<(usize, f64)> = chain
+            .joint_indices()
+            .map(|j| self.0.drive(j).map_or((j, 1.0), |drive| (drive.source, drive.multiplier)))
+            .collect();
         let mut frames = ChainFrames::default();
         let count = q.rows().len();
         let mut out = vec![0.0; count * 6 * n];
@@ -185,11 +246,11 @@ impl PyRobot {
             chain.forward(row, &mut frames).map_err(|e| problem_error("q", e))?;
             let tip = frames.tip.translation.vector;
             let block = &mut out[r * 6 * n..(r + 1) * 6 * n];
-            for (i, j) in columns.iter().enumerate() {
+            for (i, (j, factor)) in columns.iter().enumerate() {
                 let (Some(v), Some(w)) = (chain.linear(&frames, i, &tip), chain.angular(&frames, i)) else { continue };
                 for k in 0..3 {
-                    block[k * n + j] = v[k];
-                    block[(k + 3) * n + j] = w[k];
+                    block[k * n + j] += factor * v[k];
+                    block[(k + 3) * n + j] += factor * w[k];
                 }
             }
         }

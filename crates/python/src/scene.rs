@@ -87,7 +87,7 @@ impl PyScene {
         clearance: f64,
     ) -> PyResult<Bound<'py, PyAny>> {
         is_reach(clearance, "clearance")?;
-        let q = convert::vector(q, "q", Some(self.0.robot().joints().len()))?;
+        let q = JointRows::one(q, self.0.robot())?;
         let points = convert::points(points, "points")?;
         let marks = py.detach(|| self.0.own_points(&q, &points, clearance)).map_err(|e| from_problem(&e))?;
         Ok(PyArray1::from_vec(py, marks).into_any())
@@ -369,14 +369,14 @@ impl PyScene {
     /// Pose of the hand in the base frame at joints `q` (n,).
     fn hand(&self, q: &Bound<'_, PyAny>) -> PyResult<Pose> {
         let robot = self.0.robot();
-        let q = convert::vector(q, "q", Some(robot.joints().len()))?;
+        let q = JointRows::one(q, robot)?;
         let mut frames = ChainFrames::default();
         robot.chain().forward(&q, &mut frames).map_err(|e| problem_error("q", e))?;
         Ok(frames.tip)
     }
 
     fn rows(&self, q: &Bound<'_, PyAny>) -> PyResult<JointRows> {
-        JointRows::of(q, self.0.robot().joints().len())
+        JointRows::of_robot(q, self.0.robot())
     }
 
     /// Whether a check is faster than starting an interruptible thread: there are few configurations, and the scene is

@@ -93,12 +93,15 @@ impl KeypointProblem {
     fn check_mimics(&self, model: &Model) -> Result<(), ProblemError> {
         let mut q = Vec::new();
         model.map().positions(&model.start(), &mut q);
-        for (i, (given, follows)) in self.q_start.iter().zip(&q).enumerate() {
+        for i in model.map().driven().iter().map(|d| d.joint) {
+            let (given, follows) = (self.q_start[i], q[i]);
             if (given - follows).abs() > SLACK {
                 let joints = self.robot.joints();
                 let name = joints[i].name();
                 let source = joints[i].mimic().map_or(name, |m| joints[m.source].name());
-                let message = format!("{given} contradicts the mimic joint {name}, which follows {source}: {follows}");
+                let message = format!(
+                    "{given} contradicts the mimic joint {name}, which follows {source}: {follows}; use robot.apply_mimic(q)"
+                );
                 return Err(ProblemError::new(format!("q_start[{i}]"), message));
             }
         }

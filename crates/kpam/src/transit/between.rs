@@ -150,11 +150,11 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::free_space::Draws;
     use crate::model::{MAX_JOINTS, Model, Row};
     use crate::timing::{Builder, Limits, Method, Spline};
     use crate::world::Compiled;
     use crate::{Cancel, Scene, TransitOptions};
+    use gensim2_geometry::Draws;
 
     /// An arm with a revolute, a sliding and another revolute joint, and a box on each link.
     fn arm() -> Arc<Robot> {

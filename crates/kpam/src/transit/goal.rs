@@ -6,9 +6,9 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 use super::question::check_seed;
 use super::{SLACK, TransitOptions, finite, within_limits};
 use crate::body::rigid;
-use crate::free_space::Draws;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::{Cancel, ProblemError, Scene};
+use gensim2_geometry::Draws;
 
 /// Goal of a motion.
 #[derive(Debug, Clone)]

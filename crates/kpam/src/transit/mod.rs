@@ -16,7 +16,6 @@ use std::time::Instant;
 
 use gensim2_geometry::{Needs, Other};
 
-use crate::actuation::seeds::halton;
 use crate::cancel::end_of;
 use crate::default_limits::{assumed_limits, warnings};
 use crate::model::{MAX_JOINTS, Model, Row};
@@ -46,8 +45,6 @@ const TRIES: usize = 200;
 const SHORTEST: usize = 1000;
 /// Number of samples of the first search, which is plain rather than thorough and solves most problems.
 const PLAIN: usize = 250;
-/// Number of configurations that decide whether two links are always closer than the margin.
-const PROBES: usize = 32;
 /// Maximum factor by which failed searches refine the checks of edges.
 const FINEST: f64 = 8.0;
 
@@ -158,7 +155,7 @@ type Close = Vec<(usize, Other, f64)>;
 
 impl Transit<'_> {
     fn plan(self) -> Result<Motion, NoMotion> {
-        let world = self.scene.compiled();
+        let (world, robot) = (self.scene.compiled(), self.scene.robot());
         let margin = self.options.margin;
         let told = |(group, other, distance): &(usize, Other, f64)| Approached {
             bodies: world.named(self.scene, *group, *other),
@@ -191,13 +188,13 @@ impl Transit<'_> {
         }
         let moves = |joint: usize| self.model.map().driven().iter().any(|d| d.joint == joint);
         let all: Vec<&Close> = std::iter::once(&at_start).chain(open.iter().map(|g| &g.2)).collect();
-        let always = self.always_close(&all, moves);
         let nearer = |closes: &[&Close], clearance: f64| {
             let mut needs = world.needs(clearance);
             for (group, other, distance) in closes.iter().copied().flatten() {
                 // The screening cannot bound the depth of an overlap, so the required distance is never below contact.
                 let need = match other {
-                    Other::Pair(pair) if always.contains(pair) => 0.0,
+                    // The shapes of these links prevent the margin, so they need only stay free of collisions.
+                    Other::Pair(pair) if robot.is_always_close(world.screen.pairs()[*pair], margin) => 0.0,
                     _ => (distance - TOUCH).min(clearance).max(0.0),
                 };
                 let place = match world.screen.body(*other) {
@@ -290,33 +287,6 @@ impl Transit<'_> {
             Some(Stuck::Near(found)) => NoMotion::NotFound(Some(found)),
             Some(Stuck::Off | Stuck::Over) | None => NoMotion::NotFound(None),
         }))
-    }
-
-    /// Returns the pairs of links that are closer than the margin at all ends of the motion and at all probed
-    /// configurations. Their shape prevents the margin, so they need only stay free of collisions. `moves` returns
-    /// whether planning moves a joint; pairs that it does not move are left out.
-    fn always_close(&self, ends: &[&Close], moves: impl Fn(usize) -> bool) -> Vec<usize> {
-        let world = self.scene.compiled();
-        let mut needs = world.needs(0.0);
-        world.leave_out_still(&mut needs, moves);
-        let mut pairs: Vec<usize> = (0..needs.pairs.len()).filter(|pair| needs.pairs[*pair].is_finite()).collect();
-        let keep = |pairs: &mut Vec<usize>, close: &Close| {
-            let is_close = |pair| close.iter().any(|c| c.1 == Other::Pair(pair) && c.2 < self.options.margin);
-            pairs.retain(|pair| is_close(*pair));
-        };
-        ends.iter().for_each(|close| keep(&mut pairs, close));
-        for k in 1..=PROBES {
-            if pairs.is_empty() {
-                break;
-            }
-            let mut x = self.state[0];
-            for v in 0..self.model.n() {
-                let (low, high) = self.model.range(v);
-                x[v] = low + (high - low) * halton(k, v);
-            }
-            keep(&mut pairs, &self.close(&x));
-        }
-        pairs
     }
 
     fn full(&self, x: &Row) -> Vec<f64> {

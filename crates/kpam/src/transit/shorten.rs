@@ -1,8 +1,8 @@
 //! Shortens paths: drops vertices, adds shortcuts, then tightens the path.
 
 use super::field::Field;
-use crate::free_space::Draws;
 use crate::model::Row;
+use gensim2_geometry::Draws;
 
 /// Maximum number of shortcut attempts.
 const ROUNDS: usize = 60;

@@ -6,8 +6,8 @@
 //! A plain search finds shorter paths if long edges suffice.
 
 use super::field::Field;
-use crate::free_space::Draws;
 use crate::model::{MAX_JOINTS, Row};
+use gensim2_geometry::Draws;
 
 /// Maximum length (m) of an edge added to a tree; each variable is multiplied by its weight.
 const EDGE: f64 = 0.6;
