@@ -93,6 +93,21 @@ def test_the_matrix_of_self_collisions_states_each_pair_and_is_written_as_srdf(t
         robot.self_collisions(srdf=tmp_path / "missing" / "arm.srdf")
 
 
+def test_links_that_overlap_at_the_start_are_named_with_the_remedy(tmp_path: Path) -> None:
+    point = {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal"}
+    problem = kpam.Scene(read(tmp_path, TWO_BARS, "left")).problem(
+        kpam.SolverConfig({"constraint_list": [{**point, "tolerance": 0.01}]}),
+        [0.0] * 4,
+        tool_keypoints={"tip": [0.4, 0, 0]},
+        object_keypoints={"goal": [0.0, 0.4, 0.0]},
+    )
+    plan = kpam.plan(problem)
+    assert plan.status == "start_in_collision"
+    assert "left" in plan.reason
+    assert "right" in plan.reason
+    assert "if these links may touch, disable the pair in an SRDF, which robot.self_collisions writes" in plan.reason
+
+
 @pytest.mark.parametrize(
     ("start", "goal"),
     [

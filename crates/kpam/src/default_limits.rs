@@ -101,6 +101,15 @@ pub(crate) fn warnings(robot: &Robot, model: &Model, options: &Options) -> Vec<S
     out
 }
 
+/// Returns the remedy for a collision of two bodies if both are links of the robot, otherwise an empty text.
+pub(crate) fn links_may_touch(robot: &Robot, bodies: [&str; 2]) -> &'static str {
+    if bodies.iter().all(|name| robot.link_index(name).is_some()) {
+        "; if these links may touch, disable the pair in an SRDF, which robot.self_collisions writes"
+    } else {
+        ""
+    }
+}
+
 /// Returns an error if the options name a seven-joint arm but the robot does not have seven joints.
 pub(crate) fn check_limit_set(model: &Model, options: &Options) -> Result<(), ProblemError> {
     let name = match options.limits {

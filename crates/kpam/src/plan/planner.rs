@@ -7,7 +7,7 @@ use super::trials::Trials;
 use super::{Collision, Lack, Plan, Request, refused};
 use crate::actuation::Candidate;
 use crate::cancel::end_of;
-use crate::default_limits::{assumed_limits, warnings};
+use crate::default_limits::{assumed_limits, links_may_touch, warnings};
 use crate::hand_path::Follower;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::Timing;
@@ -148,7 +148,8 @@ impl<'p> Planner<'p> {
         // After the actuation, the positions of the picked bodies are not known at this point.
         let hit = self.too_deep().filter(|_| self.entry <= self.world.schedule.actuation())?;
         let depth = self.problem.options.start_depth;
-        let mut out = refused(Lack::StartInCollision, format!("{}; start_depth allows {depth} m", inside(&hit)));
+        let hint = links_may_touch(&self.problem.robot, [&hit.first, &hit.second]);
+        let mut out = refused(Lack::StartInCollision, format!("{}; start_depth allows {depth} m{hint}", inside(&hit)));
         out.start_overlap = self.world.start_overlap;
         out.collisions = vec![Collision {
             bodies: [hit.first, hit.second],
