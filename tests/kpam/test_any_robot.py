@@ -88,7 +88,7 @@ def test_the_matrix_of_self_collisions_states_each_pair_and_is_written_as_srdf(t
     assert not {frozenset(p["links"]): p for p in relaxed}[frozenset(("left", "right"))]["checked"]
     for wrong in ({"samples": 0}, {"always": 0.0}, {"always": 1.5}):
         with pytest.raises(kpam.ProblemError, match=next(iter(wrong))):
-            robot.self_collisions(**wrong)  # type: ignore[arg-type]
+            robot.self_collisions(**wrong)
     with pytest.raises(kpam.ProblemError, match=r"srdf: .*cannot be written"):
         robot.self_collisions(srdf=tmp_path / "missing" / "arm.srdf")
 
