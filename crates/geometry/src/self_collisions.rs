@@ -248,7 +248,7 @@ mod tests {
     /// Returns an arm of three links in a plane; the third reaches back to the first if the elbow is bent far.
     fn arm(first_reach: f64) -> Robot {
         let bar = |length: f64, radius: f64| {
-            let along = crate::pose_from_xyz_rpy([0.5 * length, 0.0, 0.0], [0.0, 1.570_796_326_794_896_6, 0.0]);
+            let along = crate::pose_from_xyz_rpy([0.5 * length, 0.0, 0.0], [0.0, std::f64::consts::FRAC_PI_2, 0.0]);
             Convex::capsule(radius, length, &along).unwrap()
         };
         let joint = |name: &str| Joint::revolute(name, Vector3::z()).limits(-3.1, 3.1).velocity(1.0);
