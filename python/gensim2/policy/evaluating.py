@@ -28,7 +28,8 @@ CONTROLS: tuple[Control, ...] = get_args(Control)
 CONTROL_EPISODES = 30
 """Default number of episodes of each task in a control experiment; they use the first scenes of the evaluation."""
 
-KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim2.policy.controller:PolicyController"
+KEYPOSE = "gensim2.perception.estimation.keypose:PerceivingKeyposeController"
+CHUNKS = "gensim2.policy.controller:PolicyController"
 NO_OP = "gensim2.policy.no_op:NoOpPolicy"
 
 

@@ -10,23 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
-from gensim2.core.errors import InputError
 from gensim2.perception import Observation, ObservationSpec
-from gensim2.perception.estimation.classes import by_name
 from gensim2.perception.estimation.estimator import (
     BUILTIN,
     ESTIMATOR_JSON,
-    ObjectEstimate,
     SceneEstimate,
     SceneEstimator,
     estimator_folder,
 )
 from gensim2.perception.estimation.examples import SETTINGS
+from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.estimation.scene import planning_scene
-from gensim2.perception.estimation.tracking import Track
 from gensim2.perception.noise import read_noise
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT, robot
@@ -35,21 +31,8 @@ from gensim2.rollout.chain_state import ChainPlan
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import Cause, StepRecord
 from gensim2.scenes.arguments import as_task
-from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.library import load_strategies
-from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
-
-Array = npt.NDArray[np.float64]
-
-CLASS_ODDS = 100.0
-"""Prior odds that an articulated object in the cloud has the task's class instead of another class."""
-LEAST_SEEN = 0.25
-"""Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
-as hidden, and the estimate is discarded."""
-DISTRUST = 0.5
-"""A step counts as done if the estimated joint exceeds its goal by this number of standard deviations, divided by the
-number of motions so far."""
 
 MAX_CHECKS = 2
 """Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
@@ -142,25 +125,19 @@ class PerceivingChain:
     ) -> None:
         self._task = as_task(task)
         self._profile, self._threads = robot(robot_name), threads
-        self._estimator = SceneEstimator.load(estimator, self._profile)
-        if len(self._task.objects) != 1:
-            message = f"{self._task.name} has {len(self._task.objects)} objects, but an estimator supports only one"
-            remedy = "run the task without an estimator, on the true scene"
-            raise InputError(message, field="objects", remedy=remedy)
-        [(self._name, spec)] = self._task.objects.items()
-        self._class = self._estimator.classes[by_name(self._estimator.classes, spec.asset_class)].name
+        classes = {name: each.asset_class for name, each in self._task.objects.items()}
+        self._goal = GoalTracker(SceneEstimator.load(estimator, self._profile), classes, self._task.success)
         ways = load_strategies(self._task.name) if strategies is None else strategies
         self._chain = _Chain(self._task, ways, self._profile)
         self._spec = ObservationSpec(cloud=replace(SETTINGS, noise=None if noise is None else read_noise(noise)))
-        self.looks: list[SceneEstimate] = []
         self._checks_goal, self._checked = False, 0
         self._last: Action | None = None
-        self._track: Track | None = None
-        self._before: Track | None = None
         self._refusal: Event | None = None
-        self._motions = 0
-        kinds = {each.type for each in self._task.success}
-        self._goal = ("articulated_open" in kinds) - ("articulated_closed" in kinds)
+
+    @property
+    def looks(self) -> list[SceneEstimate]:
+        """Estimates of the scene in the episode so far, oldest first."""
+        return self._goal.looks
 
     @property
     def observation_spec(self) -> ObservationSpec:
@@ -182,7 +159,7 @@ class PerceivingChain:
     @property
     def turn(self) -> str | None:
         """Name of the current step."""
-        return self._chain.turn if self._track is not None else None
+        return self._chain.turn if self._goal.track is not None else None
 
     @property
     def history(self) -> list[StepRecord]:
@@ -191,14 +168,14 @@ class PerceivingChain:
         """
         if self._refusal is not None:
             return [StepRecord(self._refusal.step, [], paper=False, done=False)]
-        return self._chain.history if self._track is not None else []
+        return self._chain.history if self._goal.track is not None else []
 
     @property
     def events(self) -> Sequence[Event]:
         """Events of the episode so far, oldest first."""
         if self._refusal is not None:
             return [self._refusal]
-        return self._chain.events if self._track is not None else []
+        return self._chain.events if self._goal.track is not None else []
 
     @property
     def plans(self) -> list[Any]:
@@ -208,9 +185,8 @@ class PerceivingChain:
     def reset(self, observation: Observation, seed: int = 0) -> None:
         """Start an episode."""
         torch.set_num_threads(self._threads)
-        self.looks, self._seen_at_first, self._motions = [], 0, 0
-        self._track, self._before, self._refusal = None, None, None
-        self._checks_goal, self._checked, self._last = False, 0, None
+        self._goal.reset()
+        self._checks_goal, self._checked, self._last, self._refusal = False, 0, None, None
         self._seed = seed
         # The first observation has no cloud if its contents were requested during the previous episode. In this case
         # ``act`` makes the first estimate from the next observation.
@@ -225,20 +201,17 @@ class PerceivingChain:
             self._begin(observation)
         elif observation.step > 0 and observation.cloud is not None:
             self._take_in(observation)
-        if self._track is None:
+        if self._goal.track is None:
             return None
         if self._checks_goal:
             assert self._last is not None
             self._checks_goal = False
-            if self._is_done(observation):
+            if self._goal.is_reached(observation.joint_positions.astype(np.float64), distrust=0.0):
                 return None
             self._chain.resume(self._last)
-        track = self._track
         action = self._chain.act(self._with_belief(observation))
-        if self._chain.motions > self._motions:
-            # A motion has begun. Keep the estimate from before the motion: after the motion, the joint's displacement
-            # is measured against its point cloud.
-            self._motions, self._before = self._chain.motions, track
+        if self._chain.motions > self._goal.motions:
+            self._goal.begin_motion()
         if action is None and self._chain.is_finished and self._last is not None:
             if self._checked == MAX_CHECKS:
                 return None
@@ -247,83 +220,28 @@ class PerceivingChain:
         self._last = action
         return action
 
-    def _is_done(self, observation: Observation) -> bool:
-        """Return whether the latest estimate of the scene meets the task's success criteria. The uncertainty of the
-        estimate is ignored.
-        """
-        assert self._track is not None
-        q = observation.joint_positions.astype(np.float64)
-        return all_hold(self._task.success, self._measurement(self._track.found, q, distrust=0.0))
-
     def _begin(self, observation: Observation) -> None:
         """Estimate the scene for the first time in an episode."""
         self._take_in(observation)
-        if self._track is not None:
+        if self._goal.track is not None:
             self._chain.reset(self._with_belief(observation), self._seed)
 
     def _take_in(self, observation: Observation) -> None:
-        """Estimate the scene from an observation, and store the estimate unless the object is hidden."""
-        assert observation.cloud is not None, "the cameras were asked for"
-        cloud = observation.cloud.xyz
-        seen = self._estimator.estimate(cloud, self._class)
-        self.looks.append(seen)
-        found = seen.objects[0] if seen.objects else None
-        if self._track is None:
-            self._refusal = self._refused(found, observation.step)
-        if found is None or self._refusal is not None:
-            return
-        self._seen_at_first = self._seen_at_first or len(found.points)
-        if len(found.points) < LEAST_SEEN * self._seen_at_first:
-            return
-        self._track = (
-            Track(found, cloud, seen.others)
-            if self._before is None
-            else self._before.after(found, cloud, seen.others, self._goal)
-        )
-
-    def _refused(self, found: ObjectEstimate | None, at_step: int) -> Event | None:
-        """Return the event which reports that the first point cloud of an episode does not show the task's object.
-        Return None if the cloud shows the object.
+        """Estimate the scene from an observation. If the first cloud does not show the task's object, record an event
+        which reports this.
         """
-        detail: dict[str, Any] = {"class": self._class}
-        if found is not None:
-            likeliest = max(found.classes, key=lambda name: found.classes[name])
-            if CLASS_ODDS * found.confidence >= found.classes[likeliest]:
-                return None
-            detail |= {
-                "probability": round(found.confidence, 4),
-                "likeliest": likeliest,
-                "probability_of_likeliest": round(found.classes[likeliest], 4),
-            }
-        return Event(at_step, self._task.steps[0].name, Cause.OBJECT_NOT_SEEN, detail)
+        assert observation.cloud is not None, "the cameras were asked for"
+        self._goal.take_in(observation.cloud.xyz)
+        if self._goal.mismatch is not None:
+            name = self._task.steps[0].name
+            self._refusal = Event(observation.step, name, Cause.OBJECT_NOT_SEEN, self._goal.mismatch)
 
     def _with_belief(self, observation: Observation) -> PrivilegedObservation:
-        assert self._track is not None
-        track, q = self._track, observation.joint_positions.astype(np.float64)
+        goal, q = self._goal, observation.joint_positions.astype(np.float64)
+        track = goal.track
+        assert track is not None
 
         def scene() -> Scene:
-            return planning_scene({self._name: track.found}, track.cloud, track.others, q, self._profile)
+            return planning_scene({goal.name: track.found}, track.cloud, track.others, q, self._profile)
 
-        return PrivilegedObservation.of(observation, self._measurement(track.found, q), scene)
-
-    def _measurement(self, found: ObjectEstimate, q: Array, distrust: float = DISTRUST) -> Measurement:
-        """Return the estimated state of the scene as a measurement, from which the task's success criteria are
-        computed.
-
-        The estimated openness is moved away from the goal by a safety margin, so that an uncertain estimate does not
-        count as success. The margin is ``distrust`` times the standard deviation of the estimate, divided by the number
-        of motions so far.
-        """
-        T_world_base = self._profile.T_world_base
-        keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
-        doubt = distrust * found.joint.openness_deviation / max(self._motions, 1)
-        openness = found.joint.openness - doubt * self._goal
-        return Measurement(
-            openness={self._name: openness},
-            joint_speed={self._name: 0.0},
-            keypoints={self._name: keypoints},
-            poses={},
-            speeds={},
-            gripper=self._profile.gripper_with(q.tolist()),
-            finger_opening=self._profile.gripper.opening(q[self._profile.arm_size :]),
-        )
+        return PrivilegedObservation.of(observation, goal.measurement(q), scene)

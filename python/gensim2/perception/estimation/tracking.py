@@ -30,7 +30,9 @@ RELATIVE, ABSOLUTE = 0.1, 0.04
 """Standard deviation of a measured displacement: a fraction of the displacement plus a fraction of the joint range."""
 
 MOVED = {"revolute": 0.15, "prismatic": 0.012}
-"""Minimum displacement towards the goal (rad or m) before a standstill counts as the end of the joint range."""
+"""Minimum displacement towards the goal (rad or m) before a standstill counts as the end of the joint range. A joint
+that moves back by this displacement does not stand still.
+"""
 STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
 
@@ -93,21 +95,24 @@ class Track:
     Attributes:
         found: estimate, with an openness that takes all clouds so far into account.
         cloud: (N, 3) last point cloud that shows the object, base frame, m.
-        moved: displacement of the joint since the first cloud, rad or m.
         others: row indices of cloud points on other bodies.
+        moved: displacement of the joint since the first cloud, rad or m.
+        change: displacement of the joint in the latest motion, rad or m; None if it was not measured.
     """
 
     found: ObjectEstimate
     cloud: Points
     others: npt.NDArray[np.int64]
     moved: float = 0.0
+    change: float | None = None
 
     def after(self, found: ObjectEstimate, cloud: Points, others: npt.NDArray[np.int64], goal: int) -> Track:
         """Return the track after a motion.
 
         The new openness is a weighted mean of two values: the openness in the new estimate, and the openness in the old
         estimate plus the measured displacement. The weights are the inverse variances. If an earlier motion moved the
-        joint towards the goal and this motion did not move it, the joint counts as being at the end of its range.
+        joint towards the goal and this motion moved it neither further nor back, the joint counts as being at the end
+        of its range.
 
         Args:
             found: new estimate of the object.
@@ -120,8 +125,8 @@ class Track:
         span = self.found.joint.upper - self.found.joint.lower
         moved = self.moved + change
         kind = self.found.joint.type
-        if goal and goal * self.moved >= MOVED[kind] and goal * change < STALLED[kind]:
-            return Track(found.at(0.5 + 0.5 * goal, ABSOLUTE), cloud, others, moved)
+        if goal and goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]:
+            return Track(found.at(0.5 + 0.5 * goal, ABSOLUTE), cloud, others, moved, change)
         old, new = self.found.joint, found.joint
         predicted = float(np.clip(old.openness + change / span, 0.0, 1.0))
         variances = (
@@ -130,4 +135,4 @@ class Track:
         )
         shares = np.array([1.0 / each for each in variances])
         openness = float(shares @ [predicted, new.openness] / shares.sum())
-        return Track(found.at(openness, float(shares.sum() ** -0.5)), cloud, others, moved)
+        return Track(found.at(openness, float(shares.sum() ** -0.5)), cloud, others, moved, change)

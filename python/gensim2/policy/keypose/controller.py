@@ -32,12 +32,12 @@ MAX_LOOKS = 8
 MAX_TRIES = 2
 """Number of tries after which a strategy ranks behind strategies with fewer tries."""
 SURE = 0.8
-"""Minimum probability of "done" that ends the episode. It is high because an unnecessary motion does less harm than a
-missing motion.
+"""Minimum probability of "done" at which the network counts as sure. It is high because an unnecessary motion does less
+harm than a missing motion.
 """
 SURER = 10.0
-"""Factor by which the odds of "done" must have grown since the first prediction to end the episode. At the first
-prediction the task is not done, so its odds measure the network's bias in this scene.
+"""Factor by which the odds of "done" must have grown since the first prediction for the network to count as sure. At
+the first prediction the task is not done, so its odds measure the network's bias in this scene.
 """
 UNEXPECTED = 0.15
 """Factor on the probability of a strategy whose step is neither the last executed step nor the next step. The known
@@ -143,8 +143,9 @@ class KeyposeController:
         sentence = self._says.get(observation.language, observation.language)
         self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds, text_model=self._text_model)
         self._mine: frozenset[int] | None = None
+        self._heard: str | None = None
         self._steps, self._done_at_first = 1, 0.0
-        self._expected, self._taking = {0}, 0
+        self._expected, self._taking, self._latest = {0}, 0, 0
         self._tried, self.told = Counter[int](), Counter()
         self._rows.clear()
         self._seed, self._force, self._holds = seed, 0.0, False
@@ -183,14 +184,15 @@ class KeyposeController:
         q = observation.joint_positions.astype(np.float64)
         self._seen = self._executor.around.seen(points, q, self._holds)
         found = answers(self._policy, seen, self._row)
+        done = sum(each.chance for each in found if each.way == len(self._ways))
         if self._mine is None:
             self._mine = self._hear(found)
-            self._done_at_first = sum(each.chance for each in found if each.way == len(self._ways))
+            self._done_at_first = done
+        # The episode ends only after the last step was executed.
+        if self._judged(points, q, done) and self._steps in self._expected:
+            return False
         for answer in sorted(found, key=self._turn, reverse=True):
             if answer.way == len(self._ways):
-                # "Done" ends the episode only after the last step was executed.
-                if self._steps in self._expected and self._is_done(answer.chance):
-                    return False
                 continue
             if answer.way in self._mine and self._begin(answer, q, observation.gripper_command):
                 return True
@@ -204,19 +206,27 @@ class KeyposeController:
                 chances[self._ways[answer.way].language] += answer.chance
         if not chances:
             return frozenset()
-        heard = max(chances, key=chances.__getitem__)
-        mine = frozenset(number for number, way in enumerate(self._ways) if way.language == heard)
+        self._heard = max(chances, key=chances.__getitem__)
+        mine = frozenset(number for number, way in enumerate(self._ways) if way.language == self._heard)
         self._steps = 1 + max(self._ways[number].step for number in mine)
         return mine
 
-    def _is_done(self, chance: float) -> bool:
-        """Return whether the episode ends, given the predicted probability ``chance`` that the task is done.
+    def _judged(self, points: Array, q: Array, done: float) -> bool:
+        """Return whether the task is done. The method is called once at every observation.
 
-        The probability must be at least ``SURE``, and its odds must have grown by the factor ``SURER`` since the first
-        prediction of the episode.
+        Args:
+            points: (N, 3) point cloud in the base frame, m; empty if the policy sees nothing.
+            q: (n,) joint values of the robot.
+            done: predicted probability that the task is done.
+        """
+        return self._is_done(done)
+
+    def _is_done(self, chance: float, least: float = SURE, growth: float = SURER) -> bool:
+        """Return whether the predicted probability ``chance`` that the task is done is at least ``least``, and its odds
+        have grown by the factor ``growth`` since the first prediction of the episode.
         """
         first = self._done_at_first
-        return chance >= SURE and chance * (1.0 - first) >= SURER * first * (1.0 - chance)
+        return chance >= least and chance * (1.0 - first) >= growth * first * (1.0 - chance)
 
     def _step(self, answer: Answer) -> int:
         """Return the index of the task step to which a predicted strategy belongs; for "done", the number of steps."""
@@ -238,6 +248,7 @@ class KeyposeController:
 
     def _begin(self, answer: Answer, q: Array, command: float) -> bool:
         self._tried[answer.way] += 1
+        self._latest = answer.way
         program = answer.program
         further = OVERTRAVEL if self._ways[answer.way].to_end and not self._holds else 0.0
         found = self._executor.execute(program, q, command, self._seen, further=further)

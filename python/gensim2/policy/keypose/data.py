@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.core.seeding import scene_seeds
 from gensim2.perception import ObservationSpec
 from gensim2.policy.array_file import Expected, read_arrays, require_shapes, write_arrays
+from gensim2.policy.keypose.goals import TaskGoal
 from gensim2.policy.keypose.program import KEYPOSES
 from gensim2.policy.keypose.teaching import CENTERED, PATIENCE
 from gensim2.rollout.counted_objects import hashes
@@ -56,7 +57,10 @@ class PlannedRecord(RunSettings):
         verified: whether plans were executed in simulation, and scenes with failed plans were left out.
         engines: ``"both"`` if plans were executed in both physics engines, ``"one"`` otherwise.
         to_end: indices of the steps that open or close a joint completely.
+        goal: objects and success criteria of the task; None in the records of earlier versions.
     """
+
+    FREE: ClassVar[frozenset[str]] = frozenset({"goal"})
 
     schema_version: Literal[1] = 1
     task: str
@@ -71,6 +75,7 @@ class PlannedRecord(RunSettings):
     verified: bool = False
     engines: Engines = "one"
     to_end: tuple[int, ...] = ()
+    goal: TaskGoal | None = None
 
 
 class _About(BaseModel):
@@ -248,6 +253,7 @@ def record_of(
         verified=verify,
         engines=engines,
         to_end=tuple(number for number, step in enumerate(given.spec.steps) if _is_to_end(step)),
+        goal=TaskGoal.of(given.spec),
     )
 
 

@@ -107,6 +107,7 @@ class PlannedSource:
         self.observation = ObservationSpec.of(first.observation)
         self.sentences = tuple(dict.fromkeys(each.record.language for each in planned))
         self.ways = Ways.of([each.record for each in planned])
+        self.goals = {each.record.language: each.record.goal for each in planned if each.record.goal is not None}
         self._starts = np.cumsum([0, *(len(each.arrays["way"]) for each in planned)])
         self._way = np.concatenate([self._classes(each) for each in planned])
         self._arrays = {
@@ -177,7 +178,8 @@ class PlannedSource:
     def _digest(self) -> str:
         found = hashlib.sha256()
         for each in self.planned:
-            found.update(each.record.model_dump_json().encode())
+            # The identity in the record already covers the goal.
+            found.update(each.record.model_dump_json(exclude={"goal"}).encode())
             for name, values in sorted(each.arrays.items()):
                 found.update(name.encode() + np.ascontiguousarray(values).tobytes())
         return found.hexdigest()

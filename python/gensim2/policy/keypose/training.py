@@ -13,11 +13,13 @@ from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import read_record
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.keypose.goals import TaskGoal
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.train import TrainResult, train_policy
 
 WAYS_JSON = "keypose.json"
-"""Name of the file in a checkpoint's folder that describes the classes."""
+"""Name of the file in a checkpoint's folder that describes the classes and the goals of the tasks."""
+_REMEDY = "train the policy again"
 
 POLICY = PolicyConfig(
     head="keypose",
@@ -55,14 +57,19 @@ class Way(BaseModel):
 
 
 class WaysRecord(BaseModel):
-    """Content of ``keypose.json``: the step and strategy that each output class of the network represents. The last
-    class of the network, "done", is not listed.
+    """Content of ``keypose.json``.
+
+    Attributes:
+        ways: step and strategy that each output class of the network represents. The last class of the network, "done",
+            is not listed.
+        goals: goal of each task, by the task's instruction. Policies of earlier versions have no goals.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
     schema_version: Literal[1] = 1
     ways: list[Way]
+    goals: dict[str, TaskGoal] = {}
 
 
 def train_keypose(
@@ -105,7 +112,7 @@ def train_keypose(
         for language, step, name in source.ways.tasks
     ]
     trained = train_policy(source, config, training, out, start=start, resume=resume, device=device, progress=progress)
-    write_json(out / WAYS_JSON, WaysRecord(ways=ways).model_dump(mode="json"))
+    write_json(out / WAYS_JSON, WaysRecord(ways=ways, goals=source.goals).model_dump(mode="json"))
     return trained
 
 
@@ -116,9 +123,22 @@ def read_ways(folder: Path, policy: PolicyCheckpoint) -> list[Way]:
         CheckpointError: the number of classes differs from the number of network outputs.
         InputError: the file is missing or damaged.
     """
-    remedy = "train the policy again"
-    ways = read_record(folder / WAYS_JSON, WaysRecord, remedy).ways
+    ways = _read(folder).ways
     if len(ways) + 1 != policy.config.ways:
         message = f"has {len(ways)} ways and done, the network {policy.config.ways} classes"
-        raise CheckpointError(message, file=folder / WAYS_JSON, field="ways", remedy=remedy)
+        raise CheckpointError(message, file=folder / WAYS_JSON, field="ways", remedy=_REMEDY)
     return ways
+
+
+def read_goals(folder: Path) -> dict[str, TaskGoal]:
+    """Return the goals of the tasks that a checkpoint was trained on, by instruction. Policies of earlier versions have
+    no goals.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    return _read(folder).goals
+
+
+def _read(folder: Path) -> WaysRecord:
+    return read_record(folder / WAYS_JSON, WaysRecord, _REMEDY)

@@ -1,0 +1,96 @@
+"""Run keypose policies that judge from point clouds whether the goal of the task is reached."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.perception.estimation.estimator import BUILTIN, ESTIMATOR_JSON, SceneEstimator, estimator_folder
+from gensim2.perception.estimation.goal import GoalTracker
+from gensim2.policy.control import Sees
+from gensim2.policy.keypose.controller import MAX_TRIES, KeyposeController
+from gensim2.policy.keypose.goals import TaskGoal
+from gensim2.policy.keypose.training import read_goals
+from gensim2.tasks.criteria import JOINT
+
+Array = npt.NDArray[np.float64]
+
+LIKELY, LIKELIER = 0.5, 2.0
+"""Minimum probability of "done", and minimum factor by which its odds must have grown since the first prediction, at
+which an estimate without a safety margin ends the episode.
+"""
+CONTRADICTION = 3.0
+"""Number of standard deviations, divided by the number of motions so far, by which the estimated joint must miss the
+goal to outweigh a network that is sure."""
+
+
+class PerceivingKeyposeController(KeyposeController):
+    """Controller of a keypose policy that stops when the point clouds show that the goal is reached.
+
+    At the first observation the controller estimates the object of the task. At each later observation it measures how
+    far the joint has moved since the previous observation, and judges the success criteria of the task
+    (:class:`~gensim2.perception.estimation.goal.GoalTracker`). The episode ends in three cases:
+
+    - The joint has moved, and the estimate shows that it is at its goal, with a safety margin.
+    - The estimate shows that the joint is at its goal, and the network considers it likely that the task is done.
+    - The network is sure that the task is done, and the estimate does not contradict.
+
+    If the joint stood still during a program, the controller tries the other strategies before it repeats the strategy.
+
+    If the task has several objects, a rigid object, or an object of a class that the estimator does not know, only the
+    network decides.
+
+    Args:
+        checkpoint: folder of a policy with a keypose head.
+        estimator: folder of the estimator, as written by ``gensim2 perceive train``; ``"builtin"`` is the estimator
+            of the package.
+        policy: further arguments of :class:`~gensim2.policy.keypose.controller.KeyposeController`.
+
+    Raises:
+        InputError: the checkpoint or the estimator cannot be used.
+    """
+
+    @staticmethod
+    def depends_on(checkpoint: str, sees: Sees = "all", estimator: str = BUILTIN, **_: object) -> list[Path]:
+        """Return the files that determine the controller's behaviour. The files with weights are not listed, because
+        the returned files contain their SHA-256.
+        """
+        return [*KeyposeController.depends_on(checkpoint, sees), estimator_folder(estimator) / ESTIMATOR_JSON]
+
+    def __init__(self, checkpoint: str, estimator: str = BUILTIN, **policy: Any) -> None:
+        super().__init__(checkpoint, **policy)
+        self._estimator = SceneEstimator.load(estimator, self._profile)
+        self._goals = read_goals(self._folder)
+        self._tracker: GoalTracker | None = None
+
+    def _judged(self, points: Array, q: Array, done: float) -> bool:
+        is_first = self.told["looks"] == 1
+        if is_first:
+            self._tracker = self._tracker_of(self._goals.get(self._heard or ""))
+        tracker = self._tracker
+        if tracker is None or not len(points):
+            return self._is_done(done)
+        if not is_first:
+            tracker.begin_motion()
+        tracker.take_in(points.astype(np.float32))
+        if tracker.track is None:
+            return self._is_done(done)
+        if tracker.stands_still:
+            self._tried[self._latest] = max(self._tried[self._latest], MAX_TRIES)
+        if self._is_done(done):
+            return tracker.is_reached(q, -CONTRADICTION)
+        if self._is_done(done, LIKELY, LIKELIER):
+            return tracker.is_reached(q, 0.0)
+        return tracker.has_moved and tracker.is_reached(q)
+
+    def _tracker_of(self, goal: TaskGoal | None) -> GoalTracker | None:
+        """Return a tracker for a task's goal; None if the estimator cannot judge the goal."""
+        known = {each.name for each in self._estimator.classes}
+        if goal is None or len(goal.objects) != 1 or not known.issuperset(goal.objects.values()):
+            return None
+        if not goal.success or not all(isinstance(each, JOINT) for each in goal.success):
+            return None
+        return GoalTracker(self._estimator, goal.objects, goal.success)
